@@ -1,9 +1,10 @@
 """Are the tests and intervals that tables print what they promise: simulated where the truth is known.
 
-    python -m benchmarks.evidence                  (some minutes; --trials for more)
+    python -m benchmarks.evidence                  (some minutes; --trials and --sweeps for more)
 
 Type-I error: how often a test calls a difference, or an equivalence, that is not there. Coverage: how often an interval
 holds the truth. Both on the landscape of `benchmarks.landscape`, where networks of one place do not differ at all.
+Power of whole searches against their controls: `benchmarks.evidence_power`.
 """
 
 import argparse
@@ -17,8 +18,10 @@ from scipy.stats import binomtest
 from analysis.statistics.effects import Interval, effects, median, superiority
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.noise import icc
+from analysis.statistics.planning import CONFIDENCE, pooled
 from analysis.statistics.tests import holm, hypergeometric_p, mann_whitney
 from benchmarks import evidence_images
+from benchmarks.evidence_power import power_table
 from benchmarks.landscape import BASELINE, Floats, Landscape, Searched, Strategy, search
 from tacevo.search.archive import Tessellation, find_centroids, qd_score
 
@@ -57,9 +60,11 @@ def type_one_errors(trials: int, seed: int = 0) -> Iterator[Rate]:
 
 
 def coverages(trials: int, seed: int = 0) -> Iterator[Rate]:
-    """Measure how often each 95 % interval holds the truth."""
+    """Measure how often each 95 % interval holds the truth, and the upper limit of a pilot's spread, of 80 %."""
     for name, trial in {**_COVERED, **evidence_images.COVERED}.items():
         yield _rate(name, trial, trials, seed, promised=1 - ALPHA)
+    for name, trial in _LIMITED.items():
+        yield _rate(name, trial, trials, seed, promised=CONFIDENCE)
 
 
 def _rate(name: str, trial: Trial, trials: int, seed: int, *, promised: float) -> Rate:
@@ -175,6 +180,16 @@ def _rate_covered(rng: np.random.Generator) -> bool:
     return bool(ends.low <= 0.2 <= ends.high)
 
 
+def _spread_limited(samples: int, values: int) -> Trial:
+    """Keep the true deviation, 1, below the upper limit of what so many samples of so many values estimate."""
+
+    def trial(rng: np.random.Generator) -> bool:
+        found = pooled(list(rng.normal(size=(samples, values))))
+        return found is not None and found.upper >= 1
+
+    return trial
+
+
 _FALSE: dict[str, Trial] = {
     "Mann-Whitney, 4 seeds": _differs(4),
     "Mann-Whitney, 5 seeds": _differs(5),
@@ -206,6 +221,11 @@ _COVERED: dict[str, Trial] = {
     "ICC of 0.64, 5 networks, 20 seeds": _icc_covered(0.64, 5, 20),
     "ICC of 0.2, 20 networks, 5 seeds": _icc_covered(0.2, 20, 5),
     "rate of 0.2, 30 trials, Wilson": _rate_covered,
+}
+
+_LIMITED: dict[str, Trial] = {
+    "upper limit of a spread, 2 arms of 3 jobs, Browne": _spread_limited(2, 3),
+    "upper limit of a spread, 5 networks of 20 seeds, Browne": _spread_limited(5, 20),
 }
 
 
@@ -240,7 +260,7 @@ def searches(landscape: Landscape, strategy: Strategy, *, runs: int, trainings: 
     found = []
     for number in range(runs):
         rng = np.random.default_rng([number, *strategy.encode()])
-        found.append(_outcome(landscape, search(landscape, strategy, niches, trainings, rng), rng))
+        found.append(_outcome(landscape, search(landscape, strategy, niches, trainings, number), rng))
     *medians, covered = zip(*found, strict=True)
     recorded, reestimated, true, qd_recorded, qd_true = (float(np.median(values)) for values in medians)
     return Outcome(
@@ -294,6 +314,11 @@ def _searches_table(runs: int, trainings: int) -> Iterator[str]:
             figures = f"{one.recorded:.0%} | {one.reestimated:.0%} | {one.true:.0%} | {one.covered:.0%}"
             archive = f"{one.qd_recorded:.2f} | {one.qd_true:.2f}"
             yield f"| {signal:g} | {noise:g} | {strategy} | {figures} | {archive} |"
+    yield ""
+
+
+#: Of the landscape's seeds, for the table of power.
+_NOISES = (0.1, 0.3, 0.6)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -302,11 +327,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--trials", type=int, default=2_000, help="of each rate (2000)")
     parser.add_argument("--runs", type=int, default=40, help="searches of each kind (40)")
     parser.add_argument("--trainings", type=int, default=200, help="of each search (200)")
+    parser.add_argument("--sweeps", type=int, default=20, help="simulated sweeps of each noise (20)")
+    parser.add_argument("--jobs", type=int, nargs="+", default=[5, 10], help="of each arm of these (5 10)")
     options = parser.parse_args(arguments)
     for lines in (
         _table("test", type_one_errors(options.trials)),
         _table("interval", coverages(options.trials)),
         _searches_table(options.runs, options.trainings),
+        power_table(_NOISES, sweeps=options.sweeps, jobs=options.jobs, trainings=options.trainings),
     ):
         for line in lines:
             print(line, flush=True)

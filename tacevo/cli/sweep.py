@@ -54,8 +54,9 @@ def add_multirun(search: argparse.ArgumentParser) -> None:
     )
     search.add_argument(
         "--primary",
-        choices=[metric.value for metric in Primary],
-        help="of a sweep: what arms are compared by first (default: test_score, which `tacevo study sweep=DIR` gives)",
+        metavar="METRIC",
+        help=f"of a sweep: what arms are compared by first: {', '.join(Primary)} (default: test_score, which `tacevo "
+        "study sweep=DIR` gives; test_mse and test_accuracy name that of a task)",
     )
     search.add_argument(
         "--vary",
@@ -75,7 +76,7 @@ def says_terms(options: argparse.Namespace) -> bool:
 def run_sweep(options: argparse.Namespace) -> int:
     """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
     asked = Asked(
-        primary=None if options.primary is None else Primary(options.primary),
+        primary=options.primary,
         reference=options.reference,
         vary=None if options.vary is None else read_varied(options.vary),
         plan=None if options.plan is None else Path(options.plan),

@@ -81,8 +81,8 @@ def sweep(
     check_launcher(launcher)
     shared, own = part(settings, own=_OWN if into is None else (*_OWN, *_own_keys(SweepDirectory(Path(into)))))
     first = plan(shared, own[:1])[0].config
-    directory, task = SweepDirectory(folder(shared, first) if into is None else Path(into)), first.task.name
-    terms = settled(directory, asked, task)
+    directory = SweepDirectory(folder(shared, first) if into is None else Path(into))
+    terms = settled(directory, asked, first.task)
     planned = plan(shared, own, terms.vary)
     for entry in planned:
         require_temperature(entry.job.overrides, entry.config)
@@ -100,7 +100,7 @@ def sweep(
             if status.standing is Standing.finished:
                 directory.succeed(status.job)  # it may have been finished by `tacevo search`
         every = [*before, *(job for job in jobs if job not in before)]
-        terms = settled(directory, asked, task)  # again, since nobody else can write now
+        terms = settled(directory, asked, first.task)  # again, since nobody else can write now
         if not directory.is_one:
             terms = with_reference(terms, {job.arm for job in every})
             if terms.reference is None:

@@ -10,8 +10,9 @@ from typing import Any
 
 from tacevo.choices import DataSource, Primary, SplitRule, Varied
 from tacevo.config.ablation import NONE
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError, RunError
+from tacevo.records import Kind
 from tacevo.storage.plan import Measure, Plan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
 
@@ -22,11 +23,16 @@ _PLANNED_BY = {
 }
 
 
+#: The test score, as tables call it.
+_SCORES = {Kind.regression: "test_mse", Kind.classification: "test_accuracy"}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
     """What a command says of the terms of a sweep; None where it says nothing."""
 
-    primary: Primary | None = None
+    #: As a user writes it, see `read_primary`.
+    primary: str | None = None
     reference: str | None = None
     #: Sorted, each once.
     vary: tuple[Varied, ...] | None = None
@@ -34,20 +40,21 @@ class Asked:
     plan: Path | None = None
 
 
-def settled(directory: SweepDirectory, asked: Asked, task: str) -> SweepTerms:
+def settled(directory: SweepDirectory, asked: Asked, task: TaskConfig) -> SweepTerms:
     """Return the terms of a sweep: those that it began with, or, of one that is about to begin, those asked for.
 
     Raises:
-        ConfigError: the plan cannot be read, or is not one for a sweep of this task.
+        ConfigError: the plan cannot be read, or is not one for a sweep of this task; or as `read_primary`.
         RunError: it began on other terms, or sweep.json is damaged.
     """
-    plan = None if asked.plan is None else read_plan(asked.plan, "sweep", task)
+    plan = None if asked.plan is None else read_plan(asked.plan, "sweep", task.name)
+    primary = None if asked.primary is None else read_primary(asked.primary, task)
     if not directory.is_one:
-        primary = asked.primary or Primary.test_score
+        primary = primary or Primary.test_score
         return SweepTerms(primary=primary, reference=asked.reference, vary=asked.vary or (), plan=plan)
     terms = directory.read_terms()
     for name, wanted in (
-        ("primary", asked.primary),
+        ("primary", primary),
         ("reference", asked.reference),
         ("vary", asked.vary),
         ("plan", plan),
@@ -82,6 +89,22 @@ def is_planned_by_primary(terms: SweepTerms) -> bool:
     """Return whether the plan of a sweep, if it has one, is for its primary metric."""
     of_primary = set() if terms.primary is None else _PLANNED_BY.get(terms.primary, set())
     return terms.plan is None or terms.plan.metric in of_primary
+
+
+def read_primary(text: str, task: TaskConfig) -> Primary:
+    """Read what a user wrote for `--primary`: a metric, of which the test score also has its name in this task.
+
+    Raises:
+        ConfigError: arms are not compared by it first.
+    """
+    score = _SCORES[task.kind]
+    if text == score:
+        return Primary.test_score
+    if text not in list(Primary):
+        others = " or ".join(metric for metric in Primary if metric is not Primary.test_score)
+        expected = f"test_score, which is {score} in task {task.name}, or {others}"
+        raise ConfigError(repr(text), place="--primary", expected=expected)
+    return Primary(text)
 
 
 def read_varied(text: str) -> tuple[Varied, ...]:

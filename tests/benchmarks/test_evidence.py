@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.evidence import Rate, chosen_differs, coverages, searches, type_one_errors
-from benchmarks.landscape import BASELINE, Landscape, Strategy, search
+from benchmarks.landscape import BASELINE, INITIAL, Landscape, Strategy, search
 from tacevo.search.archive import Tessellation
 
 TRIALS = 200
@@ -76,14 +76,14 @@ def test_landscape_is_its_truth_and_its_noise() -> None:
 
 
 @pytest.mark.parametrize("strategy", list(Strategy))
-def test_equal_generators_give_equal_searches(strategy: Strategy) -> None:
+def test_equal_seeds_give_equal_searches(strategy: Strategy) -> None:
     """And the baseline comes first."""
     landscape = Landscape(signal=1.0, noise=0.3)
-    one, other = (search(landscape, strategy, NICHES, 50, np.random.default_rng(7)) for _ in range(2))
+    one, other = (search(landscape, strategy, NICHES, 50, 7) for _ in range(2))
     assert np.array_equal(one.points, other.points)
     assert np.array_equal(one.fitness, other.fitness)
     assert np.array_equal(one.points[0], BASELINE)
-    assert len(one.fitness) == {Strategy.extract: 51 - 12, Strategy.three_seeds: 1 + 50 // 3}.get(strategy, 51)
+    assert len(one.fitness) == {Strategy.extract: 51 - 10, Strategy.three_seeds: 1 + 50 // 3}.get(strategy, 51)
 
 
 def test_record_of_a_search_that_trains_elites_again_is_nearer_to_the_truth() -> None:
@@ -91,3 +91,30 @@ def test_record_of_a_search_that_trains_elites_again_is_nearer_to_the_truth() ->
     landscape = Landscape(signal=1.0, noise=0.6)
     one, other = (searches(landscape, kind, runs=6, trainings=120) for kind in (Strategy.elites, Strategy.extract))
     assert one.qd_recorded / one.qd_true > other.qd_recorded / other.qd_true > 1
+
+
+def test_searches_of_one_seed_share_what_they_leave_alone() -> None:
+    """As arms do: generation 0 with its fitnesses, and nothing of a run of another seed."""
+    landscape = Landscape(signal=1.0, noise=0.3)
+    shared = 1 + INITIAL
+    one, other, again = (
+        search(landscape, Strategy.elites, NICHES, 50, 7),
+        search(landscape, Strategy.random, NICHES, 50, 7),
+        search(landscape, Strategy.elites, NICHES, 50, 7, another=1),
+    )
+    for same in (other, again):
+        assert np.array_equal(one.points[:shared], same.points[:shared])
+        assert np.array_equal(one.fitness[:shared], same.fitness[:shared])
+        assert not np.array_equal(one.points[shared:], same.points[shared:])
+    stranger = search(landscape, Strategy.elites, NICHES, 50, 8)
+    assert not np.isin(one.fitness, stranger.fitness).any()
+
+
+def test_evaluation_follows_from_the_network_and_its_training_seed() -> None:
+    """It has the landscape's noise, and whoever asks again gets it again."""
+    landscape = Landscape(signal=1.0, noise=0.5)
+    losses = landscape.evaluate(BASELINE, 3, range(4_000))
+    assert landscape.evaluate(BASELINE, 3, [5, 0]) == [losses[5], losses[0]]
+    assert len({*losses, *landscape.evaluate(BASELINE, 4, range(10))}) == 4_010
+    logs = np.log(losses) - np.log(landscape.truth(BASELINE[None])[0])
+    assert (logs.mean(), logs.std()) == pytest.approx((0, 0.5), abs=0.025)

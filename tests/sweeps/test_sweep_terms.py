@@ -20,7 +20,7 @@ from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory,
 from tacevo.sweeps.check import check_jobs
 from tacevo.sweeps.launch import overrides_of
 from tacevo.sweeps.plan import sweep
-from tacevo.sweeps.terms import Asked, read_varied
+from tacevo.sweeps.terms import Asked, read_primary, read_varied
 
 ALL = Path("all")
 MODELS = [*SHARED, "temperature=paper,stall", "seed=0"]
@@ -53,6 +53,22 @@ def test_any_arm_may_be_the_reference(place: Path) -> None:
     sweep(MODELS, "other", view, Launched())
     assert SweepDirectory(Path("other")).read_terms().reference is None
     assert any("--reference" in line for line in view.lines)
+
+
+def test_test_score_may_be_called_by_its_name_in_the_task(place: Path) -> None:
+    """The demo regresses forces, so it is the MSE; another name is refused before a job runs, with the one that is."""
+    begun(MODELS, Asked(primary="test_mse"))
+    assert SweepDirectory(ALL).read_terms().primary is Primary.test_score
+    assert begun(MODELS, Asked(primary="test_score")).read_terms().primary is Primary.test_score
+    for name in ("test_accuracy", "test_cross_entropy", "mse", ""):
+        expected = "test_score, which is test_mse in task force, or best_fitness or qd_score or coverage"
+        with refused(ConfigError, place="--primary", expected=expected, got=repr(name)):
+            sweep(MODELS, "other", Heard(), Launched(), asked=Asked(primary=name))
+    assert not Path("other").exists()
+    classes = compose(["experiment=demo", "task=grating"]).task
+    assert read_primary("test_accuracy", classes) is Primary.test_score
+    with refused(ConfigError, expected="test_accuracy in task grating", got="'test_mse'"):
+        read_primary("test_mse", classes)
 
 
 def test_reference_that_is_not_an_arm_is_refused_before_a_job_runs(place: Path) -> None:
