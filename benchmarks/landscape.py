@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from tacevo.choices import ParentPolicy
 from tacevo.randomness import stream
 from tacevo.search.archive import Archive, Bounds, Elite, NetworkArchive, Placed, Tessellation
-from tacevo.search.parents import pool_of_parents
-from tacevo.search.proposals import Candidate, draw_parents
+from tacevo.search.proposals import Candidate, draw_parents, pool_of_parents
 
 Floats = NDArray[np.float64]
 

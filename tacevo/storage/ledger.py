@@ -212,9 +212,8 @@ def place_of(line: object) -> str:
             return f"generation {generation}, slot {slot}"
         case {"generation": generation}:
             return f"generation {generation}"
-        case {"kind": kind}:
-            return f"the {kind}'s header"
-    raise ValueError(f"{line} is not a line of a ledger")
+        case header:
+            return f"the {header['kind']}'s header"
 
 
 def _brief(value: Json, limit: int = 200) -> str:

@@ -214,6 +214,20 @@ def test_study_of_another_place_is_refused(published: Path, tmp_path: Path, caps
     assert f"expected the directory of a finished study of {published}" in capsys.readouterr().err
 
 
+def test_run_without_times_needs_a_day(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The default is that on which it ended, which only its times tell."""
+    (run / "timings.jsonl").unlink()
+    assert main(["publish", str(run), "-o", "x.zip"]) == 2
+    told = capsys.readouterr().err
+    assert "run/timings.jsonl: expected lines with a time; got none; set the day with --date YYYY-MM-DD" in told
+
+
+def test_study_of_a_sweep_cannot_be_chosen(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All that are finished belong to it."""
+    assert main(["publish", str(swept / "sweep"), "a_study", "-o", str(tmp_path / "x.zip")]) == 2
+    assert "expected no study: a sweep is published with every finished study" in capsys.readouterr().err
+
+
 def test_run_that_its_stores_do_not_give_is_not_published(
     published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -160,6 +160,14 @@ def test_damaged_archive_is_refused(tmp_path: Path) -> None:
         source.catalogue()
 
 
+def test_archive_with_a_damaged_list_is_refused(tmp_path: Path) -> None:
+    """The list of its arrays stands at its end, and may be damaged where they are not."""
+    source = save_arrays(tmp_path / "set.npz")
+    source.root.write_bytes(source.root.read_bytes().replace(b"PK\x01\x02", b"PK\x01\xff"))
+    with refused(DataError, place="set.npz", got="a damaged list of arrays", remedy="save images and labels together"):
+        source.catalogue()
+
+
 def test_single_array_is_refused(tmp_path: Path) -> None:
     """Images alone, as `numpy.save` writes them, have no labels."""
     np.save(tmp_path / "images.npy", IMAGES)

@@ -32,8 +32,9 @@ def progress(done, total):
     if fate == "die" and done > total / 2:
         os.kill(os.getpid(), signal.SIGKILL)
 
+soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 if fate == "limited":
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
 source = Simulated(task=SensorTask.force, images=300, image_size=16, seed=int(seed), sensor_seed=0,
                    light=LightScene.standard, spacings_mm=())
 try:
@@ -41,6 +42,8 @@ try:
                    cache=Path(cache), workers=1, progress=progress)
 except DataError as error:
     sys.exit(f"error: {error}")
+finally:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))  # `make coverage` writes more at the end
 print(dataset.facts.fingerprint)
 print("made" if told else "found", file=sys.stderr)
 """

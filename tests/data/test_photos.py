@@ -1,6 +1,7 @@
 """Image files become upright RGB squares of 8 bits, from every format; what cannot become one is refused by name."""
 
 import hashlib
+import resource
 import struct
 import tracemalloc
 import zlib
@@ -30,6 +31,15 @@ def save_deep_png(path: Path, pixels: npt.NDArray[np.uint16], colour_type: int) 
     header = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], 16, colour_type, 0, 0, 0)
     chunks = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines)) + chunk(b"IEND", b"")
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+
+
+def claim_size(path: Path, side: int) -> None:
+    """Write a PNG file whose header claims so many pixels a side."""
+    save_deep_png(path, np.zeros((1, 1), dtype=np.uint16), 0)
+    content = bytearray(path.read_bytes())
+    content[16:24] = struct.pack(">II", side, side)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    path.write_bytes(content)
 
 
 def test_image_becomes_square_rgb(tmp_path: Path) -> None:
@@ -196,6 +206,31 @@ def test_size_is_read_without_the_pixels(tmp_path: Path) -> None:
         decode(tmp_path / "half.png", 4)
 
 
+def test_damaged_tags_are_told(tmp_path: Path) -> None:
+    """Pillow only warns of them, and goes on with what it has."""
+    Image.new("RGB", (8, 8)).save(tmp_path / "cut.tif")
+    (tmp_path / "cut.tif").write_bytes((tmp_path / "cut.tif").read_bytes()[:60])
+    with refused(DataError, got="has damaged notes, EXIF or TIFF tags"):
+        decode(tmp_path / "cut.tif", 4)
+
+
+def test_image_that_needs_more_memory_than_there_is_is_told(tmp_path: Path) -> None:
+    """It is not called damaged."""
+    claim_size(tmp_path / "large.png", 9_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (size_of_this_process() + 2**24, hard))
+    try:
+        with refused(DataError, got="needs more memory than there is"):
+            decode(tmp_path / "large.png", 4)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def size_of_this_process() -> int:
+    """Return the bytes of its address space."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
 def test_file_that_is_no_image_is_refused(tmp_path: Path) -> None:
     """The fault is told in words, not by the name of an exception; the caller knows the file."""
     (tmp_path / "text.png").write_text("no image")
@@ -240,10 +275,6 @@ def test_several_images_in_one_file_are_refused(tmp_path: Path, suffix: str) -> 
 
 def test_more_pixels_than_a_sensor_has_are_refused(tmp_path: Path) -> None:
     """Pillow's warning of such a file is a fault here, told from the header."""
-    save_deep_png(tmp_path / "vast.png", np.zeros((1, 1), dtype=np.uint16), 0)
-    content = bytearray((tmp_path / "vast.png").read_bytes())
-    content[16:24] = struct.pack(">II", 10_000, 10_000)
-    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
-    (tmp_path / "vast.png").write_bytes(content)
+    claim_size(tmp_path / "vast.png", 10_000)
     with pytest.raises(DataError, match=r"vast \(has more pixels than any tactile image\)"):
         common_size([("vast", tmp_path / "vast.png")])

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from refusals import refused
 
-from tacevo.data.staging import LOCK, PART, remove_leftovers, staged
+from tacevo.data.staging import LOCK, PART, remove_leftovers, reserve, staged
 from tacevo.errors import DataError
 
 
@@ -183,3 +183,6 @@ def test_other_failures_of_the_system_pass_unchanged(tmp_path: Path) -> None:
     """An error of the disk is not called a lack of room."""
     with pytest.raises(OSError, match="broken"), staged(tmp_path / "set"):
         raise OSError(errno.EIO, "broken")
+    (tmp_path / "images").touch()
+    with pytest.raises(OSError, match="Bad file descriptor"), (tmp_path / "images").open("rb") as file:
+        reserve(file, 10)

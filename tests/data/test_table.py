@@ -200,6 +200,15 @@ def test_table_that_is_no_text_is_refused(tmp_path: Path, content: bytes) -> Non
         source.catalogue()
 
 
+def test_table_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+    """The disk may fail while it is read; the memory of this process begins with an address that nobody reads."""
+    source = save_table(tmp_path, "")
+    (tmp_path / "labels.csv").unlink()
+    (tmp_path / "labels.csv").symlink_to("/proc/self/mem")
+    with refused(DataError, place="labels.csv", got="a file that cannot be read (Input/output error)"):
+        source.catalogue()
+
+
 def test_empty_tables_are_refused(tmp_path: Path) -> None:
     """An empty file has no columns, and a header alone no images."""
     with pytest.raises(DataError, match=r"labels.csv: expected a first line that names the columns"):

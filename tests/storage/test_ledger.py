@@ -2,14 +2,13 @@
 
 import json
 import re
-import resource
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+from full_disks import largest_file
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
@@ -170,17 +169,6 @@ def test_any_flipped_bit_of_a_ledger_is_refused_or_cuts_it(step: int, tmp_path: 
             assert found == lines[:-1]
     assert all(re.search(r"line [123]", error.place) for error in refusals)
     assert len(refusals) == len([place for place in places if place // 8 < len(whole) - 1])
-
-
-@contextmanager
-def largest_file(size: int) -> Iterator[None]:
-    """Let no file grow beyond a size, as on a disk that is full: what fits is written, then the system refuses."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.parametrize("room", [0, 1, 100, 300, 500])

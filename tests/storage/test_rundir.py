@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from full_disks import largest_file
 from ledger_lines import run_record
 from refusals import refused
 
@@ -184,6 +185,17 @@ def test_timings_are_appended_with_their_moment(directory: RunDirectory) -> None
     first, second = directory.read_timings()
     assert (first.id, first.seconds, second.generation, second.spent) == ("g00s00", 1.5, 0, Spending(answers=1))
     assert all(datetime.fromisoformat(line.at).tzinfo is not None for line in (first, second))
+
+
+def test_full_disk_costs_no_line_that_was_written(directory: RunDirectory) -> None:
+    """The message names the file and what to do; what a part of a line left is passed over."""
+    directory.path.mkdir(parents=True)
+    directory.add_timing(Spending(), id="g00s00")
+    room = (directory.path / "timings.jsonl").stat().st_size + 10
+    with largest_file(room), refused(RunError, place="timings.jsonl", got="the ledger is safe", remedy="make room"):
+        directory.add_timing(Spending(), id="g00s01")
+    directory.add_timing(Spending(), id="g00s02")
+    assert list(directory.read_spending()) == ["g00s00", "g00s02"]
 
 
 def test_versions_name_every_package() -> None:

@@ -91,13 +91,14 @@ def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
     if not zipfile.is_zipfile(path):
         found = "a single array" if _begins_as_array(path) else "another file, or one that was cut off"
         raise DataError(found, place=str(path), expected=_ARCHIVE, remedy=_REMEDY)
-    try:
-        archive = np.load(path, allow_pickle=False)
-    except Exception as error:  # zipfile, zlib and NumPy raise a dozen classes for a damaged file
-        raise DataError("a damaged list of arrays", place=str(path), remedy=_REMEDY) from error
-    with archive:
-        _check_keys(path, archive)
-        return {name: _array(path, archive, name) for name in archive.files}
+    with path.open("rb") as file:  # NumPy would leave it open where it raises
+        try:
+            archive = np.load(file, allow_pickle=False)
+        except Exception as error:  # zipfile, zlib and NumPy raise a dozen classes for a damaged file
+            raise DataError("a damaged list of arrays", place=str(path), remedy=_REMEDY) from error
+        with archive:
+            _check_keys(path, archive)
+            return {name: _array(path, archive, name) for name in archive.files}
 
 
 def _begins_as_array(path: Path) -> bool:

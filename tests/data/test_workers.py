@@ -1,0 +1,25 @@
+"""Promise: pictures that several processes make end with the process that started them, and only with it."""
+
+import os
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from tacevo.data.workers import FEW_PICTURES, mapper
+
+
+def test_ctrl_c_waits_until_the_workers_have_started() -> None:
+    """It comes with the first picture that is handed out; all others are, and then it is raised."""
+    given: list[int] = []
+
+    def numbers() -> Iterator[int]:
+        os.kill(os.getpid(), signal.SIGINT)
+        for number in range(FEW_PICTURES + 1):
+            given.append(number)
+            yield number
+
+    with pytest.raises(KeyboardInterrupt), mapper(2, FEW_PICTURES + 1) as run:
+        run(abs, numbers())
+    assert len(given) == FEW_PICTURES + 1
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
