@@ -272,7 +272,7 @@ def _located_sweep(path: Path, open_bundles: contextlib.ExitStack) -> Path:
     """Return the directory of a sweep, which need not be finished, or of a bundle's."""
     folder = open_bundles.enter_context(opened(path)).folder if path.is_file() else path
     if not SweepDirectory(folder).is_one:
-        raise RunError("another one", place=str(path), expected="the directory or bundle of a sweep")
+        raise RunError("one without sweep.json", place=str(path), expected="the directory or bundle of a sweep")
     return folder
 
 
