@@ -62,7 +62,7 @@ def finite(value: float) -> float:
         ValueError: it is NaN or infinite.
     """
     if not math.isfinite(value):
-        raise ValueError(f"a table's numbers must be finite; got {value}; use None where there is no value")
+        raise ValueError(f"a table's numbers must be finite; got {value}; use None for a missing value")
     return value
 
 

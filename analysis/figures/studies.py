@@ -108,7 +108,7 @@ def reliability(task: str, calibrations: Sequence[Calibrated]) -> Figure:
     it may be.
 
     Raises:
-        ValueError: there is no classifier, as in a regression.
+        ValueError: the study is a regression, which has no classes.
     """
     if not calibrations:
         raise ValueError(f"the study of {task} has no calibration")

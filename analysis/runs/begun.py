@@ -25,7 +25,7 @@ def load_begun(path: Path, store: Path | None = None) -> tuple[Run, Niches] | No
         store: where its stores lie, if not where the run has them.
 
     Raises:
-        RunError: there is no run.json, or something of the run was damaged or edited.
+        RunError: run.json is missing, or something of the run was damaged or edited.
         StoreError: the store's entry of its niches is damaged.
     """
     directory = RunDirectory(path)

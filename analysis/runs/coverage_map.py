@@ -41,7 +41,7 @@ def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
         ValueError: nothing was trained, or its archive has no niches.
     """
     if run.bounds is None:
-        raise ValueError(f"{run.path} has no bounds, because nothing was trained or there are no niches")
+        raise ValueError(f"{run.path} has no bounds, because nothing was trained or its archive has no niches")
     raw = descriptors(run)
     points = np.array([run.bounds.normalise(tuple(point)) for point in raw.tolist()])
     outside = ((raw < np.array(run.bounds.low)) | (raw > np.array(run.bounds.high))).any(axis=1)

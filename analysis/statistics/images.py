@@ -95,7 +95,7 @@ def mcnemar(first: ArrayLike, second: ArrayLike) -> Paired:
         second: the same of the second.
 
     Raises:
-        ValueError: the shapes differ, or there is no image.
+        ValueError: the shapes differ, or the samples are empty.
     """
     x, y = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
     _check_pair(x, y)
@@ -115,7 +115,7 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> Paired:
         second: of the second.
 
     Raises:
-        ValueError: the shapes differ, there is no image, or an error is NaN or infinite.
+        ValueError: the shapes differ, the samples are empty, or an error is NaN or infinite.
     """
     x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     _check_pair(x, y)

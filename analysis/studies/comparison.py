@@ -80,7 +80,7 @@ def compare(study: Study, *, seed: int = 0) -> Comparisons:
     The seed is that of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
 
     Raises:
-        RunError: there is no variant, the margin is 0, or there are so few seeds that no outcome at all could be
+        RunError: the study has no variant, the margin is 0, or there are so few seeds that no outcome at all could be
             significant.
     """
     metric = study.primary

@@ -135,7 +135,7 @@ def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
             f"none of {row.network} with seed {row.seed}",
             place=str(store),
             expected="the trainings of the study",
-            remedy="name the stores by --store, or give the command of the study again",
+            remedy="name the stores by --store, or repeat the command of the study",
         )
     training = read_verdict(FullTraining, "full", read_entry(path).answer, place=str(path))
     if not isinstance(training, FullTraining):

@@ -176,7 +176,7 @@ def _scaled(values: ArrayLike, metric: Measure) -> NDArray[np.float64]:
 def _pooled(samples: Sequence[NDArray[np.float64]], needed: str) -> Spread:
     spread = pooled([sample for sample in samples if len(sample) > 1])
     if spread is None:
-        raise RunError("none", place="the pilots", expected=f"{needed}, without which there is no spread")
+        raise RunError("none", place="the pilots", expected=f"{needed}, to estimate a spread from")
     return spread
 
 

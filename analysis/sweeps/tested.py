@@ -49,7 +49,7 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
 
     Raises:
         FailedTestError: a training of this network failed.
-        RunError: there is no sound study as stated, or there are several that do not agree.
+        RunError: no sound study is as stated, or several are and do not agree.
     """
     sound, faults = [], []
     for directory in studies_of(run.path):

@@ -1,6 +1,7 @@
 """The commands that draw what runs found: `tacevo figures | report | paper | ablations`."""
 
 import argparse
+import base64
 import contextlib
 import itertools
 import shutil
@@ -10,18 +11,22 @@ from pathlib import Path
 
 from rich.console import Console
 
+from analysis.figures.style import render
 from analysis.report.collection import with_one_study
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
+from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
+from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.of_sweep import sweep_contents
+from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
-from tacevo.bundles.open import opened
+from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DONE, Parser, existing_store, output_directory, place_of_results
-from tacevo.cli.report_page import page_of_run, page_of_sweep
 from tacevo.cli.tables import RUN, Gathered, finish, gather, place_of, read_gathered, say, show, with_published
-from tacevo.errors import ConfigError, DataError
+from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
@@ -197,3 +202,91 @@ def _collected_sweep(path: Path, store: Path | None, reference: str | None) -> S
         return collect_sweep(path, store, reference)
     with opened(path) as published:
         return collect_sweep(published.folder, store or published.store, reference)
+
+
+def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a run shows, and what is missing of it.
+
+    Args:
+        gathered: the run.
+        place: where it lies.
+        name: what the user calls it.
+    """
+    shown, missing = _material(gathered, place, name)
+    samples, unseen = _samples_of(gathered.found.run.path, gathered.store)
+    absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
+    shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
+    page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
+    return page, [*missing, *unseen]
+
+
+def page_of_sweep(
+    runs: Sequence[Gathered], place: Opened, name: str, store: str | None
+) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a sweep shows, and what is missing: of a run, or why its arms are not compared.
+
+    Args:
+        runs: of its jobs, in their order.
+        place: the sweep.
+        name: what the user calls it.
+        store: the directory of the stores that the user named, if any.
+    """
+    materials, missing = zip(*(_material(one, place, name) for one in runs), strict=True)
+    sweep, state = None, ""
+    try:
+        sweep = sweep_contents(collect_sweep(place.folder, place.store if store is None else Path(store)))
+    except IncomparableError as error:
+        state = f"the arms are not compared: {str(error).replace(str(place.folder), name)}"
+    page = page_contents(
+        materials,
+        sweep=sweep,
+        title=name,
+        state=state,
+        checked=_checked(place, name),
+        commands=replay_commands(name),
+    )
+    of_runs = [f"{one.found.run.name}: {lack}" for one, lacks in zip(runs, missing, strict=True) for lack in lacks]
+    return page, [*of_runs, *([state] if state else [])]
+
+
+def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
+    """Return what the page of a run is made from, and which tables are missing.
+
+    Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
+    """
+    found = gathered.found
+    tables, missing = gathered.tables()
+    remarks = [*gathered.remarks, *missing]
+    for path, word in ((str(place.folder), name), (gathered.store or str(place.store), "its stores")):
+        if "/" in path:  # else it names no place beyond the directory that the command was given in
+            remarks = [remark.replace(path, word) for remark in remarks]
+    return RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks), missing
+
+
+def _checked(place: Opened, name: str) -> list[str]:
+    """Say what `tacevo report` compared of the run or the sweep of a name, with what, and what it did not."""
+    sealed = "A directory has no manifest; nothing else of it was compared."
+    if place.digest is not None:
+        digest = f"The manifest's SHA-256 is the bundle's digest: {place.digest}."
+        sealed = f"Every file of {name} is as its manifest says. {digest}"
+    return [
+        "`tacevo report` compared the records with each other. It searched, trained and tested nothing again.",
+        "Each ledger: every line has the hash of the line before it, and the last hash is the digest in run.json.",
+        "Settings and texts in run.json, both archives, the niches: as the ledger has them.",
+        "A source is shown only if its hash is that of its ledger line; sample images only if their data have the "
+        "ledger's fingerprint.",
+        "Each study shown: its scores are such a chain, too, and the last hash is the digest in study.json.",
+        sealed,
+        "No ledger holds rejected answers, times, costs, versions, machine, confinement: these stand as recorded.",
+        "The first command above searches again from the recorded answers, probes and trainings, and compares every "
+        "ledger line, both archives, every candidate's file and every score. The second also trains five networks.",
+    ]
+
+
+def _samples_of(run: Path, store: str | None) -> tuple[str | None, list[str]]:
+    """Draw the sample images of a run as a `data:` address; or return the reason why they are missing."""
+    try:
+        figure = samples_of_run(run, store, Console(stderr=True))
+    except (ConfigError, DataError) as error:
+        return None, [f"no sample images: {error}"]
+    return f"data:image/png;base64,{base64.b64encode(render(figure, '.png')).decode('ascii')}", []

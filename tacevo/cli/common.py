@@ -55,6 +55,17 @@ def output_directory(name: str | Path) -> Path:
     return directory
 
 
+def whole_number(text: str) -> int:
+    """Read an option that counts something.
+
+    Raises:
+        argparse.ArgumentTypeError: it is not an integer of at least 1.
+    """
+    if text.isdecimal() and int(text) >= 1:
+        return int(text)
+    raise argparse.ArgumentTypeError(f"expected an integer of at least 1; got {text}")
+
+
 class Parser(argparse.ArgumentParser):
     """A parser whose mistakes are errors as all others, and whose files of overrides (`@FILE`) may have comments.
 

@@ -61,7 +61,7 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     that of the task's data holds.
 
     Raises:
-        ConfigError: there is no such task, or a file is not an answer.
+        ConfigError: the task does not exist, or a file is not an answer.
         OSError: a file cannot be read.
     """
     config, judged = task_without_data(task, image_size)
@@ -80,7 +80,7 @@ def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Tas
     """Return a task and its configuration as if its data set were there, for work that needs none.
 
     Raises:
-        ConfigError: there is no such task, or it cannot have that image size.
+        ConfigError: the task does not exist, or it cannot have that image size.
     """
     config = compose([f"task={name}", *([] if image_size is None else [f"data.image_size={image_size}"])])
     return config, load_task(config, facts_without_data(config))

@@ -7,7 +7,7 @@ from pathlib import Path
 from tacevo.bundles.pages import Terms
 from tacevo.bundles.publish import publish
 from tacevo.cli.common import DONE, Parser
-from tacevo.cli.pages import pages
+from tacevo.cli.tables import pages
 from tacevo.runs.progress import Progress
 from tacevo.text import counted
 

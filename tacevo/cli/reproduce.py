@@ -9,7 +9,7 @@ from pathlib import Path
 from tacevo.bundles.extend import continue_run
 from tacevo.bundles.open import Opened, check_walls, opened, over_runs
 from tacevo.bundles.verify import Rerun, Verified, rerun, verify
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store, whole_number
 from tacevo.config.recorded import read_recorded
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
@@ -44,7 +44,7 @@ def add_replay(parser: Parser) -> None:
     parser.add_argument(
         "--retrain",
         nargs="?",
-        type=_count,
+        type=whole_number,
         const=_ALL,
         metavar="N",
         help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
@@ -74,7 +74,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 def _verified(bundle: Opened, view: Progress) -> Verified:
     """Verify a bundle with the tables of the analysis."""
-    from tacevo.cli.pages import table_files  # what draws and computes takes two seconds to import
+    from tacevo.cli.tables import table_files  # what draws and computes takes two seconds to import
 
     return verify(bundle, partial(table_files, say=view.say), view)
 
@@ -146,13 +146,6 @@ def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress)
     store = options.store  # of a published run, the images may lie elsewhere than what it holds
     recorded = [done.run if store is None else done.run.with_store(store) for done in runs]
     return describe(retrain(recorded, options.retrain or None, view))
-
-
-def _count(text: str) -> int:
-    """Read the number of evaluations to train again."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number of evaluations >= 1; got {text!r}")
-    return int(text)
 
 
 def add_continue(parser: Parser) -> None:

@@ -136,7 +136,7 @@ def _paths(name: str) -> list[Path]:
         if found := sorted(Path(match) for match in glob.glob(pattern)):
             return found
     raise ConfigError(
-        f"{name}, where there is none",
+        f"{name}, which matches no file",
         place="networks",
         expected="a file of a network, a directory of .py files, or a pattern such as 'nets/*.py'",
     )

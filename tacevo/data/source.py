@@ -70,7 +70,7 @@ class Source(Protocol):
 
 
 def refuse(problem: str, faults: Sequence[str], remedy: str) -> None:
-    """Raise one error about all faults of one kind; do nothing where there are not any.
+    """Raise one error about all faults of one kind; do nothing without faults.
 
     The problem is, say, `labels.csv names images that do not exist`; of the faults, the first few are shown.
 

@@ -32,7 +32,7 @@ def random_split(
 
     The tenths are rounded to the nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where
     rows share groups, whole groups are dealt out, and the parts end at the group ends nearest to those numbers. Where
-    no two rows share one, there is nothing to keep together, and rows are dealt out alone. Each class is dealt out
+    no two rows share one, nothing is kept together, and rows are dealt out alone. Each class is dealt out
     evenly; a group counts as one of its first row's class. Groups and class numbers are of shape (count,), and there
     are at least 10 rows, so that no part is empty. The seed is the split's own, apart from the run's.
 

@@ -35,7 +35,7 @@ def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterat
     wait for it.
 
     Yields:
-        The directory to fill; None where another process was first, so that there is nothing left to do.
+        The directory to fill; None if another process has filled it first.
 
     Raises:
         DataError: the parent directory cannot be written to, or holds a part of the directory that we may not remove.

@@ -124,7 +124,7 @@ class Gate:
 
 
 def _is_within(profile: Profile, limits: GateLimits) -> bool:
-    """Tell whether a network is no larger than the probe lets it be."""
+    """Return whether a network is no larger than the probe lets it be."""
     return (
         profile.parameters <= limits.parameters
         and profile.flops <= limits.flops
@@ -133,7 +133,7 @@ def _is_within(profile: Profile, limits: GateLimits) -> bool:
 
 
 def _is_consistent(profile: Profile) -> bool:
-    """Tell whether the parts of a profile fit together, as those of a traced network do."""
+    """Return whether the parts of a profile fit together, as those of a traced network do."""
     graph, steps = profile.graph, profile.steps
     return (
         profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))

@@ -28,7 +28,7 @@ class Problem:
 
 
 def is_special(name: str) -> bool:
-    """Tell whether a name is special to Python, e.g. `__init__`."""
+    """Return whether a name is special to Python, e.g. `__init__`."""
     return name.startswith("__") and name.endswith("__")
 
 
@@ -154,7 +154,7 @@ def _is_outside(line: str, margin: int) -> bool:
 
 
 def _begins_statement(line: str, margin: int) -> bool:
-    """Tell whether a line at the margin could begin a statement; comments and closing brackets do not."""
+    """Return whether a line at the margin could begin a statement; comments and closing brackets do not."""
     return bool(line.strip()) and _indentation(line) == margin and not _CONTINUATION.match(line[margin:])
 
 

@@ -117,7 +117,7 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
 
 
 def _is_closed(text: str, mentioning: Sequence[Block], name: str) -> bool:
-    """Tell whether the last class statement of an answer is in a block that the model finished."""
+    """Return whether the last class statement of an answer is in a block that the model finished."""
     in_blocks = sum(len(_mentions(block.text, name)) for block in mentioning)
     return bool(mentioning) and mentioning[-1].closed and in_blocks == len(_mentions(text, name))
 
@@ -187,7 +187,7 @@ def _checked_once(source: str, name: str) -> str | Problem:
 
 
 def _binds(node: ast.AST, name: str) -> bool:
-    """Tell whether a node binds the class's name."""
+    """Return whether a node binds the class's name."""
     match node:
         case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
             return node.name == name

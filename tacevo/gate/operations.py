@@ -78,7 +78,7 @@ def operation(name: str) -> str:
 
 
 def is_transparent(op: str) -> bool:
-    """Tell whether data passes through this call without a node."""
+    """Return whether data passes through this call without a node."""
     return _squashed(op) in _TRANSPARENT
 
 
@@ -88,7 +88,7 @@ def activation(op: str) -> str | None:
 
 
 def is_factory(op: str) -> bool:
-    """Tell whether this call reads no value of the tensor that it is given."""
+    """Return whether this call reads no value of the tensor that it is given."""
     return _squashed(op) in _SHAPE_ONLY
 
 

@@ -195,8 +195,10 @@ class BatchLLM:
         for tried in itertools.count(1):
             try:
                 return function()
-            except (*FAILURES, httpx2.TransportError, FaultError) as error:
-                fault = error.fault if isinstance(error, FaultError) else fault_of(error)
+            except FaultError as error:
+                fault = error.fault
+            except (*FAILURES, httpx2.TransportError) as error:
+                fault = fault_of(error)
             fault = replace(fault, message=without_secrets(fault.message, secrets_of(client)))
             wait = self.patience.wait(tried, fault, jitter=random.random())
             if wait is None:

@@ -49,7 +49,7 @@ class Server(Protocol):
         """Try a request once, without the settings named in `dropped`.
 
         Raises:
-            FaultError: there is no answer.
+            FaultError: the server gave no answer.
         """
         ...
 

@@ -14,7 +14,7 @@ import httpx2
 from tacevo.errors import ConfigError
 from tacevo.llm.failures import check_key, checked
 from tacevo.llm.hosted import Body, SDKServer, clients_for
-from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
+from tacevo.llm.retry import Fault, FaultError, FaultKind, fault_of, fault_of_connection
 from tacevo.records import Completion, Json, Request
 
 try:
@@ -113,8 +113,11 @@ def completion_of(chat: ChatCompletion) -> Completion:
     Raises:
         FaultError: the body is JSON, but not a completion.
     """
+    choices = getattr(chat, "choices", None)  # the SDK checks no body: another one comes as text, or with any values
+    if not isinstance(choices, list) or not choices:
+        raise FaultError(Fault(kind=FaultKind.passing, message="the body is not a completion: it has no choices"))
     try:
-        choice, usage = chat.choices[0], chat.usage
+        choice, usage = choices[0], chat.usage
         reason = "refusal" if getattr(choice.message, "refusal", None) else str(choice.finish_reason or "stop")
         completion = Completion(
             text=choice.message.content or "",
@@ -123,6 +126,6 @@ def completion_of(chat: ChatCompletion) -> Completion:
             input_tokens=0 if usage is None else usage.prompt_tokens,
             output_tokens=0 if usage is None else usage.completion_tokens,
         )
-    except (AttributeError, TypeError, IndexError) as error:  # the SDK checks no body
+    except AttributeError as error:
         raise FaultError(fault_of_connection(error)) from error
     return checked(completion)

@@ -83,7 +83,7 @@ class Overlap:
     elites: tuple[int, int]
     #: Sources that are elites of both.
     sources: int
-    #: Niches that both fill, and those of them with one source; None where the niches differ, or there are none.
+    #: Niches that both fill, and those of them with one source; None if the niches differ, or a run has none.
     niches: tuple[int, int] | None
 
 
@@ -224,7 +224,7 @@ def _ends(found: Comparison) -> list[str]:
     overlap, (one, other) = found.overlap, found.ends
     shared = f"elites: {overlap.elites[0]} and {overlap.elites[1]}; {overlap.sources} sources are elites of both"
     if overlap.niches is None:
-        shared += "; the niches are others, or there are none, so they are not compared"
+        shared += "; niches are not compared: the runs have different ones, or none"
     else:
         shared += f"; {overlap.niches[0]} niches are filled in both, {overlap.niches[1]} of them by one source"
     return [

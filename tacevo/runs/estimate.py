@@ -72,7 +72,7 @@ def estimate(config: RunConfig) -> Estimate:
     return Estimate(requests=search.initial + later, recorded=recorded, samples=spent.answers, likely=likely)
 
 
-def describe(config: RunConfig) -> str:
+def describe_estimate(config: RunConfig) -> str:
     """Write an estimate down: requests, tokens, and the cost by model and delivery."""
     found = estimate(config)
     prices = load_prices(config.llm.prices)

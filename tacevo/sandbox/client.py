@@ -273,7 +273,7 @@ class Zygote:
         self._has_started = True
 
     def is_alive(self) -> bool:
-        """Tell whether the process runs."""
+        """Return whether the process runs."""
         return self._process.poll() is None
 
     def submit(self, job: socket.socket, arrays: Mapping[str, Path]) -> None:

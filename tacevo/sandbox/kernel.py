@@ -66,7 +66,7 @@ def fix_addresses() -> bool:
 
 
 def can_fix_addresses() -> bool:
-    """Tell whether `fix_addresses` works here, and leave this thread as it was."""
+    """Return whether `fix_addresses` works here, and leave this thread as it was."""
     kernel = ctypes.CDLL(None)
     current = kernel.personality(ctypes.c_ulong(_READ_PERSONALITY))
     granted = fix_addresses()

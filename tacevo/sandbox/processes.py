@@ -62,7 +62,7 @@ def address_space_mib() -> float:
 
 
 def is_ending(pid: int) -> bool:
-    """Tell whether the whole process is exiting or gone; its files may be closed already."""
+    """Return whether the whole process is exiting or gone; its files may be closed already."""
     return all(map(_is_thread_ending, _threads(pid)))
 
 
@@ -101,7 +101,7 @@ def _kill(pid: int) -> None:
 
 
 def _is_alive(pid: int) -> bool:
-    """Tell whether any thread of a process runs; one that has ended may still wait to be reaped."""
+    """Return whether any thread of a process runs; one that has ended may still wait to be reaped."""
     return bool(_status(pid))
 
 

@@ -202,7 +202,7 @@ class Channel:
 
 
 def _is_deeper(value: Json, levels: int) -> bool:
-    """Tell whether lists and objects are nested in more levels than these, without recursion."""
+    """Return whether lists and objects are nested in more levels than these, without recursion."""
     nested = [value]
     for _ in range(levels):
         nested = [inner for outer in nested for inner in _inside(outer) if isinstance(inner, list | dict)]

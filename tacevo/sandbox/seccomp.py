@@ -95,7 +95,7 @@ MACHINES: Mapping[str, Machine] = {
 
 
 def is_available() -> bool:
-    """Tell whether the kernel accepts filters and this module knows the architecture."""
+    """Return whether the kernel accepts filters and this module knows the architecture."""
     machine = MACHINES.get(platform.machine())
     if machine is None:
         return False

@@ -159,7 +159,7 @@ class _Watch:
         return {"ended": "broken", "detail": how} if self.measures is None else _died(Reason.crashed, how)
 
     def _has_too_much_memory(self) -> bool:
-        """Tell whether the whole tree has, or had for a moment, more memory than allowed, without what it inherited."""
+        """Return whether the whole tree has, or briefly had, more memory than allowed, without what it inherited."""
         used = sum(max(0.0, self._peak_mib(pid) - self._inherited_mib) for pid in descendants(os.getpid()))
         return used > self._limits.memory_mib
 

@@ -61,7 +61,7 @@ class Growing(Mapping[K, V]):
         """Return the value of a key.
 
         Raises:
-            KeyError: there is no such key.
+            KeyError: the key is not in it.
         """
         if self._writes == len(self._log):  # nothing has grown from it, as is usual
             return self._log[self._places[key][-1]]
@@ -122,7 +122,7 @@ class Tessellation:
         """Find the niche of a point of shape (d,).
 
         Raises:
-            ValueError: a coordinate is NaN or infinite, or there are not d of them.
+            ValueError: a coordinate is NaN or infinite, or their number is not d.
         """
         return self.niches_of([point])[0]
 

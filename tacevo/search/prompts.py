@@ -120,7 +120,7 @@ def system_prompt(template: str, contract: Contract, names: Sequence[str]) -> st
     """Fill a task's system prompt in with its contract.
 
     Raises:
-        ValueError: the template names a placeholder that there is not; the message lists those there are.
+        ValueError: the template names an unknown placeholder; the message lists the known ones.
     """
     values: Mapping[str, object] = {
         "class_name": contract.class_name,
@@ -156,10 +156,10 @@ def sample_text(example: str) -> str:
 
 
 def repair_request(request: Request, answer: str, rejection: Rejection) -> Request | None:
-    """Ask for a corrected answer: the conversation so far, and why the gate turned its last answer away.
+    """Ask for a corrected answer: the conversation so far, and why the gate rejected its last answer.
 
     Temperature and draw number are those of the first request; the longer conversation makes it another request.
-    Return None where there is nothing to correct: no answer, a refusal, or one too long to send back.
+    Return None if nothing can be corrected: no answer, a refusal, or one too long to send back.
     """
     if rejection.reason in _NOT_REPAIRED or not answer.strip():
         return None

@@ -126,9 +126,9 @@ def plan_generation(
     """Plan one generation (paper, Algorithm 1, lines 2 to 4).
 
     One operator is drawn for the whole generation, mutation with probability p_m, else crossover; `operator_for`
-    can draw one for each slot instead. With a single elite, and where all parents are the baseline, there is nobody
-    to cross with, and the generation mutates. The prompt pool P_g is drawn once; each slot draws from it. Without
-    parents (`none`) every slot asks for a network at random.
+    can draw one for each slot instead. With a single elite, and where all parents are the baseline, a
+    crossover lacks its second parent, and the generation mutates. The prompt pool P_g is drawn once; each slot draws
+    from it. Without parents (`none`) every slot asks for a network at random.
 
     The generation is g >= 1, the temperature T_g. The elites are in the order of their niches, or what a control has in
     their place (`pool_of_parents`); the proposals are in the order of their slots. Where all elites failed when

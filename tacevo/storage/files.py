@@ -36,7 +36,7 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
 
     Raises:
         RunError: another process is at work there, and `wait` is False.
-        OSError: there is no such directory.
+        OSError: the directory does not exist.
     """
     handle = os.open(folder, os.O_RDONLY)
     try:

@@ -55,7 +55,7 @@ def list_stores(root: Path, *, kind: str | None, model: str | None) -> str:
     With `model`, only completions of models whose name contains it.
 
     Raises:
-        StoreError: there is no such directory.
+        StoreError: the directory does not exist.
     """
     _check_folder(root)
     chosen = KINDS if kind is None else (kind,)
@@ -77,7 +77,7 @@ def verify(root: Path) -> tuple[list[str], int]:
         What is wrong, one line for each damaged file, and the number of files.
 
     Raises:
-        StoreError: there is no such directory.
+        StoreError: the directory does not exist.
     """
     _check_folder(root)
     problems = [found.problem for found in scan(root)]  # the entries themselves would fill the memory
@@ -207,7 +207,7 @@ def _nearest(root: Path, kind: str, request: Json) -> str:
     """Say which other recording comes nearest, and every field in which it differs."""
     found = Store(root, kind).nearest(request)
     if found is None:
-        return f"there is no other recording of {kind} in {root}"
+        return f"{root} holds no other recording of {kind}"
     entry, fields = found
     lines = [f"nearest other recording: {entry.key}; it differs in {counted(len(fields), 'field')}:"]
     for field in fields:

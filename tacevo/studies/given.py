@@ -13,6 +13,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate
+from tacevo.gate.blocks import Problem, parse
 from tacevo.gate.extraction import as_whole
 from tacevo.records import Completion, Given, Mode, Rejection, Task
 from tacevo.rules import CURRENT
@@ -20,7 +21,6 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import record, require_means
 from tacevo.runs.wiring import Workbench, start_zygote
-from tacevo.text import parse_python
 
 
 def record_given(config: RunConfig, files: Sequence[NetworkFile], view: Progress) -> Path:
@@ -78,7 +78,10 @@ def _check_different(task: Task, given: Sequence[Given]) -> None:
 
 def _tree(source: str) -> str:
     """Write a source as its syntax tree, which is the same whatever its comments and layout are."""
+    tree = parse(source)
+    if isinstance(tree, Problem):  # a baseline, which the run's gate then refuses
+        return source
     try:
-        return ast.dump(parse_python(source))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):  # a baseline, which the run's gate then refuses
+        return ast.dump(tree)
+    except RecursionError:
         return source

@@ -11,7 +11,7 @@ def noise_digest(run: RecordedRun) -> str:
     """Return the digest of a run's noise run; of several, that of the most networks, then seeds.
 
     Raises:
-        RunError: there is no finished one.
+        RunError: none is finished.
     """
     found = [(len(noise.networks), noise.seeds, str(noise.digest)) for noise in noise_runs(run)]
     if not found:

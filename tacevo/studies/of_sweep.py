@@ -81,7 +81,7 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
                 _settings(retraining),
                 place=f"{directory.path}/sweep.json, terms.retraining",
                 expected=f"{_settings(terms.retraining)}, as stated before its jobs were tested",
-                remedy="give these settings; `tacevo study run=` studies single jobs under others",
+                remedy="set these values; `tacevo study run=` studies single jobs under others",
             )
         if _is_tested(directory, jobs, retraining):
             raise RunError(

@@ -86,7 +86,7 @@ def check_is_run_of(job: Job, run: RunDirectory) -> None:
         )
 
 
-def describe(statuses: Sequence[Status]) -> str:
+def describe_jobs(statuses: Sequence[Status]) -> str:
     """Write how many jobs are in each state, a row for each job, and the reason of each that failed."""
     counts = Counter(status.standing for status in statuses)
     states = ", ".join(f"{counts[standing]} {standing}" for standing in Standing if counts[standing])

@@ -16,7 +16,7 @@ from tacevo.records import Kind
 from tacevo.storage.plan import Measure, Plan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
 
-#: What a plan may be of, by the primary metric; of others there is none.
+#: What a plan may be of, by the primary metric; others cannot be planned.
 _PLANNED_BY = {
     Primary.test_score: {Measure.mse, Measure.accuracy},
     Primary.best_fitness: {Measure.fitness},

@@ -46,7 +46,7 @@ def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
         show: receives the number of runs that are done, and of all.
 
     Raises:
-        RunError: there is not a run; MLflow fails; or `path` is a run directory, and it is damaged.
+        RunError: `path` holds no run; MLflow fails; or `path` is a run directory, and it is damaged.
         ConfigError: the URI holds a password; or `path` is a run directory, and no URI is known.
         OSError: a directory cannot be read.
     """
@@ -71,7 +71,7 @@ def find_runs(path: Path) -> tuple[Path, ...]:
     """Find the run directories in a directory, by name; hidden directories are left out, and links not followed.
 
     Raises:
-        RunError: there is not one.
+        RunError: the directory holds none.
         OSError: a directory cannot be read.
     """
 
@@ -84,7 +84,9 @@ def find_runs(path: Path) -> tuple[Path, ...]:
         if not _MARKS.isdisjoint(files):
             found.append(Path(directory))
     if not found:
-        raise RunError("no run.json in it", place=str(path), expected="a run directory, or one that contains some")
+        raise RunError(
+            "a directory without run.json", place=str(path), expected="a run directory, or one that contains some"
+        )
     return tuple(found)
 
 
@@ -102,7 +104,7 @@ def _mirror(path: Path, given: str) -> str:
         mirror(path, uri=address, experiment=settings.experiment, finished=None)
     except TacevoError:
         raise
-    except LookupError as error:  # lines that name what there is not
+    except LookupError as error:  # a line names a record that is missing
         raise RunError(
             f"{type(error).__name__}: {error}", place=str(path), expected="the records of a run", remedy="restore them"
         ) from error

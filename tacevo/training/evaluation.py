@@ -133,7 +133,7 @@ class TrainingStore(ABC, Generic[Data, Result]):
         return self._store.key(self._request(source, seed))
 
     def is_recorded(self, source: str, seed: int) -> bool:
-        """Tell whether the store has a training, sound or not."""
+        """Return whether the store has a training, sound or not."""
         return self._store.holds(self.key(source, seed))
 
     def evaluate(self, source: str, seed: int) -> Result | Rejection:
@@ -141,7 +141,7 @@ class TrainingStore(ABC, Generic[Data, Result]):
 
         Raises:
             CacheMissError: the store is in replay and has no such training.
-            DataError: it must be trained, and there are no examples.
+            DataError: it must be trained, and the examples are missing.
             SandboxError: the sandbox is broken; nothing is stored.
             StoreError: the store's entry is damaged.
         """
@@ -152,7 +152,7 @@ class TrainingStore(ABC, Generic[Data, Result]):
         """Train a candidate, recorded or not; nothing is stored.
 
         Raises:
-            DataError: there are no examples.
+            DataError: the examples are missing.
             SandboxError: the sandbox is broken.
         """
         if self._examples is None:

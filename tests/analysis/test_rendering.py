@@ -86,7 +86,7 @@ def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path
     """A hole in the results never becomes `nan` in a paper; nothing is written."""
     table = Table(name="t", caption="c", columns=("x",), rows=((cell,),))
     for write in (as_markdown, as_latex, as_csv):
-        with pytest.raises(ValueError, match=r"must be finite; got (nan|inf); use None where there is no value"):
+        with pytest.raises(ValueError, match=r"must be finite; got (nan|inf); use None for a missing value"):
             write(table)
     with pytest.raises(ValueError, match="must be finite"):
         write_tables([table], tmp_path)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tacevo.cli.pages import table_files
+from tacevo.cli.tables import table_files
 from tacevo.errors import IncomparableError, RunError
 
 

@@ -1,13 +1,18 @@
-"""A wheel built from the tree carries the configs and works outside the checkout."""
+"""A wheel built from the tree carries the configs and works outside the checkout; its version is one everywhere."""
 
 import os
+import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 from smallest import SMALLEST, UNTRACKED
+
+from tacevo import __version__
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,6 +25,15 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     subprocess.run(command, check=True, capture_output=True)
     (built,) = out.glob("*.whl")
     return built
+
+
+def test_version_is_the_same_wherever_it_stands() -> None:
+    """In the package, in its metadata, and in CITATION.cff, whose date is that of the version in the changelog."""
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert cited["version"] == project["version"] == __version__
+    assert re.findall(r"^## (\d\S*) \((\S+)\)$", changes, re.M)[0] == (__version__, str(cited["date-released"]))
 
 
 def test_wheel_carries_every_config_and_no_test(wheel: Path) -> None:

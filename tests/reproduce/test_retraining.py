@@ -122,7 +122,7 @@ def test_nothing_is_called_equal_that_was_not_compared(trained: int, rejected: i
 def test_number_must_be_one(number: str, capsys: pytest.CaptureFixture[str]) -> None:
     """A mistake on the command line is told before the run is read."""
     assert main(["replay", "run", f"--retrain={number}"]) == 2
-    assert "expected a number of evaluations >= 1" in capsys.readouterr().err
+    assert "expected an integer of at least 1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -186,7 +186,7 @@ def test_explain_takes_any_kind_from_a_file(root: Path, tmp_path: Path) -> None:
     file.write_text(json.dumps({"kind": "probes", "request": {"source": "a"}}))
     page = explain(root, str(file))
     assert ": recorded" in page
-    assert page.endswith(f"there is no other recording of probes in {root}")
+    assert page.endswith(f"{root} holds no other recording of probes")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars
 from tacevo.errors import StoreError
 from tacevo.records import Completion, Delivery, Json, Request, to_json
-from tacevo.runs.estimate import describe, estimate
+from tacevo.runs.estimate import describe_estimate, estimate
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import plan_initial
@@ -84,7 +84,7 @@ def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     """Both columns of the table, from the price table and the tokens."""
     found = estimate(compose(overrides()))
     prices = load_prices("prices.yaml")
-    shown = describe(compose(overrides())).splitlines()
+    shown = describe_estimate(compose(overrides())).splitlines()
     costs = []
     for delivery in Delivery:
         price = prices.price("claude-haiku-4-5", delivery)
@@ -96,13 +96,13 @@ def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
 def test_retired_model_is_told(overrides: Estimating) -> None:
     """Its cost is still known, and nobody can be asked for it."""
     told = "claude-3-haiku-20240307 is not served from 2026-04-20 on; set llm.model to another"
-    assert told in describe(compose(overrides("llm.model=claude-3-haiku-20240307")))
-    assert "is not served" not in describe(compose(overrides()))
+    assert told in describe_estimate(compose(overrides("llm.model=claude-3-haiku-20240307")))
+    assert "is not served" not in describe_estimate(compose(overrides()))
 
 
 def test_delivery_that_the_provider_refuses_has_no_cost(overrides: Estimating) -> None:
     """A chat-completions server takes no batches, so no price of one is shown."""
-    shown = describe(compose(overrides("llm=openai", "llm.model=claude-3-haiku")))
+    shown = describe_estimate(compose(overrides("llm=openai", "llm.model=claude-3-haiku")))
     assert "USD direct |" in shown
     assert "USD batch" not in shown
     assert shown.splitlines()[5].count("|") == 4
@@ -118,14 +118,14 @@ def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating
 
 def test_trainings_that_change_a_search_are_said(overrides: Estimating) -> None:
     """Several seeds cost time and no dollars; slots that train an elite again send no request."""
-    shown = describe(compose(overrides("training.seeds=3", "archive.kind=extract", "search.candidates=8")))
+    shown = describe_estimate(compose(overrides("training.seeds=3", "archive.kind=extract", "search.candidates=8")))
     assert "trained 3 times" in shown
     assert "up to 2 slots of each generation" in shown
-    assert "train" not in describe(compose(overrides())).splitlines()[-1]
+    assert "train" not in describe_estimate(compose(overrides())).splitlines()[-1]
 
 
 def test_unknown_price_is_said(overrides: Estimating) -> None:
     """Tokens can be told without a price; dollars cannot."""
-    shown = describe(compose(overrides("llm.model=llama")))
+    shown = describe_estimate(compose(overrides("llm.model=llama")))
     assert "prices.yaml lacks the price of this model" in shown
     assert shown.count("unknown") == 2

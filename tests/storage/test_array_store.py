@@ -81,6 +81,8 @@ def test_numbers_that_are_not_finite_are_refused(tmp_path: Path) -> None:
     ("request_", "answer"),
     [
         ({"sha256": "0" * 64, "dtype": "<f4", "shape": [10**30]}, {"base64": ""}),
+        ({"sha256": hashlib.sha256(b"").hexdigest(), "dtype": "<f4", "shape": [10**30, 0]}, {"base64": ""}),
+        ({"sha256": hashlib.sha256(b"").hexdigest(), "dtype": "<f4", "shape": [0] * 99}, {"base64": ""}),
         ({"sha256": "0" * 64, "dtype": "|O", "shape": [1]}, {"base64": ""}),
         ({"sha256": "0" * 64, "dtype": "<f4", "shape": [1]}, {"base64": "not base64"}),
         ({"sha256": "0" * 64, "dtype": "<f4", "shape": [1]}, {"base64": 5}),

@@ -9,7 +9,7 @@ from tacevo.config.identity import config_hash
 from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.plan import plan
-from tacevo.sweeps.status import Standing, describe, status_of
+from tacevo.sweeps.status import Standing, describe_jobs, status_of
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_description_lists_every_job(tmp_path: Path, job: Job) -> None:
     other = plan(SHARED, [("ablation=none", "seed=1")])[0].job
     begin(directory, job)
     directory.fail(other, "the disk is full")
-    text = describe([status_of(directory, one) for one in (job, other)])
+    text = describe_jobs([status_of(directory, one) for one in (job, other)])
     digest = str(finished_digest(directory.run(job)))
     assert text.startswith("2 jobs: 1 finished, 1 failed\n")
     assert f"| none-seed0 | none | 0    | finished | 2     | 0.25 | {digest[:12]} |" in text

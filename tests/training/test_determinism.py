@@ -117,7 +117,7 @@ def trained_on_gpu(source: str) -> list[tuple[Any, str]]:
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no CUDA device")
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
 def test_gpu_repeats_what_has_a_deterministic_form(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two trainings give equal bits, and nothing is noted."""
     monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
@@ -127,7 +127,7 @@ def test_gpu_repeats_what_has_a_deterministic_form(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no CUDA device")
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
 def test_gpu_notes_what_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """A baseline's adaptive pooling trains, and its record says what it used."""
     monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8")

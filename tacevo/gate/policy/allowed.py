@@ -166,15 +166,15 @@ SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
 
 
 def is_refused(attribute: str) -> bool:
-    """Tell whether an attribute of a tensor, module, frame or function leads out of the network or hooks into it."""
+    """Return whether an attribute of a tensor, module, frame or function leads out of the network or hooks into it."""
     return attribute in _REFUSED or _HOOK.fullmatch(attribute) is not None
 
 
 def is_module(path: str) -> bool:
-    """Tell whether a dotted path is a module that may be named."""
+    """Return whether a dotted path is a module that may be named."""
     return path in _MODULES
 
 
 def is_allowed(module: str, name: str) -> bool:
-    """Tell whether a name of an allowed module may be used."""
+    """Return whether a name of an allowed module may be used."""
     return _MODULES[module].fullmatch(name) is not None

@@ -54,13 +54,13 @@ class _Names:
     variables: frozenset[str]
 
     def are_imported(self, node: ast.expr) -> bool:
-        """Tell whether an expression such as `nn.init` begins with an imported name."""
+        """Return whether an expression such as `nn.init` begins with an imported name."""
         while isinstance(node, ast.Attribute):
             node = node.value
         return isinstance(node, ast.Name) and node.id in self.imported
 
     def hold(self, node: ast.AST | None) -> bool:
-        """Tell whether an expression is a parameter, or shares the memory of one.
+        """Return whether an expression is a parameter, or shares the memory of one.
 
         An element or a slice of a tensor shares its memory. An index by a tensor or a list makes a copy, and a variable
         may be one; so these are left to the probe.
@@ -108,7 +108,7 @@ def _changed(call: ast.Call, names: _Names) -> Iterator[ast.expr]:
 
 
 def _is_fixed(index: ast.expr) -> bool:
-    """Tell whether an index is written out: numbers, slices, `...`, `None`, or a tuple of them."""
+    """Return whether an index is written out: numbers, slices, `...`, `None`, or a tuple of them."""
     match index:
         case ast.Constant() | ast.Slice() | ast.UnaryOp(operand=ast.Constant()):
             return True
