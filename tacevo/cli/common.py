@@ -2,6 +2,8 @@
 
 import argparse
 import os
+import shutil
+import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -53,6 +55,13 @@ def output_directory(name: str | Path) -> Path:
     if not os.access(directory, os.W_OK | os.X_OK):
         raise ConfigError("a write-protected one", place=str(directory), expected=expected, remedy="name another by -o")
     return directory
+
+
+def as_typed(command: str) -> str:
+    """Spell a command of this environment so that the user's shell finds it, activated or not."""
+    if shutil.which(command):
+        return command
+    return os.path.relpath(Path(sys.executable).parent / command)
 
 
 class Parser(argparse.ArgumentParser):

@@ -1,13 +1,9 @@
 """The command `tacevo search`: one search, its estimate, or a sweep of searches."""
 
 import argparse
-import os
-import shutil
-import sys
-from pathlib import Path
 
 from tacevo.choices import Tracking
-from tacevo.cli.common import DONE, OVERRIDE, Parser
+from tacevo.cli.common import DONE, OVERRIDE, Parser, as_typed
 from tacevo.cli.sweep import add_multirun, run_sweep, says_terms
 from tacevo.config.compose import compose
 from tacevo.config.folder import groups
@@ -55,7 +51,7 @@ def _search(options: argparse.Namespace) -> int:
     print(result.summary)
     if config.llm.mode is Mode.replay:
         print("every answer came from the store: this search made no call and cost nothing")
-    tacevo, mlflow = _as_typed("tacevo"), _as_typed("mlflow")
+    tacevo, mlflow = as_typed("tacevo"), as_typed("mlflow")
     print(f"run: {result.directory}")
     print(f"look:   {tacevo} show {result.directory} {result.best}")
     print(f"verify: {tacevo} replay {result.directory}")
@@ -63,10 +59,3 @@ def _search(options: argparse.Namespace) -> int:
         print(f"MLflow: {viewing(config.tracking.uri, mlflow)}")
     print(f"digest: {result.digest}")
     return DONE
-
-
-def _as_typed(command: str) -> str:
-    """Spell a command of this environment so that the user's shell finds it, activated or not."""
-    if shutil.which(command):
-        return command
-    return os.path.relpath(Path(sys.executable).parent / command)
