@@ -30,6 +30,7 @@ from analysis.tables.health import health_table, niches_table
 from analysis.tables.images import image_tables
 from analysis.tables.motifs import anatomies_table, motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
+from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError
 from tacevo.profile import Profile
@@ -50,11 +51,9 @@ class Compared:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Collection:
-    """A run with its studies."""
+class Studies:
+    """The finished studies of a run, and what they say of its fitnesses."""
 
-    run: Run
-    niches: Niches
     studies: tuple[Compared, ...]
     #: Of its fitnesses, by its studies and noise runs.
     reestimates: tuple[Reestimates, ...]
@@ -62,15 +61,20 @@ class Collection:
     left_out: tuple[str, ...]
     #: Why a study, which is there, has no re-estimates: the stores are elsewhere, for example.
     remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Collection(Studies):
+    """A run with its studies."""
+
+    run: Run
+    niches: Niches
     #: Studies that are there, and of which nothing is shown (`with_one_study`).
     passed_over: tuple[Compared, ...] = ()
 
 
 def collect(path: Path, store: Path | None = None) -> Collection:
-    """Read a finished run and its studies.
-
-    A study that is not finished or has holes is left out, and the reason is kept: the search's own results do not
-    depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only.
+    """Read a finished run and its studies, with what their test images say.
 
     Args:
         path: the run directory.
@@ -80,10 +84,28 @@ def collect(path: Path, store: Path | None = None) -> Collection:
         RunError: the run is not finished, or it was edited.
     """
     run = load_run(path)
+    found = read_studies(run, store)
+    on_images = [_on_images(one.study, path / "studies" / one.name, _store_of(run, store)) for one in found.studies]
+    return Collection(
+        run=run,
+        niches=load_niches(run, store),
+        studies=tuple(replace(one, images=images) for one, (images, _) in zip(found.studies, on_images, strict=True)),
+        reestimates=found.reestimates,
+        left_out=found.left_out,
+        remarks=(*(missed for _, reasons in on_images for missed in reasons), *found.remarks),
+    )
+
+
+def read_studies(run: Run, store: Path | None = None) -> Studies:
+    """Read the finished studies of a run, without their test images.
+
+    A study that is not finished or has holes is left out, and the reason is kept: the search's own results do not
+    depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only. `store` is where the
+    run's stores lie, if not where it had them.
+    """
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
-    place = store or Path(run.config.store.root)
-    for directory in studies_of(path):
+    for directory in studies_of(run.path):
         try:
             recorded = directory.read()
             if recorded.run != run.digest:
@@ -96,25 +118,25 @@ def collect(path: Path, store: Path | None = None) -> Collection:
             if recorded.terms is not None:
                 study = load_study(directory.path)
                 comparisons, reasons = _compared(study, directory.path)
-                images, missed = _on_images(study, directory.path, place)
-                studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons, images=images))
+                studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
                 left_out += reasons
-                remarks += missed
         except (RunError, StoreError) as error:
             left_out.append(str(error))
             continue
         try:
-            reestimates.append(load_reestimates(directory, run.config, run.facts.fingerprint, place))
+            reestimates.append(load_reestimates(directory, run.config, run.facts.fingerprint, _store_of(run, store)))
         except (RunError, StoreError) as error:
             (left_out if recorded.terms is None else remarks).append(f"no re-estimates: {error}")
-    return Collection(
-        run=run,
-        niches=load_niches(run, store),
+    return Studies(
         studies=tuple(studies),
         reestimates=tuple(found for found in reestimates if found is not None),
         left_out=tuple(left_out),
         remarks=tuple(remarks),
     )
+
+
+def _store_of(run: Run, store: Path | None) -> Path:
+    return store or Path(run.config.store.root)
 
 
 def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
@@ -155,6 +177,23 @@ def with_one_study(found: Collection) -> Collection:
         passed_over=tuple(largest[:-1]),
         reestimates=tuple(one for one in found.reestimates if one.name not in names),
     )
+
+
+def outcomes(run: Run, found: Studies) -> dict[str, Table]:
+    """Return what each study and noise run of a run found in short, by the name of its directory."""
+    again = {one.name: one for one in found.reestimates}
+    everywhere = transfers((compared.study, None) for compared in found.studies)
+    tables = {
+        one.name: study_outcome(
+            one.study,
+            one.comparisons,
+            again.get(one.name),
+            record=run.record,
+            is_alone=not any(other.has(one.study) for other in everywhere),
+        )
+        for one in found.studies
+    }
+    return tables | {name: noise_outcome(one, run.task) for name, one in again.items() if name not in tables}
 
 
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:

@@ -2,6 +2,8 @@
 
 import argparse
 import os
+import shutil
+import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -64,6 +66,13 @@ def whole_number(text: str) -> int:
     if text.isdecimal() and int(text) >= 1:
         return int(text)
     raise argparse.ArgumentTypeError(f"expected an integer of at least 1; got {text}")
+
+
+def as_typed(command: str) -> str:
+    """Spell a command of this environment so that the user's shell finds it, activated or not."""
+    if shutil.which(command):
+        return command
+    return os.path.relpath(Path(sys.executable).parent / command)
 
 
 class Parser(argparse.ArgumentParser):

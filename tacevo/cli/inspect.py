@@ -1,6 +1,7 @@
 """The commands `tacevo check` (the gate on raw answers), `tacevo show` and `tacevo doctor`."""
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -11,6 +12,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from analysis.report.collection import outcomes, read_studies
+from analysis.runs.run import load_run
+from analysis.tables.rendering import as_markdown
+from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose, from_plain
 from tacevo.config.folder import conf_root
@@ -30,6 +35,7 @@ from tacevo.search.lines import TEMPERATURE, CandidateLine
 from tacevo.search.prompts import SAMPLING
 from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.studies.directory import studies_of
 from tacevo.text import table
 from tacevo.typed import parse
 
@@ -132,14 +138,17 @@ def _words(verdict: dict[str, Json]) -> str:
 
 def add_show(parser: Parser) -> None:
     """Describe `tacevo show`."""
-    parser.add_argument("run", metavar="RUN", help="the directory of a run")
+    parser.add_argument("run", metavar="RUN", help="the directory or bundle of a run")
     parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
     parser.set_defaults(command=_show)
 
 
 def _show(options: argparse.Namespace) -> int:
     path = Path(options.run)
-    print(show_run(path) if options.candidate is None else show_candidate(path, options.candidate), end="")
+    with opened(path) if path.is_file() else contextlib.nullcontext() as bundle:
+        run = path if bundle is None else bundle.one_run("unpack it, and name the directory of one of its jobs")
+        store = None if bundle is None else bundle.store
+        print(show_run(run, store) if options.candidate is None else show_candidate(run, options.candidate), end="")
     return DONE
 
 
@@ -147,8 +156,10 @@ def _show(options: argparse.Namespace) -> int:
 _HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
 
 
-def show_run(path: Path) -> str:
-    """Write the summary of a run, finished or not.
+def show_run(path: Path, store: Path | None = None) -> str:
+    """Write the summary of a run, finished or not, and below it what its studies and noise runs found.
+
+    `store` is where its stores lie, if not where the run had them.
 
     Raises:
         RunError: this is not a run directory, or it is damaged.
@@ -164,7 +175,17 @@ def show_run(path: Path) -> str:
         expected = "trained candidates of the ledger"
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     summary = summarise(run, from_plain(run.config), ledger.lines, elites, directory.read_spending())
-    return f"{summary}\n{state}\n"
+    return f"{summary}\n{_studied(path, store) if finished else ''}{state}\n"
+
+
+def _studied(path: Path, store: Path | None) -> str:
+    """Write what the studies and noise runs of a finished run found; nothing without any."""
+    if not studies_of(path):
+        return ""
+    run = load_run(path)
+    found = read_studies(run, store)
+    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
+    return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])
 
 
 def show_candidate(path: Path, name: str) -> str:

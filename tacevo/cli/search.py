@@ -1,14 +1,12 @@
 """The commands `tacevo search`, of one search or a sweep of them, `tacevo sweep` and `tacevo track`."""
 
 import argparse
-import os
-import shutil
 import sys
 from functools import partial
 from pathlib import Path
 
 from tacevo.choices import Primary, Tracking
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
 from tacevo.config.compose import compose
 from tacevo.config.folder import groups
 from tacevo.records import Mode
@@ -61,7 +59,7 @@ def _search(options: argparse.Namespace) -> int:
     print(result.summary)
     if config.llm.mode is Mode.replay:
         print("every answer came from the store: this search made no call and cost nothing")
-    tacevo, mlflow = _as_typed("tacevo"), _as_typed("mlflow")
+    tacevo, mlflow = as_typed("tacevo"), as_typed("mlflow")
     print(f"run: {result.directory}")
     print(f"look:   {tacevo} show {result.directory} {result.best}")
     print(f"verify: {tacevo} replay {result.directory}")
@@ -69,13 +67,6 @@ def _search(options: argparse.Namespace) -> int:
         print(f"MLflow: {viewing(config.tracking.uri, mlflow)}")
     print(f"digest: {result.digest}")
     return DONE
-
-
-def _as_typed(command: str) -> str:
-    """Spell a command of this environment so that the user's shell finds it, activated or not."""
-    if shutil.which(command):
-        return command
-    return os.path.relpath(Path(sys.executable).parent / command)
 
 
 _EPILOG = """\

@@ -8,6 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeVar
 
+from rich.console import Console
+
+from analysis.report.collection import outcomes, read_studies
 from analysis.runs.run import Run, load_run
 from analysis.studies.scores import Study
 from analysis.studies.study import load_study
@@ -17,8 +20,8 @@ from analysis.sweeps.plans import Wish, plan
 from analysis.sweeps.sweep import load_sweep
 from analysis.tables.plan import plan_table
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DIFFERENT, DONE, Parser, output_directory, whole_number
-from tacevo.cli.tables import show
+from tacevo.cli.common import DIFFERENT, DONE, Parser, as_typed, output_directory, whole_number
+from tacevo.cli.tables import print_table, say, show
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -171,30 +174,54 @@ def _study(options: argparse.Namespace) -> int:
             check_unchosen(options.overrides)
         with Progress() as view:
             studied = study(config, view, data)
-    return _report(studied, "study", "raise seconds= or memory_mib=, or lower elites=")
+    _introduce(studied, "study")
+    _show(studied, config.store.root)
+    return _end(studied, "raise seconds= or memory_mib=, or lower elites=")
 
 
 def _study_sweep(sweep: Path, config: StudyConfig) -> int:
     with Progress() as view:
-        studied = study_sweep(sweep, config, view)
-    statuses = [_report(one, "study", "raise seconds= or memory_mib=") for one in studied.studies]
-    for job in studied.unfinished:
+        swept = study_sweep(sweep, config, view)
+    statuses = []
+    for one in swept.studies:
+        _introduce(one, "study")
+        statuses.append(_end(one, "raise seconds= or memory_mib="))
+    for job in swept.unfinished:
         print(f"not studied, for it is not finished: {job}")
-    print(f"compare: tacevo ablations {sweep}")
-    return DIFFERENT if studied.unfinished else max(statuses)
+    print(f"compare: {as_typed('tacevo')} ablations {sweep}")
+    return DIFFERENT if swept.unfinished else max(statuses)
 
 
 def _noise(options: argparse.Namespace) -> int:
     config = _composed(compose_noise, options.overrides)
     with Progress() as view:
         studied = estimate_noise(config, view)
-    return _report(studied, "noise run", "lower elites=")
+    _introduce(studied, "noise run")
+    run = _show(studied, config.store.root)
+    if run.answered:
+        print(f"next:   {as_typed('tacevo')} study run={run.path} choose=reestimated")
+    return _end(studied, "lower elites=")
 
 
-def _report(studied: Studied, what: str, remedy: str) -> int:
-    """Print what was trained; return the exit status."""
+def _introduce(studied: Studied, what: str) -> None:
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
     print(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before})")
+
+
+def _show(studied: Studied, store: str | None) -> Run:
+    """Print what was found in short, and where all of it is to be seen; return the run."""
+    run = load_run(studied.directory.parents[1])
+    found = read_studies(run, None if store is None else Path(store))
+    if table := outcomes(run, found).get(studied.directory.name):
+        print_table(table, Console())
+        say(why for why in found.left_out if studied.directory.name in why)
+    for command in ("tables", "report"):
+        print(f"look:   {as_typed('tacevo')} {command} {run.path}")
+    return run
+
+
+def _end(studied: Studied, remedy: str) -> int:
+    """Print which trainings failed, and the digest; return the exit status."""
     for row in studied.failed:
         print(f"failed: {row}")
     if studied.failed:

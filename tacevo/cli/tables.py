@@ -11,18 +11,24 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich import box
+from rich.console import Console
+from rich.table import Table as Grid
+
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated, write_tables
+from analysis.rounding import shown
 from analysis.runs.run import Run, load_run
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
-from analysis.tables.rendering import WRITERS, as_markdown, table_texts
+from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns, table_texts
 from tacevo.bundles.open import Opened, located, opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import CacheMissError, ConfigError, IncomparableError, RunError
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.text import printable
 
 RUN = "the directory or bundle of a run"
 
@@ -149,6 +155,22 @@ def show(tables: Iterable[Table], directory: Path | None) -> None:
     print("\n".join(map(as_markdown, tables)))
     if directory is not None:
         write_tables(tables, directory)
+
+
+def print_table(table: Table, console: Console) -> None:
+    """Print one table with its notes: for a person on a terminal, else as Markdown."""
+    if not console.is_terminal:
+        print(as_markdown(table))
+        return
+    grid = Grid(title=printable(table.caption), title_justify="left", box=box.SIMPLE_HEAD)
+    for column, is_number in zip(table.columns, numeric_columns(table), strict=True):
+        grid.add_column(printable(column), justify="right" if is_number else "left", no_wrap=is_number)
+    for row in table.rows:
+        grid.add_row(*(printable(shown(cell)) for cell in row))
+    console.print(grid, markup=False)
+    for note in table.notes:
+        console.print(printable(note), markup=False, highlight=False)
+    console.print()
 
 
 def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:

@@ -23,6 +23,9 @@ from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
 from tacevo.typed import parse
 
+#: What `study_names` returns, as a regular expression.
+NAME = r"(?:elites|networks|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
+
 #: Characters of a directory's name that say what other data a study is about, at most.
 _LONGEST_WHERE = 40
 

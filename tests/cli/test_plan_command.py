@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from tacevo.cli.app import main
 from tacevo.errors import ConfigError
 from tacevo.storage.plan import read_plan
 from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.studies.directory import studies_of
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -24,7 +26,7 @@ def test_study_keeps_its_plan(folder: Path, capsys: pytest.CaptureFixture[str]) 
     written = json.loads(PLAN.read_text())
     assert (written["kind"], written["task"], written["metric"]) == ("study", "force", "mse")
     assert (PLAN.parent / "plan_study_force.csv").exists()
-    capsys.readouterr()
+    assert f"plan.json, made on {written['made']}, by its machine's clock" in capsys.readouterr().out
     assert main(["study", "run=run", "elites=1", "seeds=4", "epochs=1", f"plan={PLAN}"]) == 0
     told = capsys.readouterr()
     assert "(4 trainings" not in told.err
@@ -39,6 +41,27 @@ def test_study_keeps_its_plan(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["tables", "run"]) == 0
     (table,) = folder.glob("run/tables/planned_force_*.csv")
     assert f"seeds of each network,{written['seeds']},4\n" in table.read_text()
+    assert f"The plan was made on {written['made']}" in table.with_suffix(".md").read_text()
+
+
+def test_plan_bears_the_day_on_which_it_was_written(folder: Path) -> None:
+    """That of the clock, in UTC."""
+    before = datetime.now(UTC).date().isoformat()
+    assert main(["plan", "study", "run", "--effect", "0.5"]) == 0
+    assert before <= read_plan(PLAN, "study", "force").made <= datetime.now(UTC).date().isoformat()
+
+
+def test_plan_of_an_earlier_release_has_no_day(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is followed all the same, and what seals it is as it was: the header has no day either."""
+    assert main(["plan", "study", "run", "--effect", "0.5", "--comparisons", "1"]) == 0
+    older = json.loads(PLAN.read_text())
+    del older["made"]
+    PLAN.write_text(json.dumps(older))
+    assert main(["study", "run=run", "elites=1", "seeds=4", "epochs=1", f"plan={PLAN}"]) == 0
+    assert "its plan was made on a day that was not recorded" in capsys.readouterr().err
+    (directory,) = (one for one in studies_of(folder / "run") if one.read().plan)
+    assert "made" not in directory.scores.read_text().splitlines()[0]
+    assert main(["replay", "run"]) == 0
 
 
 def test_edited_plan_of_a_study_is_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,7 +84,7 @@ def test_sweep_states_its_plan(sweep: Path, capsys: pytest.CaptureFixture[str]) 
     terms = replace(directory.read_terms(), primary=Primary.best_fitness, reference="none", plan=plan)
     directory.write(*directory.read(), terms)
     assert main(["sweep", "status", str(sweep)]) == 0
-    assert f"planned: {plan.seeds} jobs of each of 2 arms" in capsys.readouterr().out
+    assert f"planned: {plan.seeds} jobs of each of 2 arms, made on {plan.made}" in capsys.readouterr().out
     assert main(["ablations", str(sweep), "-o", "out"]) == 0
     assert f"jobs of each arm,{plan.seeds},1 to 2\n" in Path("out/ablation_planned_force.csv").read_text()
 

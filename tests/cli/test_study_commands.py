@@ -89,6 +89,13 @@ def test_unknown_setting_is_refused(override: str, remedy: str) -> None:
         compose_study(["run=x", override])
 
 
+@pytest.mark.parametrize("margins", ["margins", "margins.regression"])
+def test_value_for_what_only_holds_settings_names_these(margins: str) -> None:
+    """A margin is a value and a kind."""
+    with refused(ConfigError, place=margins, got="0.2", remedy="set margins.regression.value or "):
+        compose_study(["run=x", f"{margins}=0.2"])
+
+
 @pytest.mark.parametrize("override", ["elites=0", "elites=some"])
 def test_elites_of_a_noise_run_are_all_or_a_number(override: str) -> None:
     """Unless set, all."""

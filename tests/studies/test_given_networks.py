@@ -105,6 +105,29 @@ def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFix
     assert {path: path.read_bytes() for path in here.glob("run/studies/*/*")} == before
 
 
+def test_study_that_was_begun_under_its_earlier_name_is_continued(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Given networks were called elites once; such a study is found, replayed and not made twice."""
+    now = study_on("").path
+    assert now.name.startswith("networks2-seeds2-epochs1-")
+    earlier = now.rename(now.with_name(now.name.replace("networks", "elites")))
+    record = json.loads((earlier / "study.json").read_text())
+    (earlier / "study.json").write_text(json.dumps({**record, "name": earlier.name}))
+    assert main(["study", *GIVEN]) == 0
+    assert f"{earlier.name} (6 trainings, 6 of them recorded already)" in capsys.readouterr().out
+    assert not now.exists()
+    assert main(["replay", "run"]) == 0
+
+
+def test_task_of_given_networks_is_named(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A network for another sensor would else be trained on forces."""
+    unnamed = [setting for setting in GIVEN if not setting.startswith("experiment=")]
+    for settings in (unnamed, [*unnamed, "task.outputs=2"]):
+        assert main(["study", *settings]) == 2
+        assert "task: expected the task of the networks; got none; add it, as in task=force" in capsys.readouterr().err
+
+
 def test_settings_that_lead_to_the_runs_data_are_its_study(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The content decides, and not how it was asked for."""
     assert main(["study", "run=run", "seeds=2", "epochs=1", "data.split_seed=0"]) == 0
@@ -124,6 +147,10 @@ def test_replay_compares_run_and_both_studies_without_data(here: Path, capsys: p
 @pytest.mark.slow
 def test_published_run_of_given_networks_is_verified(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One file holds networks, studies and tables; it says that no model was asked."""
+    now = study_on("").path
+    earlier = now.rename(now.with_name(now.name.replace("networks", "elites")))  # as an earlier release named it
+    record = json.loads((earlier / "study.json").read_text())
+    (earlier / "study.json").write_text(json.dumps({**record, "name": earlier.name}))
     assert main(["publish", "run", "-o", "given.zip", "--author", "A. Nyone"]) == 0
     assert main(["replay", "given.zip"]) == 0
     assert main(["tables", "given.zip", "-o", "tables"]) == 1  # two seeds are too few for verdicts

@@ -13,9 +13,11 @@ from refusals import refused
 from smallest import Once
 
 from analysis.report.collection import collect, tables_of
+from analysis.rounding import shown
 from analysis.runs.run import load_run
 from analysis.studies.noise import load_reestimates
 from analysis.studies.study import load_study
+from analysis.table import Between
 from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
 from tacevo.config.recorded import read_recorded
@@ -203,6 +205,45 @@ def chosen(folder: Path) -> Sequence[str]:
     return [network.id for network in found.networks]
 
 
+def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each record beside its re-estimates; `tacevo show` repeats it, and never a re-estimate that is not recorded."""
+    assert main(NOISE) == 0
+    told = capsys.readouterr().out
+    run, directory = load_run(folder / "run"), noise_of(folder)
+    again = load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
+    assert again is not None
+    for network, found in zip(again.networks, again.noise.networks, strict=True):
+        cells = [shown(Between(found.median, found.least, found.most)), shown(network.fitness)]
+        assert all(
+            cell in line for cell in cells for line in told.splitlines() if line.startswith(f"| {network.name} ")
+        )
+    assert "fitness, one draw" in told
+    *_, first, second, third, digest = told.splitlines()
+    assert [line.split("tacevo ")[1] for line in (first, second, third)] == [
+        *("tables run", "report run", "study run=run choose=reestimated")
+    ]
+    assert digest == f"digest: {directory.read().digest}"
+    assert main(["show", "run"]) == 0
+    table = told[told.index("**force: ") : told.index("look: ")].strip()
+    assert table in capsys.readouterr().out
+    shutil.rmtree(directory.path)
+    assert main(["show", "run"]) == 0
+    assert table not in capsys.readouterr().out
+
+
+def test_further_noise_run_that_chooses_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same command is another study then, which says by which noise run its elites were chosen."""
+    assert main(CHOSEN) == 0
+    assert f"elites chosen by the noise run {noise_of(folder).path.name}\n" in capsys.readouterr().err
+    assert main(["noise", "run", "elites=2", "seeds=3"]) == 0
+    (further,) = (one for one in studies_of(folder / "run") if one.read().terms is None and one.read().seeds == 3)
+    capsys.readouterr()
+    assert main(CHOSEN) == 0
+    told = capsys.readouterr()
+    assert f"elites chosen by the noise run {further.path.name}, the largest of 2\n" in told.err
+    assert f"digest {str(further.read().digest)[:12]}" in told.out
+
+
 def test_elites_can_be_chosen_by_their_re_estimates(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By the lowest median of the noise run, whose digest the study keeps; a replay chooses by it again."""
     rows = rows_of(noise_of(folder))
@@ -238,6 +279,17 @@ def test_choosing_without_a_noise_run_is_refused(folder: Path, capsys: pytest.Ca
     shutil.rmtree(noise_of(folder).path)
     assert main(CHOSEN) == 2
     assert "run `tacevo noise run`" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["noise", "sweep"], ["study", "sweep"], ["study", "run=sweep"]])
+def test_sweep_is_not_a_run(command: list[str], sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The error says what to name, and nothing is written."""
+    before = {path for path in sweep.rglob("*")}
+    assert main(command) == 2
+    assert (
+        "run: expected the directory of one run; got the sweep sweep; name the run of a job" in capsys.readouterr().err
+    )
+    assert {path for path in sweep.rglob("*")} == before
 
 
 def test_epochs_of_a_noise_run_are_the_searchs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,159 @@
+"""What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
+
+from analysis.rounding import shown
+from analysis.statistics.effects import LEVEL, median, median_confidence
+from analysis.statistics.noise import NetworkNoise
+from analysis.studies.comparison import Comparisons
+from analysis.studies.metrics import SHARES, metric_name
+from analysis.studies.noise import Reestimates
+from analysis.studies.scores import Study
+from analysis.studies.trivial import trivial_score
+from analysis.studies.warnings import Caution, caution_notes
+from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
+from tacevo.studies.lines import Network
+from tacevo.text import counted, listed
+
+#: How many networks of a noise run are listed: the baseline, the best on record, and the best of the re-estimates.
+MOST = 10
+
+
+def study_outcome(
+    study: Study, found: Comparisons | None, again: Reestimates | None, *, record: str, is_alone: bool
+) -> Table:
+    """Show what a study found.
+
+    Args:
+        study: what was tested.
+        found: the comparisons; None where there are none.
+        again: the re-estimates of the recorded fitnesses; None where the study gives none.
+        record: what a recorded fitness is, in words.
+        is_alone: whether its networks were studied on these data only.
+    """
+    rows = [_row(study, network, found, again) for network in study.networks]
+    names = {
+        "test": f"test {metric_name(study.primary)}{_ends(study.seeds)}",
+        "fitness": f"fitness, {record}",
+        "verdict": "verdict (p)",
+        "again": "re-estimated",
+    }
+    score = trivial_score(study)
+    if score is not None:
+        rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": _value(study.primary, score)})
+    other = f", on {study.where}" if study.where else ""
+    return Table(
+        name=f"outcome_{study.task}",
+        caption=f"{study.task}: {counted(study.seeds, 'training seed')}, "
+        f"{counted(study.recipe.epochs, 'epoch')}, tested on {counted(study.data.counts[2], 'image')}{other}"
+        + ("" if found is None else "; verdicts against the baseline, p after Holm"),
+        columns=tuple(names.get(column, column) for column in rows[0]),
+        rows=tuple(tuple(row.values()) for row in rows),
+        notes=(*_late(study, found), *_few(found), *_alone(is_alone), _fitness(again), *_chosen(study)),
+    )
+
+
+def _row(study: Study, network: Network, found: Comparisons | None, again: Reestimates | None) -> dict[str, Cell]:
+    cells: dict[str, Cell] = {"network": network.name, "candidate": network.id, "test": _score(study, network.name)}
+    if found is not None:
+        verdicts = {one.network: f"{one.verdict.value} ({shown(PValue(one.p_holm))})" for one in found.variants}
+        cells["verdict"] = verdicts.get(network.name)
+    cells["fitness"] = network.fitness
+    if again is not None:
+        known = again.of(network.id)
+        cells["again"] = None if known is None else known.median
+    return cells
+
+
+def noise_outcome(found: Reestimates, task: str) -> Table:
+    """Show what a noise run found: the recorded fitness of its networks beside what other seeds give."""
+    pairs = list(zip(found.networks, found.noise.networks, strict=True))
+    best = sorted(pairs[2:], key=lambda pair: pair[1].median)[: MOST - 2]
+    listed_ones = [pair for pair in pairs if pair in pairs[:2] or pair in best]
+    seeds = counted(found.noise.seeds, "other seed")
+    return Table(
+        name=f"outcome_{task}",
+        caption=f"{task}: {counted(len(pairs), 'network')}, trained again as the search did, with {seeds}",
+        columns=(
+            *("network", "candidate", f"fitness, {found.record}", "re-estimated [least, most]"),
+            *("seeds as low", "chance to beat the baseline"),
+        ),
+        rows=tuple(
+            (network.name, network.id, one.recorded, Between(one.median, one.least, one.most), one.as_low, _beats(one))
+            for network, one in listed_ones
+        ),
+        notes=(*_left_out(found, len(pairs) - len(listed_ones)), _icc(found)),
+    )
+
+
+def _score(study: Study, network: str) -> Cell:
+    """Return the median test score of a network with its interval; of one seed, its score."""
+    values = study.values(network, study.primary)
+    if len(values) == 1:
+        return _value(study.primary, float(values[0]))
+    found, shape = median(values), PercentBetween if study.primary in SHARES else Between
+    return shape(found.estimate, found.low, found.high)
+
+
+def _value(metric: str, value: float) -> Cell:
+    return Percent(value) if metric in SHARES else value
+
+
+def _ends(seeds: int) -> str:
+    """Say what stands in brackets behind a median."""
+    if seeds == 1:
+        return ""
+    return f" [{100 * LEVEL:g} %]" if median_confidence(seeds) >= LEVEL else " [least, most]"
+
+
+def _beats(one: NetworkNoise) -> Cell:
+    chance = one.beats
+    return None if chance is None else Between(chance.estimate, chance.low, chance.high)
+
+
+def _late(study: Study, found: Comparisons | None) -> tuple[str, ...]:
+    if found is None or not any(found.late.values()):
+        return ()
+    most = max(found.late, key=lambda name: found.late[name])
+    share = shown(Percent(found.late[most]))
+    return (
+        f"Not converged? {share} of the seeds of {most} are best in the last tenth of epochs: better may only mean "
+        "faster.",
+    )
+
+
+def _few(found: Comparisons | None) -> tuple[str, ...]:
+    variants = () if found is None else found.variants
+    few = (Caution.few_seeds,)
+    return caution_notes((one.network, few) for one in variants if Caution.few_seeds in one.cautions)
+
+
+def _alone(is_alone: bool) -> tuple[str, ...]:
+    if not is_alone:
+        return ()
+    return ("One split of one data set: another may turn a verdict; try it by data.split_seed=N.",)
+
+
+def _fitness(again: Reestimates | None) -> str:
+    if again is None:
+        return "The fitness is not re-estimated here; tacevo noise RUN does that."
+    seeds, epochs = counted(again.noise.seeds, "other seed"), counted(again.epochs, "epoch")
+    return f"Fitness: the loss after {epochs}; the record is {again.record}, the re-estimate a median of {seeds}."
+
+
+def _chosen(study: Study) -> tuple[str, ...]:
+    return (f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}.",) if study.chosen_by else ()
+
+
+def _left_out(found: Reestimates, unlisted: int) -> tuple[str, ...]:
+    failed: list[Network] = list(found.failed)
+    return (
+        *([f"Not listed: {unlisted} with a higher re-estimate; the tables have all."] if unlisted else []),
+        *([f"Left out, because a training failed: {listed(one.name for one in failed)}."] if failed else []),
+    )
+
+
+def _icc(found: Reestimates) -> str:
+    icc = found.noise.icc
+    if icc is None:
+        return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
+    part = shown(Between(icc.estimate, icc.low, icc.high))
+    return f"ICC {part}: the part of one fitness's variance that is the network's, and not the seed's."

@@ -1,0 +1,130 @@
+"""Promise: what a command ends with is what the records give, and no record stands without its re-estimate."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from studies import FOUR, around, network, study_of
+
+from analysis.rounding import shown
+from analysis.statistics.effects import median
+from analysis.statistics.noise import Draws, noise
+from analysis.studies.comparison import compare
+from analysis.studies.noise import Reestimates
+from analysis.studies.scores import Study
+from analysis.table import Between, Percent, PValue
+from analysis.tables.outcome import MOST, noise_outcome, study_outcome
+from tacevo.records import Kind
+
+ONE_DRAW = "fitness, one draw"
+
+
+def reestimates(names: list[str], estimates: list[list[float]]) -> Reestimates:
+    """Make re-estimates of networks whose recorded fitness was 0.1 each."""
+    draws = Draws(recorded=np.full(len(names), 0.1), estimates=np.array(estimates))
+    return Reestimates(
+        name="noise",
+        networks=tuple(replace(network(name), id=f"id of {name}") for name in names),
+        estimates=tuple(map(tuple, estimates)),
+        epochs=5,
+        noise=noise(draws),
+        rankings=(),
+    )
+
+
+def identified(study: Study) -> Study:
+    """Return a study whose candidates have ids of their own."""
+    named = tuple(replace(one, id=f"id of {one.name}") for one in study.networks)
+    return replace(study, networks=named)
+
+
+def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
+    """One row a network: the interval of the median, the verdict after Holm, the record beside the re-estimate."""
+    study, names = identified(study_of(FOUR)), list(FOUR)
+    found = compare(study)
+    again = reestimates(names, [[0.1 * at, 0.3 * at] for at in range(1, 6)])
+    table = study_outcome(study, found, again, record="one draw", is_alone=False)
+    rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    assert [row["network"] for row in rows] == names
+    for row, variant in zip(rows[1:], found.variants, strict=True):
+        assert row["verdict (p)"] == f"{variant.verdict} ({shown(PValue(variant.p_holm))})"
+    assert {str(row["verdict (p)"]).partition(" ")[0] for row in rows[1:]} == {
+        *("better", "worse", "equivalent", "undecided")
+    }
+    for row in rows:
+        interval = median(FOUR[str(row["network"])])
+        assert row["test MSE [95 %]"] == Between(interval.estimate, interval.low, interval.high)
+    assert [(row[ONE_DRAW], row["re-estimated"]) for row in rows] == [
+        (0.1, pytest.approx(0.2 * at)) for at in range(1, 6)
+    ]
+
+
+def test_fitness_without_re_estimates_is_said_to_be_so() -> None:
+    """There is no column for them, and the note names the command that makes them."""
+    study = study_of(FOUR)
+    table = study_outcome(study, compare(study), None, record="the median of 3 draws", is_alone=False)
+    assert table.columns[-1] == "fitness, the median of 3 draws"
+    assert "tacevo noise RUN" in table.notes[-1]
+
+
+def test_network_that_was_not_trained_again_has_an_empty_cell() -> None:
+    """And not the re-estimate of its neighbour."""
+    study = identified(study_of(FOUR))
+    table = study_outcome(
+        study, None, reestimates(["baseline", "variant 3"], [[1.0, 1.0], [3.0, 3.0]]), record="", is_alone=False
+    )
+    assert [row[-1] for row in table.rows] == [1.0, None, None, 3.0, None]
+
+
+def test_trivial_predictor_is_the_last_row() -> None:
+    """With its score alone, since it has neither fitness nor verdict."""
+    study = study_of({"baseline": [0.5, 0.7], "variant 1": [0.6, 0.9]}, kind=Kind.classification)
+    row = study_outcome(study, None, None, record="one draw", is_alone=False).rows[-1]
+    assert row == ("trivial", None, Percent(pytest.approx(1 / 3)), None)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "column"),
+    [(1, "test MSE"), (2, "test MSE [least, most]"), (5, "test MSE [least, most]"), (6, "test MSE [95 %]")],
+)
+def test_brackets_say_what_they_hold(seeds: int, column: str) -> None:
+    """Fewer than six values have no interval of 95 %, and one value has none at all."""
+    study = study_of({"baseline": around(0.5, step=0.01, seeds=seeds)})
+    table = study_outcome(study, None, None, record="one draw", is_alone=False)
+    assert table.columns[2] == column
+    assert isinstance(table.rows[0][2], float) == (seeds == 1)
+
+
+def test_warnings_of_the_tables_are_a_line_each() -> None:
+    """Each only where it holds: seeds that are best at the end, one split, too few seeds."""
+    quick = study_of({name: values[:4] for name, values in FOUR.items()})
+    last = replace(quick, scores=tuple(replace(one, epoch=quick.recipe.epochs) for one in quick.scores))
+    early = replace(quick, scores=tuple(replace(one, epoch=1) for one in quick.scores))
+    told = study_outcome(last, compare(last), None, record="one draw", is_alone=True).notes
+    silent = study_outcome(early, compare(early), None, record="one draw", is_alone=False).notes
+    for words in ("Not converged? 100.0 % of the seeds of baseline", "One split of one data set"):
+        assert [sum(words in note for note in notes) for notes in (told, silent)] == [1, 0]
+    many = study_outcome(study_of(FOUR), compare(study_of(FOUR)), None, record="one draw", is_alone=False).notes
+    assert [sum("no result of so few seeds" in note for note in notes) for notes in (silent, many)] == [1, 0]
+
+
+def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -> None:
+    """On one screen, however many elites there are; what is not listed is counted."""
+    names = ["baseline", *(f"variant {number}" for number in range(1, 31))]
+    again = reestimates(names, [[1.0, 1.2], *([2.0 - 0.01 * at, 2.1 - 0.01 * at] for at in range(30))])
+    table = noise_outcome(again, "force")
+    listed = [row[0] for row in table.rows]
+    assert listed == ["baseline", "variant 1", *names[-(MOST - 2) :]]
+    assert f"Not listed: {31 - MOST}" in table.notes[0]
+    winner = dict(zip(table.columns, table.rows[1], strict=True))
+    assert winner[ONE_DRAW] == 0.1
+    assert winner["re-estimated [least, most]"] == Between(pytest.approx(2.05), 2.0, 2.1)
+    assert isinstance(winner["chance to beat the baseline"], Between)
+    assert any(note.startswith("ICC ") for note in table.notes)
+
+
+def test_noise_run_of_a_baseline_alone_has_no_icc() -> None:
+    """Which the note says; nothing is compared."""
+    table = noise_outcome(reestimates(["baseline"], [[1.0, 1.2]]), "force")
+    assert [row[-1] for row in table.rows] == [None]
+    assert table.notes[-1].startswith("No ICC")
