@@ -10,11 +10,13 @@ from hand_sweeps import finished, run_to
 from scipy.stats import mannwhitneyu
 
 from analysis.runs.run import Run
-from analysis.statistics.tests import holm, mann_whitney
+from analysis.statistics.tests import MannWhitney, holm, mann_whitney
 from analysis.studies.warnings import Caution
-from analysis.sweeps.ablation import Ablation, Comparability, Contrast, Metric, Outcome, compare_arms, outcome
+from analysis.sweeps.ablation import Ablation, Comparability, Contrast, Outcome, compare_arms, outcome
 from analysis.sweeps.common_archive import Filled, common_archive
+from analysis.sweeps.metrics import Metric
 from tacevo.costs import Spending
+from tacevo.storage.sweep_directory import Job
 
 NONE = [0.50, 0.52, 0.54, 0.56, 0.58]
 BETTER = [0.40, 0.42, 0.44, 0.46, 0.48]
@@ -50,6 +52,13 @@ def contrast(found: Ablation, arm: str, metric: Metric = Metric.best_fitness) ->
     (it,) = (one.metrics[metric].contrast for one in found.arms if one.name == arm)
     assert it is not None
     return it
+
+
+def tested(found: Ablation) -> MannWhitney:
+    """Return the test of the arm `a`."""
+    test = contrast(found, "a").test
+    assert test is not None
+    return test
 
 
 def values_of(one: Run) -> Mapping[Metric, float | None]:
@@ -252,6 +261,57 @@ def test_another_arm_draws_no_numbers_of_this_one() -> None:
     assert alone.arms[1].metrics[Metric.best_fitness].interval == among.arms[2].metrics[Metric.best_fitness].interval
     assert contrast(alone, "mixed").effects == contrast(among, "mixed").effects
     assert contrast(alone, "mixed").paired == contrast(among, "mixed").paired
+
+
+def failed_job(arm: str, seed: int) -> Job:
+    """Make a job that failed."""
+    return Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(), config="")
+
+
+def test_job_that_failed_counts_as_worse_than_any_other() -> None:
+    """An arm whose worst two jobs are lost is not the better for it: as if they had come last, and medians as known."""
+    whole = compare_arms(outcomes({"none": NONE, "a": [0.40, 0.42, 0.44, 0.60, 0.62]}))
+    lost = {"none": NONE, "a": [0.40, 0.42, 0.44]}
+    flattered = compare_arms(outcomes(lost))
+    counted = compare_arms(outcomes(lost), failed=[failed_job("a", 3), failed_job("a", 4)])
+    by_rank = mann_whitney([1, 2, 3, 9, 9], [4, 5, 6, 7, 8])
+    assert (tested(counted).p, tested(counted).ties) == (by_rank.p, 2)
+    assert tested(counted).u == tested(whole).u > tested(flattered).u
+    assert contrast(counted, "a").sizes == (5, 5)
+    assert contrast(counted, "a").differing == 5
+    assert contrast(counted, "a").paired.worse == 2
+    effects, others = contrast(counted, "a").effects, contrast(whole, "a").effects
+    assert effects is not None
+    assert others is not None
+    assert effects.a12 == others.a12
+    assert effects.median_difference.high <= 0.58 - 0.50  # by the worst value that is known, and no larger one
+    (summary,) = (arm.metrics[Metric.best_fitness] for arm in counted.arms if arm.name == "a")
+    assert (summary.median, summary.values) == (0.42, {0: 0.40, 1: 0.42, 2: 0.44})
+
+
+def test_reference_that_lost_jobs_is_not_flattered_either() -> None:
+    """They count against it."""
+    some = {"none": {0: 0.50, 1: 0.52}, "a": [0.51, 0.53, 0.54]}
+    found = compare_arms(outcomes(some), failed=[failed_job("none", 2)])
+    assert tested(found).u == 5  # of nine pairs: 0.51 and the two others above both known ones, all below the lost
+    assert contrast(found, "a").paired.better == 1
+
+
+def test_job_that_failed_is_worst_where_more_is_better() -> None:
+    """Below the least accuracy; and it used nothing that could be compared."""
+    scores = [0.5] * 5 + [0.9, 0.9, 0.8, 0.8, None]
+    made = [
+        replace(one, values={**one.values, Metric.test_accuracy: score, Metric.cost: score})
+        for one, score in zip(
+            outcomes({"none": NONE, "a": BETTER}), [0.5] * 5 + [0.9, 0.9, 0.8, 0.8, None], strict=True
+        )
+    ]
+    found = compare_arms(made, failed=[failed_job("a", 4)])
+    assert contrast(found, "a", Metric.test_accuracy).sizes == (5, 5)
+    assert contrast(found, "a", Metric.test_accuracy).paired.worse == 1
+    assert contrast(found, "a", Metric.cost).sizes == (4, 5)
+    assert contrast(found, "a", Metric.best_fitness).sizes == (5, 5)
+    assert contrast(found, "a", Metric.best_fitness).paired.worse == 0
 
 
 def test_unknown_values_are_left_out() -> None:
