@@ -11,7 +11,8 @@ from itertools import chain
 import numpy as np
 from scipy.stats import binomtest
 
-from analysis.sweeps.ablation import ALPHA, Metric, Outcome, compare_arms
+from analysis.sweeps.ablation import ALPHA, Outcome, compare_arms
+from analysis.sweeps.metrics import Metric
 from analysis.sweeps.sweep import REFERENCE
 from benchmarks.landscape import Landscape, Searched, Strategy, search
 from tacevo.records import Operator

@@ -23,7 +23,8 @@ from analysis.figures.style import (
     house_style,
     new_figure,
 )
-from analysis.sweeps.ablation import Ablation, Metric, Outcome
+from analysis.sweeps.ablation import Ablation, Outcome
+from analysis.sweeps.metrics import Metric
 
 #: A name of Matplotlib's, or an offset with the lengths of dashes and gaps.
 _Dash = str | tuple[int, tuple[int, ...]]

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 from analysis.runs.niches import load_niches
 from analysis.runs.run import Run
 from analysis.studies.scores import PRIMARY
-from analysis.sweeps.ablation import TESTS, Ablation, Metric, compare_arms, outcome
+from analysis.sweeps.ablation import Ablation, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive, extents
+from analysis.sweeps.metrics import TESTS, Metric
 from analysis.sweeps.sweep import REFERENCE, Finished, Sweep, load_sweep
 from analysis.sweeps.sweep_checks import check_sweep
 from analysis.table import Table
-from analysis.tables.ablation import ablation_tables, common_note, extents_note
+from analysis.tables.ablation import ablation_tables
+from analysis.tables.common_archive import common_note, extents_note
 from tacevo.choices import Primary
 from tacevo.errors import ConfigError, IncomparableError
 
@@ -52,7 +54,8 @@ def collect_sweep(path: Path, store: Path | None, reference: str | None = None) 
     measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks, wanted)
     runs = [one.run for one in sweep.finished]
     common = common_archive(runs, measure.run, centroids)
-    found = compare_arms([outcome(one, common) for one in sweep.finished], wanted=wanted, primary=primary_metric(sweep))
+    outcomes = [outcome(one, common) for one in sweep.finished]
+    found = compare_arms(outcomes, wanted=wanted, primary=primary_metric(sweep), failed=sweep.failed)
     return SweepCollection(sweep=sweep, found=found, niches_of=measure.job.name, extents=extents(runs, common))
 
 

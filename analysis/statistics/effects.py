@@ -109,6 +109,40 @@ def superiority(x: ArrayLike, y: ArrayLike) -> Interval:
     return Interval(estimate=rounded(estimate), low=rounded(low), high=rounded(high))
 
 
+def effects_of_constant(value: float, y: ArrayLike) -> Effects:
+    """Estimate how a value that knows no seeds, such as a trivial predictor's score, differs from a sample.
+
+    One sample, and nothing to resample: A12 is the part of y below the value, with Wilson's interval (1927), and the
+    difference from y's median has the interval of that median (`median`).
+
+    Args:
+        value: finite.
+        y: shape (m,), m >= 2.
+
+    Raises:
+        ValueError: the sample has another shape, or values that are not finite.
+    """
+    sample = checked(y, name="y")
+    part, n = float((sample < value).mean() + (sample == value).mean() / 2), len(sample)
+    z = NormalDist().inv_cdf((1 + LEVEL) / 2)
+    centre = (part + z**2 / (2 * n)) / (1 + z**2 / n)
+    half = z * math.sqrt(part * (1 - part) / n + z**2 / (4 * n**2)) / (1 + z**2 / n)
+    middle = median(sample)
+    return _effects(
+        Interval(estimate=rounded(part), low=rounded(centre - half), high=rounded(centre + half)),
+        Interval(
+            estimate=rounded(value - middle.estimate),
+            low=rounded(value - middle.high),
+            high=rounded(value - middle.low),
+        ),
+    )
+
+
+def _effects(a12: Interval, difference: Interval) -> Effects:
+    delta = Interval(**{name: rounded(2 * end - 1) for name, end in asdict(a12).items()})
+    return Effects(a12=a12, cliffs_delta=delta, median_difference=difference)
+
+
 def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: int = RESAMPLES) -> Effects:
     """Estimate all effects with their 95 % intervals.
 
@@ -128,13 +162,8 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
     _check_resamples(resamples)
     from_first = rng.integers(len(first), size=(resamples, len(first)))
     from_second = rng.integers(len(second), size=(resamples, len(second)))
-    chance = superiority(second, first)
     differences = np.median(first[from_first], axis=1) - np.median(second[from_second], axis=1)
-    return Effects(
-        a12=chance,
-        cliffs_delta=Interval(**{name: rounded(2 * end - 1) for name, end in asdict(chance).items()}),
-        median_difference=interval(median_difference(first, second), differences),
-    )
+    return _effects(superiority(second, first), interval(median_difference(first, second), differences))
 
 
 def _check_resamples(resamples: int) -> None:

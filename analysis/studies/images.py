@@ -104,6 +104,8 @@ class ImageFindings:
     ensembles: tuple[Ensemble, ...]
     #: Every two networks; one family.
     pairs: tuple[Pair, ...]
+    #: Every network against the trivial predictor, which knows the test images' mean or majority; one more family.
+    against_trivial: tuple[Pair, ...]
     #: Every variant on each output of a regression of several; one more family.
     outputs: tuple[OutputPair, ...]
     #: Of a classification.
@@ -135,9 +137,11 @@ def _of_classes(study: Study, predictions: Predictions, seed: int) -> ImageFindi
     hits = {name: predicted(mean) == labels for name, mean in ensembles.items()}
     differences = _differences(study, right, seed, "accuracy")
     frequencies = np.bincount(labels, minlength=len(study.names)) / len(labels)
+    majority = labels == frequencies.argmax()
     return ImageFindings(
         ensembles=_ensembles({name: int(each.sum()) / len(each) for name, each in hits.items()}, differences),
         pairs=_pairs(study, [(one, other, mcnemar(hits[one], hits[other])) for one, other in _of_two(study)]),
+        against_trivial=_pairs(study, [(name, "trivial", mcnemar(hits[name], majority)) for name in hits]),
         outputs=(),
         calibrations=tuple(
             Calibrated(
@@ -159,6 +163,7 @@ def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindin
     ensembles = {name: average(list(each)) for name, each in predictions.of.items()}
     means = {name: squared_errors(mean, labels) for name, mean in ensembles.items()}
     differences = _differences(study, errors, seed, "mse")
+    mean = squared_errors(np.tile([_mean(column) for column in labels.T], (len(labels), 1)), labels)
     residuals = [
         _residuals(output, name, predictions.of[name][:, :, at], ensembles[name][:, at], labels[:, at])
         for at, output in enumerate(study.names)
@@ -167,6 +172,7 @@ def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindin
     return ImageFindings(
         ensembles=_ensembles({name: _mean(each) for name, each in means.items()}, differences),
         pairs=_pairs(study, [(one, other, signed_rank(means[one], means[other])) for one, other in _of_two(study)]),
+        against_trivial=_pairs(study, [(name, "trivial", signed_rank(means[name], mean)) for name in means]),
         outputs=_outputs(study, predictions, ensembles, seed) if len(study.names) > 1 else (),
         calibrations=(),
         residuals=tuple(residuals),

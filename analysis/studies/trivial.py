@@ -5,11 +5,12 @@ majority, of the test images themselves, and so is a little better than one that
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from statistics import fmean
 
 from analysis.studies.scores import Study
 from tacevo.rounding import rounded
+from tacevo.studies.lines import ScoreLine
 from tacevo.training.metrics import Confusion, macro_f1
 
 
@@ -19,14 +20,23 @@ def trivial_score(study: Study) -> float | None:
 
 
 def trivial_metrics(study: Study) -> dict[str, float]:
+    """Return the trivial predictor's test metrics, by name; see `metrics_from`."""
+    return metrics_from(study.scores, study.names)
+
+
+def metrics_from(scores: Sequence[ScoreLine], names: Sequence[str]) -> dict[str, float]:
     """Return the trivial predictor's test metrics, by name; those that the scores do not tell are left out.
 
     Of a classification, what always predicting the most frequent class gives; its cross-entropy is that of the class
     frequencies, since that of a certainty is infinite. Of a regression, an output's MSE is its labels' variance:
     since R² = 1 - MSE / variance, it is MSE / (1 - R²). Absolute errors do not follow from scores.
+
+    Args:
+        scores: of one study, at least one.
+        names: of the regressed values or classes.
     """
-    confusion = study.scores[0].confusion
-    found = _of_outputs(study) if confusion is None else _of_classes(confusion)
+    confusion = scores[0].confusion
+    found = _of_outputs(scores, names) if confusion is None else _of_classes(confusion)
     return {name: rounded(value) for name, value in found.items()}
 
 
@@ -38,8 +48,8 @@ def _of_classes(confusion: Confusion) -> dict[str, float]:
     return {"accuracy": max(classes) / total, "macro_f1": macro_f1(always), "cross_entropy": entropy}
 
 
-def _of_outputs(study: Study) -> dict[str, float]:
-    worst = {name: _most_wrong(study, name) for name in study.names}
+def _of_outputs(scores: Sequence[ScoreLine], names: Sequence[str]) -> dict[str, float]:
+    worst = {name: _most_wrong(scores, name) for name in names}
     found: dict[str, float] = {}
     for name, metrics in worst.items():
         if metrics is not None:
@@ -49,13 +59,13 @@ def _of_outputs(study: Study) -> dict[str, float]:
             if recorded := metrics.get(f"recorded_rmse_{name}"):
                 found[f"recorded_rmse_{name}"] = recorded * math.sqrt(variance / mse)
     if worst and None not in worst.values():
-        mean = fmean(found[f"mse_{name}"] for name in study.names)
+        mean = fmean(found[f"mse_{name}"] for name in names)
         found |= {"mse": mean, "rmse": math.sqrt(mean), "r2": 0.0}
     return found
 
 
-def _most_wrong(study: Study, output: str) -> Mapping[str, float] | None:
+def _most_wrong(scores: Sequence[ScoreLine], output: str) -> Mapping[str, float] | None:
     """Return the metrics that tell the variance of an output's test labels best: those of the largest error."""
     mse, r2 = f"mse_{output}", f"r2_{output}"
-    told = [score.metrics for score in study.scores if mse in score.metrics and score.metrics.get(r2, 1) < 1]
+    told = [score.metrics for score in scores if mse in score.metrics and score.metrics.get(r2, 1) < 1]
     return max(told, key=lambda metrics: metrics[mse], default=None)

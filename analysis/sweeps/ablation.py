@@ -6,6 +6,7 @@ one seed. A run that is the reference's own, candidate by candidate, says nothin
 docs/ablation_study.md says why these.
 """
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
@@ -19,54 +20,18 @@ from analysis.statistics.effects import Effects, Interval, effects, median
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
 from analysis.studies.warnings import Caution, cautions
 from analysis.sweeps.common_archive import CommonArchive, Filled, filled
+from analysis.sweeps.metrics import LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.sweeps.sweep import REFERENCE, Finished
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
 from tacevo.search.lines import CandidateLine
+from tacevo.storage.sweep_directory import Job
 
 #: The level that cautions are judged at, after Holm's correction.
 ALPHA = 0.05
 
 #: Below this many seeds there is neither an interval nor a test.
 FEWEST_SEEDS = 2
-
-
-class Metric(StrEnum):
-    """What a run is measured by; the values are what a table says."""
-
-    test_mse = "test MSE"
-    test_accuracy = "test accuracy"
-    best_fitness = "best fitness"
-    improvement = "improvement over generation 0"
-    improvement_over_baseline = "improvement over the baseline"
-    qd_score = "QD-score"
-    coverage = "coverage"
-    trainable = "trainable"
-    candidates = "candidates"
-    evaluations = "evaluations"
-    training_flops = "training FLOPs (10^12)"
-    tokens = "tokens"
-    cost = "cost (USD)"
-
-
-#: Of the network that a job found, trained again (`analysis.sweeps.tested`), by the metric of the task.
-TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
-
-#: Metrics that are fractions.
-FRACTIONS = frozenset(
-    [
-        *(Metric.test_accuracy, Metric.improvement, Metric.improvement_over_baseline),
-        *(Metric.coverage, Metric.trainable),
-    ]
-)
-
-#: Metrics of which less is better; of what a search used, less is better only where it came as far.
-LESS_IS_BETTER = frozenset(
-    [
-        *(Metric.test_mse, Metric.best_fitness, Metric.candidates, Metric.evaluations, Metric.training_flops),
-        *(Metric.tokens, Metric.cost),
-    ]
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +82,7 @@ class Contrast:
     comparability: Comparability
     #: Runs of the arm that are not the reference's of the same seed, whether their value is known or not.
     differing: int
-    #: Known values of the runs that differ: the arm's, and the reference's.
+    #: Values of the runs that differ, known ones and those of jobs that failed: the arm's, and the reference's.
     sizes: tuple[int, int]
     paired: Paired
     #: These are None unless the arms are `comparable`.
@@ -183,7 +148,12 @@ def outcome(one: Finished, common: CommonArchive) -> Outcome:
 
 
 def compare_arms(
-    outcomes: Sequence[Outcome], *, wanted: str = REFERENCE, primary: Metric | None = None, seed: int = 0
+    outcomes: Sequence[Outcome],
+    *,
+    wanted: str = REFERENCE,
+    primary: Metric | None = None,
+    failed: Sequence[Job] = (),
+    seed: int = 0,
 ) -> Ablation:
     """Summarise every arm, and compare it with the reference.
 
@@ -193,13 +163,19 @@ def compare_arms(
         outcomes: of the runs.
         wanted: the arm to compare with.
         primary: the metric that the sweep states.
+        failed: jobs without an outcome, or without a test score, because they failed. Compared is what an arm comes to
+            with them: in tests, effect sizes and differences each counts as worse than any other job. Otherwise an arm
+            would be the better for every job that it loses.
         seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
             whatever other arms there are.
     """
     longest = max(len(one.best) for one in outcomes)
     outcomes = [_lasting(one, longest) for one in outcomes]
     names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != wanted)
-    summaries = {metric: _summaries(metric, names, outcomes, wanted, seed) for metric in Metric}
+    lost = {metric: _lost(metric, outcomes, failed) for metric in Metric}
+    summaries = {
+        metric: _summaries(metric, names, outcomes, reference=wanted, lost=lost[metric], seed=seed) for metric in Metric
+    }
     tests = frozenset(TESTS.values())
     return Ablation(
         reference=wanted if wanted in names else None,
@@ -269,16 +245,48 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
     )
 
 
+def _lost(metric: Metric, outcomes: Sequence[Outcome], failed: Sequence[Job]) -> list[tuple[str, int]]:
+    """Return arm and seed of the jobs that failed at what a metric measures; one whose search ended failed its test."""
+    if metric in SPENT:
+        return []
+    ended = {(one.arm, one.seed) for one in outcomes}
+    places = [(job.arm, job.seed) for job in failed]
+    return places if metric in TESTS.values() else [place for place in places if place not in ended]
+
+
+def _with_lost(
+    metric: Metric, samples: Mapping[str, Mapping[int, float]], lost: Sequence[tuple[str, int]]
+) -> dict[str, Mapping[int, float]]:
+    """Add the jobs that failed to the samples, next to the worst value that any job has: last in rank, and finite."""
+    every = [value for sample in samples.values() for value in sample.values()]
+    if not every:
+        return dict(samples)
+    is_less = metric in LESS_IS_BETTER
+    worst = math.nextafter(max(every), math.inf) if is_less else math.nextafter(min(every), -math.inf)
+    found = {}
+    for name, sample in samples.items():
+        whole = {**sample, **{seed: worst for arm, seed in lost if arm == name}}
+        found[name] = {seed: whole[seed] for seed in sorted(whole)}
+    return found
+
+
 def _summaries(
-    metric: Metric, names: Sequence[str], outcomes: Sequence[Outcome], reference: str, seed: int
+    metric: Metric,
+    names: Sequence[str],
+    outcomes: Sequence[Outcome],
+    *,
+    reference: str,
+    lost: Sequence[tuple[str, int]],
+    seed: int,
 ) -> dict[str, Summary]:
-    """Summarise all arms in one metric."""
+    """Summarise all arms in one metric; the jobs that were lost count in the contrasts only."""
     samples = {name: _known(metric, name, outcomes) for name in names}
     contrasts: dict[str, Contrast] = {}
     if reference in samples:
         same = {name: _same_runs(name, outcomes, reference) for name in names if name != reference}
-        runs = Counter(one.arm for one in outcomes)
-        contrasts = _contrasts(metric, samples, reference=reference, same=same, runs=runs, seed=seed)
+        runs = Counter(arm for arm, _ in {*((one.arm, one.seed) for one in outcomes), *lost})
+        whole = _with_lost(metric, samples, lost)
+        contrasts = _contrasts(metric, whole, reference=reference, same=same, runs=runs, seed=seed)
     return {
         name: Summary(
             values=sample,

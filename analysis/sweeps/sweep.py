@@ -32,7 +32,7 @@ class Missing:
     job: Job
     #: In words, e.g. `not begun`.
     reason: str
-    #: Of a job without a test score: whether its network was tested and a training of it failed.
+    #: Whether it was tried and failed: its search, or, of a job without a test score, a training of its network.
     has_failed: bool = False
 
 
@@ -47,6 +47,11 @@ class Sweep:
     terms: SweepTerms = UNSTATED
     #: Finished jobs that were not tested as the sweep states, where it states that.
     untested: tuple[Missing, ...] = ()
+
+    @property
+    def failed(self) -> tuple[Job, ...]:
+        """Jobs whose search failed, or the test of what they found."""
+        return tuple(one.job for one in (*self.missing, *self.untested) if one.has_failed)
 
     @property
     def task(self) -> str:
@@ -67,11 +72,11 @@ def load_sweep(path: Path) -> Sweep:
     _check_names(path, jobs)
     finished, missing = [], []
     for job in jobs:
-        reason = _absence(directory, job)
-        if reason is None:
+        absent = _absence(directory, job)
+        if absent is None:
             finished.append(_load(directory, job))
         else:
-            missing.append(Missing(job=job, reason=reason))
+            missing.append(absent)
     if not finished:
         raise RunError(
             "none",
@@ -96,15 +101,15 @@ def _with_tests(sweep: Sweep, stated: Retraining) -> Sweep:
     return replace(sweep, finished=tuple(finished), untested=tuple(untested))
 
 
-def _absence(directory: SweepDirectory, job: Job) -> str | None:
+def _absence(directory: SweepDirectory, job: Job) -> Missing | None:
     """Return why a job has no result; None where it has one."""
     run = directory.run(job)
     if finished_digest(run) is not None:
         return None
     failure = directory.failure(job)
     if failure is not None:
-        return f"failed: {failure}"
-    return "not finished" if (run.path / "run.json").exists() else "not begun"
+        return Missing(job=job, reason=f"failed: {failure}", has_failed=True)
+    return Missing(job=job, reason="not finished" if (run.path / "run.json").exists() else "not begun")
 
 
 def _load(directory: SweepDirectory, job: Job) -> Finished:

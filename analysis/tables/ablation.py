@@ -7,19 +7,8 @@ from dataclasses import replace
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, median_confidence
 from analysis.studies.warnings import caution_notes
-from analysis.sweeps.ablation import (
-    ALPHA,
-    FEWEST_SEEDS,
-    FRACTIONS,
-    LESS_IS_BETTER,
-    TESTS,
-    Ablation,
-    Arm,
-    Comparability,
-    Contrast,
-    Metric,
-)
-from analysis.sweeps.common_archive import Extent
+from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Arm, Comparability, Contrast
+from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.sweeps.pilots import sweep_pilot
 from analysis.sweeps.sweep import REFERENCE, Missing, Sweep
 from analysis.sweeps.sweep_checks import arm_settings
@@ -125,6 +114,7 @@ def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
             ),
             *_reference_note(sweep, found),
             *_missing_note(sweep),
+            *_failed_note(sweep, found.metrics[0]),
         ),
     )
 
@@ -169,6 +159,7 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
             *_test_notes(found, metric),
             *_reference_note(sweep, found),
             *_missing_note(sweep),
+            *_failed_note(sweep, metric),
         ),
     )
 
@@ -185,34 +176,6 @@ def runs_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
         ),
         notes=(archive, *_missing_note(sweep)),
     )
-
-
-def common_note(niches_of: str) -> str:
-    """Name the archive that coverage and QD-score were counted in."""
-    return (
-        "QD-score and coverage are those of one common archive: every trained candidate of a run, in order, in the "
-        f"niches of {niches_of} under bounds common to all runs. They are not those of a run's own ledger."
-    )
-
-
-def extents_note(extents: Sequence[Extent]) -> str:
-    """Name the candidates that decide the bounds of the common archive, and how close these leave all others."""
-    axes = (
-        f"{one.axis} from {_end(one.low, one.lowest)} to {_end(one.high, one.highest)}, with "
-        f"{shown(Percent(one.fullest))} of all candidates in the fullest tenth"
-        for one in extents
-    )
-    return (
-        f"Its bounds: {'; '.join(axes)}. A single candidate may decide a bound, and with it how many niches all fill."
-    )
-
-
-def _end(value: float, candidates: Sequence[str]) -> str:
-    """Write a bound with the candidates that it is due to, or that it was fixed."""
-    if not candidates:
-        return f"{shown(value)} (fixed)"
-    more = f" and {len(candidates) - 1} more" if len(candidates) > 1 else ""
-    return f"{shown(value)} ({candidates[0]}{more})"
 
 
 def _row(arm: Arm, metric: Metric) -> tuple[Cell, ...]:
@@ -386,13 +349,21 @@ def _missing_note(sweep: Sweep) -> list[str]:
         )
     if sweep.untested:
         notes.append(f"Without a test score, {counted(len(sweep.untested), 'job')}: {_names(sweep.untested)}.")
-    notes += [
-        f"Arm {one.job.arm}: what job {one.job.name} found failed when it was trained for its test. The comparison of "
-        "test scores leaves this out, which flatters the arm."
-        for one in sweep.untested
-        if one.has_failed
-    ]
     return notes
+
+
+def _failed_note(sweep: Sweep, metric: Metric) -> list[str]:
+    """Name the jobs that failed at what a metric measures, each with what failed."""
+    tests = sweep.untested if metric in TESTS.values() else ()
+    failed = [(one, "its test") for one in tests if one.has_failed]
+    failed += [(one, "its search") for one in sweep.missing if one.has_failed]
+    if metric in SPENT or not failed:
+        return []
+    names = listed(f"{one.job.name} (arm {one.job.arm}, {what})" for one, what in failed)
+    return [
+        f"Failed, {counted(len(failed), 'job')}: {names}. In tests, effect sizes and differences each counts as worse "
+        "than any other job, with the worst value that is known; medians leave it out."
+    ]
 
 
 def _names(missing: Sequence[Missing]) -> str:

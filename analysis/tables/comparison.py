@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.rounding import shown
-from analysis.statistics.effects import LEVEL, RESAMPLES, Interval
+from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
 from analysis.statistics.power import detectable
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import smallest_p
@@ -147,19 +147,21 @@ def verdicts_table(study: Study, found: Comparisons) -> Table:
 
 def effects_table(study: Study, found: Comparisons) -> Table:
     """Show how large every variant's difference from the baseline is."""
-    better = "below" if LOWER_IS_BETTER[found.metric] else "above"
+    better, score = "below" if LOWER_IS_BETTER[found.metric] else "above", trivial_score(study)
+    baseline = study.values(study.networks[0].name, found.metric)
+    trivial = () if score is None else (("trivial", effects_of_constant(score, baseline)),)
     return Table(
         name=f"effects_{study.task}",
         caption=f"Effect sizes of the variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
         columns=("network", "A12", "Cliff's delta", f"difference of medians ({_unit(found.metric)})"),
         rows=tuple(
             (
-                variant.network,
-                between(variant.effects.a12),
-                between(variant.effects.cliffs_delta),
-                between(variant.effects.median_difference, 100 if found.metric in SHARES else 1),
+                name,
+                between(effects.a12),
+                between(effects.cliffs_delta),
+                between(effects.median_difference, 100 if found.metric in SHARES else 1),
             )
-            for variant in found.variants
+            for name, effects in (*((variant.network, variant.effects) for variant in found.variants), *trivial)
         ),
         notes=(
             *_scale_note(study),
@@ -168,6 +170,8 @@ def effects_table(study: Study, found: Comparisons) -> Table:
             f"A12 is the chance that a seed of the variant has a larger {metric_name(found.metric)} than one of the "
             f"baseline: {better} 0.5 the variant is the better one.",
             _power_note(found),
+            *_trivial_note(study),
+            *(trivial and ("It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference.",)),
         ),
     )
 

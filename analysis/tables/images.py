@@ -25,7 +25,7 @@ def image_tables(study: Study, found: ImageFindings | None) -> tuple[Table, ...]
         return (_without(study),)
     last = calibration_table if study.kind is Kind.classification else residuals_table
     outputs = (image_outputs_table(study, found),) if found.outputs else ()
-    pairs = (pairs_table(study, found),) if found.pairs else ()
+    pairs = (pairs_table(study, found),)
     return ensembles_table(study, found), *pairs, *outputs, last(study, found)
 
 
@@ -65,15 +65,17 @@ def ensembles_table(study: Study, found: ImageFindings) -> Table:
 
 
 def pairs_table(study: Study, found: ImageFindings) -> Table:
-    """Show every two ensembles on the same images."""
+    """Show every two ensembles on the same images, and each beside the trivial predictor."""
+    of_networks = f"over all {counted(len(found.pairs), 'pair')} of networks, and " if found.pairs else ""
     return Table(
         name=f"pairs_{study.task}",
         caption=f"The ensembles of {study.task} by pairs, on the same {study.data.counts[2]} test images.",
         columns=("network", "against", "better on", "worse on", "p", "p, Holm", "verdict"),
-        rows=tuple((pair.first, pair.second, *_tested(pair)) for pair in found.pairs),
+        rows=tuple((pair.first, pair.second, *_tested(pair)) for pair in (*found.pairs, *found.against_trivial)),
         notes=(
             *_test_notes(study),
-            f"Corrected after Holm over all {counted(len(found.pairs), 'pair')}, at alpha {study.terms.alpha:g}.",
+            f"Corrected after Holm at alpha {study.terms.alpha:g}, {of_networks}over those with the trivial predictor, "
+            f"a family of their own: it looks at no image, and always predicts their {_always(study)}.",
         ),
     )
 
@@ -153,6 +155,10 @@ def _without(study: Study) -> Table:
         rows=tuple((network.name, "not kept" if is_old else "not found") for network in study.networks),
         notes=(f"Test predictions: {why}.",),
     )
+
+
+def _always(study: Study) -> str:
+    return "most frequent class" if study.kind is Kind.classification else "mean"
 
 
 def _what(study: Study) -> str:

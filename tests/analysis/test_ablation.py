@@ -10,11 +10,13 @@ from hand_sweeps import finished, run_to
 from scipy.stats import mannwhitneyu
 
 from analysis.runs.run import Run
-from analysis.statistics.tests import holm, mann_whitney
+from analysis.statistics.tests import MannWhitney, holm, mann_whitney
 from analysis.studies.warnings import Caution
-from analysis.sweeps.ablation import Ablation, Comparability, Contrast, Metric, Outcome, compare_arms, outcome
+from analysis.sweeps.ablation import Ablation, Comparability, Contrast, Outcome, compare_arms, outcome
 from analysis.sweeps.common_archive import Filled, common_archive
+from analysis.sweeps.metrics import Metric
 from tacevo.costs import Spending
+from tacevo.storage.sweep_directory import Job
 
 NONE = [0.50, 0.52, 0.54, 0.56, 0.58]
 BETTER = [0.40, 0.42, 0.44, 0.46, 0.48]
@@ -50,6 +52,13 @@ def contrast(found: Ablation, arm: str, metric: Metric = Metric.best_fitness) ->
     (it,) = (one.metrics[metric].contrast for one in found.arms if one.name == arm)
     assert it is not None
     return it
+
+
+def mann_whitney_of(found: Ablation) -> MannWhitney:
+    """Return the test of the arm `a`."""
+    test = contrast(found, "a").test
+    assert test is not None
+    return test
 
 
 def values_of(one: Run) -> Mapping[Metric, float | None]:
@@ -95,7 +104,7 @@ def test_only_shared_seeds_are_paired() -> None:
     assert test.p == mann_whitney([0.5, 0.7, 0.1], [0.5, 0.6, 0.7]).p
 
 
-def test_identical_values_are_not_tested() -> None:
+def test_identical_values_are_not_mann_whitney_of() -> None:
     """The same network archive seed by seed is not a finding of p = 1; other arms are corrected as if it were."""
     found = compare_arms(outcomes({"none": NONE, "same": NONE, "better": BETTER}))
     same = contrast(found, "same")
@@ -125,7 +134,7 @@ def test_run_that_is_the_references_is_not_compared() -> None:
     assert [len(arm.metrics[Metric.best_fitness].values) for arm in found.arms] == [5, 5]
 
 
-def test_one_run_that_differs_is_not_tested() -> None:
+def test_one_run_that_differs_is_not_mann_whitney_of() -> None:
     """The arm counts in Holm's family as one with p = 1, so the family does not depend on what the runs found."""
     alike = {"none": (0, 1, 2, 3), "once": (0, 1, 2, 3)}
     once = [*NONE[:4], 0.1]
@@ -145,7 +154,7 @@ def test_costs_do_not_set_runs_apart() -> None:
     assert first == second
 
 
-def test_equal_samples_in_another_order_are_tested() -> None:
+def test_equal_samples_in_another_order_are_mann_whitney_of() -> None:
     """Seeds that changed places are different runs, however alike the samples are."""
     found = contrast(compare_arms(outcomes({"none": NONE, "turned": NONE[::-1]})), "turned")
     assert found.comparability is Comparability.comparable
@@ -153,7 +162,7 @@ def test_equal_samples_in_another_order_are_tested() -> None:
     assert found.test.p == 1.0
 
 
-def test_equal_values_on_shared_seeds_alone_are_tested() -> None:
+def test_equal_values_on_shared_seeds_alone_are_mann_whitney_of() -> None:
     """What only one of two arms has is not hidden by what both have: 40 evaluations against 12."""
     arms = {"none": {0: 20, 1: 20, 2: 12, 3: 11}, "a": {0: 20, 1: 20, 4: 40, 5: 41}}
     assert contrast(compare_arms(outcomes(arms)), "a").comparability is Comparability.comparable
@@ -198,7 +207,7 @@ def test_few_seeds_are_judged_by_every_arms_least_p() -> None:
     assert [Caution.few_seeds in contrast(two, name).cautions for name in ("far", "two", "too")] == [False, True, True]
 
 
-def test_without_the_reference_nothing_is_tested() -> None:
+def test_without_the_reference_nothing_is_mann_whitney_of() -> None:
     """Medians and intervals stay."""
     found = compare_arms(outcomes({"temperature=fixed": NONE, "temperature=stall": BETTER}))
     assert found.reference is None
@@ -252,6 +261,55 @@ def test_another_arm_draws_no_numbers_of_this_one() -> None:
     assert alone.arms[1].metrics[Metric.best_fitness].interval == among.arms[2].metrics[Metric.best_fitness].interval
     assert contrast(alone, "mixed").effects == contrast(among, "mixed").effects
     assert contrast(alone, "mixed").paired == contrast(among, "mixed").paired
+
+
+def failed_job(arm: str, seed: int) -> Job:
+    """Make a job that failed."""
+    return Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(), config="")
+
+
+def test_job_that_failed_counts_as_worse_than_any_other() -> None:
+    """An arm whose worst two jobs are lost is not the better for it: as if they had come last, and medians as known."""
+    whole = compare_arms(outcomes({"none": NONE, "a": [0.40, 0.42, 0.44, 0.60, 0.62]}))
+    lost = {"none": NONE, "a": [0.40, 0.42, 0.44]}
+    flattered = compare_arms(outcomes(lost))
+    counted = compare_arms(outcomes(lost), failed=[failed_job("a", 3), failed_job("a", 4)])
+    by_rank = mann_whitney([1, 2, 3, 9, 9], [4, 5, 6, 7, 8])
+    assert (mann_whitney_of(counted).p, mann_whitney_of(counted).ties) == (by_rank.p, 2)
+    assert mann_whitney_of(counted).u == mann_whitney_of(whole).u > mann_whitney_of(flattered).u
+    assert contrast(counted, "a").sizes == (5, 5)
+    assert contrast(counted, "a").differing == 5
+    assert contrast(counted, "a").paired.worse == 2
+    effects, others = contrast(counted, "a").effects, contrast(whole, "a").effects
+    assert effects is not None
+    assert others is not None
+    assert effects.a12 == others.a12
+    assert effects.median_difference.high <= 0.58 - 0.50  # by the worst value that is known, and no larger one
+    (summary,) = (arm.metrics[Metric.best_fitness] for arm in counted.arms if arm.name == "a")
+    assert (summary.median, summary.values) == (0.42, {0: 0.40, 1: 0.42, 2: 0.44})
+
+
+def test_reference_that_lost_jobs_is_not_flattered_either() -> None:
+    """They count against it."""
+    some = {"none": {0: 0.50, 1: 0.52}, "a": [0.51, 0.53, 0.54]}
+    found = compare_arms(outcomes(some), failed=[failed_job("none", 2)])
+    assert mann_whitney_of(found).u == 5  # 0.51 above one that is known, two above both; none above the lost
+    assert contrast(found, "a").paired.better == 1
+
+
+def test_job_that_failed_is_worst_where_more_is_better() -> None:
+    """Below the least accuracy; and it used nothing that could be compared."""
+    scores = [0.5] * 5 + [0.9, 0.9, 0.8, 0.8, None]
+    made = [
+        replace(one, values={**one.values, Metric.test_accuracy: score, Metric.cost: score})
+        for one, score in zip(outcomes({"none": NONE, "a": BETTER}), scores, strict=True)
+    ]
+    found = compare_arms(made, failed=[failed_job("a", 4)])
+    assert contrast(found, "a", Metric.test_accuracy).sizes == (5, 5)
+    assert contrast(found, "a", Metric.test_accuracy).paired.worse == 1
+    assert contrast(found, "a", Metric.cost).sizes == (4, 5)
+    assert contrast(found, "a", Metric.best_fitness).sizes == (5, 5)
+    assert contrast(found, "a", Metric.best_fitness).paired.worse == 0
 
 
 def test_unknown_values_are_left_out() -> None:

@@ -7,12 +7,14 @@ import numpy as np
 from hand_runs import trained
 from hand_sweeps import finished, run_of, run_to, sweep_of
 
-from analysis.sweeps.ablation import TESTS, Ablation, Metric, compare_arms, outcome
+from analysis.sweeps.ablation import Ablation, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive
+from analysis.sweeps.metrics import TESTS, Metric
 from analysis.sweeps.sweep import Finished, Missing, Sweep
 from analysis.sweeps.tested import JobScore
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
-from analysis.tables.ablation import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
+from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
+from analysis.tables.common_archive import common_note, extents_note
 from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
@@ -168,10 +170,13 @@ def test_primary_metric_without_values_is_missed() -> None:
     assert any(note.startswith("No job has a test MSE yet") for note in notes)
     untested = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r"),))
     assert "Without a test score, 1 job: none-seed0." in best(untested).notes
-    assert not any("flatters" in note for note in best(untested).notes)
+    table = metric_table(untested, FOUND, Metric.test_mse, ARCHIVE)
+    assert not any(note.startswith("Failed") for note in table.notes)
     failed = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r", has_failed=True),))
-    (note,) = (note for note in best(failed).notes if "flatters" in note)
-    assert note.startswith("Arm none: what job none-seed0 found")
+    table = metric_table(failed, FOUND, Metric.test_mse, ARCHIVE)
+    (note,) = (note for note in table.notes if note.startswith("Failed, 1 job"))
+    assert "none-seed0 (arm none, its test)." in note
+    assert not any(note.startswith("Failed") for note in best(failed).notes)
 
 
 def test_sweep_that_states_nothing_has_neither_primary_nor_secondary() -> None:

@@ -11,9 +11,9 @@ from sklearn.metrics import accuracy_score, mean_squared_error
 from studies import study_of
 
 from analysis.statistics.images import mcnemar, signed_rank
-from analysis.studies.images import image_findings
+from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.predictions import load_predictions
-from analysis.table import Between, Percent
+from analysis.table import Between, Cell, Percent
 from analysis.tables.images import image_tables
 from tacevo.errors import CacheMissError, RunError
 from tacevo.rules import FIRST_STUDY
@@ -181,11 +181,36 @@ def test_tables_hold_the_findings() -> None:
     assert "McNemar" in pairs.notes[0]
 
 
-def test_baseline_alone_has_no_pair() -> None:
-    """Neither a family of nothing, which Holm refuses."""
+def test_each_network_meets_the_trivial_predictor_on_the_same_images() -> None:
+    """By the same tests, as a family of its own, which leaves the pairs of networks their correction."""
+    labels = FORCE_PREDICTIONS.labels.astype(float)
+    mean = ((labels - labels.mean(axis=0)) ** 2).mean(axis=1)
+    for pair in OF_FORCES.against_trivial:
+        own = ((FORCE_PREDICTIONS.of[pair.first].astype(float).mean(axis=0) - labels) ** 2).mean(axis=1)
+        assert pair.test.p == pytest.approx(signed_rank(own, mean).p, rel=1e-6)
+    assert [pair.first for pair in OF_FORCES.against_trivial] == list(FORCE_PREDICTIONS.of)
+    assert min(pair.p_holm for pair in OF_FORCES.against_trivial) == pytest.approx(
+        3 * min(pair.test.p for pair in OF_FORCES.against_trivial)
+    )
+    classes = GRATING_PREDICTIONS.labels
+    majority = classes == np.bincount(classes).argmax()
+    right = GRATING_PREDICTIONS.of["baseline"].argmax(axis=2)[0] == classes
+    alone = study_with(classes, {"baseline": GRATING_PREDICTIONS.of["baseline"][:1]})
+    assert image_findings(*alone).against_trivial[0].test == mcnemar(right, majority)
+    assert pairs_rows(OF_GRATINGS)[-2:] == [("baseline", "trivial"), ("variant 1", "trivial")]
+
+
+def pairs_rows(found: ImageFindings) -> list[tuple[Cell, ...]]:
+    """Name the rows of a table of pairs."""
+    return [row[:2] for row in image_tables(GRATINGS, found)[1].rows]
+
+
+def test_baseline_alone_is_paired_with_the_trivial_predictor_only() -> None:
+    """Nor a family of nothing, which Holm refuses."""
     alone = study_with(FORCE_PREDICTIONS.labels, {"baseline": FORCE_PREDICTIONS.of["baseline"]})
     found = image_findings(*alone)
     assert (found.pairs, found.outputs) == ((), ())
     tables = image_tables(alone[0], found)
-    assert [table.name for table in tables] == ["ensembles_force", "residuals_force"]
+    assert [table.name for table in tables] == ["ensembles_force", "pairs_force", "residuals_force"]
+    assert "alpha 0.05, over those with the trivial predictor" in tables[1].notes[-1]
     assert not any("Difference" in note for note in tables[0].notes)

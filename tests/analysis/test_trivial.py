@@ -4,16 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 from sklearn.dummy import DummyRegressor
 from sklearn.metrics import f1_score, log_loss, mean_squared_error
 from studies import study_of
 
+from analysis.statistics.effects import effects_of_constant
 from analysis.studies.comparison import compare
 from analysis.studies.scores import Study
 from analysis.studies.trivial import trivial_metrics, trivial_score
-from analysis.table import Percent
-from analysis.tables.comparison import metrics_table, outputs_table, scores_table, verdicts_table
+from analysis.table import Between, Percent
+from analysis.tables.comparison import effects_table, metrics_table, outputs_table, scores_table, verdicts_table
 from tacevo.records import Kind
+from tacevo.rounding import rounded
 from tacevo.training.metrics import regression_metrics
 
 ACCURACIES = study_of({"baseline": [0.5, 0.6]}, kind=Kind.classification)
@@ -34,6 +37,34 @@ def test_majority_is_the_most_frequent_class() -> None:
     share = trivial_score(skewed)
     assert share == pytest.approx(8 / 9)
     assert scores_table(skewed).rows[-1] == ("trivial", None, 0, 0, Percent(share or 0), *(None,) * 5)
+
+
+def test_effects_compare_it_with_the_baseline() -> None:
+    """One constant against twenty seeds: the share of them below it, by Wilson; the distance from their median."""
+    seeds = [0.2 + at / 100 for at in range(20)]
+    study = study_of({"baseline": seeds, "variant 1": seeds[::-1]})
+    measured = {name: 1.0 for axis in "xyz" for name in (f"mse_F{axis}",)} | {f"r2_F{axis}": -1.0 for axis in "xyz"}
+    study = replace(study, scores=tuple(replace(one, metrics={**one.metrics, **measured}) for one in study.scores))
+    assert trivial_score(study) == 0.5
+    table = effects_table(study, compare(study))
+    ends = binomtest(20, 20).proportion_ci(0.95, method="wilson")
+    name, a12, delta, difference = table.rows[-1]
+    assert name == "trivial"
+    assert a12 == Between(1, rounded(ends.low), 1)
+    assert delta == Between(1, rounded(2 * ends.low - 1), 1)
+    assert difference == Between(0.205, rounded(0.5 - 0.34), rounded(0.5 - 0.25))
+    assert any("Trivial: looks at no image" in note for note in table.notes)
+    silent = study_of({"baseline": seeds, "variant 1": seeds[::-1]})
+    assert [row[0] for row in effects_table(silent, compare(silent)).rows] == ["variant 1"]
+
+
+def test_constant_that_ties_counts_a_half() -> None:
+    """As in every A12; in the middle of a sample it is no effect."""
+    found = effects_of_constant(3, [1, 2, 3, 4, 5])
+    assert (found.a12.estimate, found.cliffs_delta.estimate, found.median_difference.estimate) == (0.5, 0, 0)
+    assert found.a12.low == pytest.approx(1 - found.a12.high)
+    with pytest.raises(ValueError, match="not finite"):
+        effects_of_constant(3, [1, np.nan])
 
 
 def test_mean_is_scikit_learns_dummy() -> None:

@@ -114,7 +114,10 @@ def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str])
         "missing: no_prompt_archive-seed1: failed: no answer came",
     ]
     names = "none-seed1, no_prompt_archive-seed0, no_prompt_archive-seed1"
-    assert f"Missing, 3 jobs: {names}." in Path("out/ablation_best_fitness_force.md").read_text()
+    notes = Path("out/ablation_best_fitness_force.md").read_text()
+    assert f"Missing, 3 jobs: {names}." in notes
+    assert "Failed, 1 job: no_prompt_archive-seed1 (arm no_prompt_archive, its search)." in notes
+    assert "Failed" not in Path("out/ablation_cost_force.md").read_text()
     assert not (sweep / "ablations").exists()
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from analysis.report.page.contents import ArmContents, Band, SweepContents
 from analysis.report.page.of_run import table_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
-from analysis.sweeps.ablation import Metric, Outcome
+from analysis.sweeps.ablation import Outcome
+from analysis.sweeps.metrics import Metric
 
 #: What is shown of every arm at the end, as far as it is known.
 ENDS = (Metric.test_mse, Metric.test_accuracy, Metric.best_fitness, Metric.qd_score, Metric.coverage)

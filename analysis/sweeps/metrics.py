@@ -1,0 +1,39 @@
+"""What the runs of a sweep are measured by, and which way each measure is better."""
+
+from enum import StrEnum
+
+
+class Metric(StrEnum):
+    """What a run is measured by; the values are what a table says."""
+
+    test_mse = "test MSE"
+    test_accuracy = "test accuracy"
+    best_fitness = "best fitness"
+    improvement = "improvement over generation 0"
+    improvement_over_baseline = "improvement over the baseline"
+    qd_score = "QD-score"
+    coverage = "coverage"
+    trainable = "trainable"
+    candidates = "candidates"
+    evaluations = "evaluations"
+    training_flops = "training FLOPs (10^12)"
+    tokens = "tokens"
+    cost = "cost (USD)"
+
+
+#: Of the network that a job found, trained again (`analysis.sweeps.tested`), by the metric of the task.
+TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
+
+#: Metrics of what a search used, and not of what it found.
+SPENT = frozenset([Metric.candidates, Metric.evaluations, Metric.training_flops, Metric.tokens, Metric.cost])
+
+#: Metrics that are fractions.
+FRACTIONS = frozenset(
+    [
+        *(Metric.test_accuracy, Metric.improvement, Metric.improvement_over_baseline),
+        *(Metric.coverage, Metric.trainable),
+    ]
+)
+
+#: Metrics of which less is better; of what a search used, less is better only where it came as far.
+LESS_IS_BETTER = SPENT | {Metric.test_mse, Metric.best_fitness}
