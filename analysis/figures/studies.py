@@ -101,17 +101,12 @@ def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None
 
 
 @house_style()
-def reliability(task: str, calibrations: Sequence[Calibrated]) -> Figure:
+def reliability(calibrations: Sequence[Calibrated]) -> Figure:
     """Draw how often the ensemble of each classifier's seeds is right against how sure it is.
 
     Points are bins of confidence, as large as the images in them are many. On the diagonal a classifier is as sure as
-    it may be.
-
-    Raises:
-        ValueError: the study is a regression, which has no classes.
+    it may be. There is at least one classifier.
     """
-    if not calibrations:
-        raise ValueError(f"the study of {task} has no calibration")
     columns = min(len(calibrations), 3)
     rows = math.ceil(len(calibrations) / columns)
     figure, panels = new_figure("single" if columns == 1 else "double", 2.5 * rows, rows=rows, columns=columns)

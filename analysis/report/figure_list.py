@@ -176,7 +176,7 @@ def study_pictures(study: Study, comparisons: Comparisons | None, images: ImageF
             "How often each network is right against how sure it is, on the test images: points are bins of confidence "
             "of the ensemble of its seeds, larger with more images; the dotted line is perfect calibration."
         )
-        draw = partial(reliability, study.task, images.calibrations)
+        draw = partial(reliability, images.calibrations)
         pictures.append(Picture(name=f"reliability_{study.task}", caption=words, draw=draw))
     return tuple(pictures)
 

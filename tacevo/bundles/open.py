@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from tacevo.bundles.format import JOBS, SWEEP, refusing, unpack_verified
-from tacevo.choices import Confinement, Device
+from tacevo.choices import Confinement
 from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.search.files import finished_digest
@@ -194,22 +194,16 @@ def check_walls(found: Opened) -> None:
     """Refuse to run the candidates of a bundle that would itself take the sandbox's walls down.
 
     Raises:
-        BundleError: it asks for `sandbox.require=none`, or for a GPU, whose driver works without walls; or its
-            configuration cannot be read.
+        BundleError: it asks for `sandbox.require=none`, as a run on a GPU does; or its configuration cannot be read.
     """
     if found.root is None:
         return
     for run in found.runs:
         with refusing():
             config, _, _ = read_run(RunDirectory(run))
-        asked = []
         if config.sandbox.require is Confinement.none:
-            asked.append("sandbox.require=none")
-        if config.training.device is not Device.cpu:
-            asked.append(f"training.device={config.training.device}")
-        if asked:
             raise BundleError(
-                f"{' and '.join(asked)}, with which its candidates would run here without walls",
+                "sandbox.require=none, with which its candidates would run here without walls",
                 expected="a published run whose candidates can be confined",
                 remedy="if you trust every source in it, unpack it and give its directory "
                 f"{run.relative_to(found.root)} instead",

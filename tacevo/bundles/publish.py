@@ -239,9 +239,7 @@ def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str,
 def _lock(versions: Mapping[str, str]) -> str | None:
     """Read the lock file of this package, if it came with one and it is of the versions that the run had."""
     path = conf_root().parent / LOCK
-    if not path.exists():
-        return None
-    text = path.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
     pins = set(text.lower().replace("_", "-").split())
     # torch adds its build to its version
     had = {name: versions.get(name, "absent").partition("+")[0] for name in PACKAGES if name != "tacevo"}

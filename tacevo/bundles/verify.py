@@ -73,8 +73,7 @@ def verify(bundle: Opened, make_tables: Callable[[Path, Path], Mapping[str, byte
             job that is not what sweep.json says.
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
-    if bundle.root is None:
-        raise ValueError(f"{bundle.folder} is not a bundle")
+    assert bundle.root is not None  # of a directory, nothing is compared that a manifest would list
     read: set[Path] = set()
 
     def check(run: Path) -> Rerun:

@@ -44,15 +44,17 @@ def run_eras(
     Raises:
         TacevoError: as `run_search`.
     """
-    state = None
-    ends = [era.generation - 1 for era in eras[1:]] + [plan.generations]
-    for era, end in zip(eras, ends, strict=True):
-        if state is not None:
-            ledger.commit(era)
+
+    def run(era: RulesLine, end: int, since: SearchState | None) -> SearchState:
         part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
-        state = run_search(part, tools(era.rules), ledger, observer, since=state)
-    if state is None:
-        raise ValueError("expected one era at least; got none")
+        return run_search(part, tools(era.rules), ledger, observer, since=since)
+
+    first, *later = eras
+    end, *ends = [*(era.generation - 1 for era in later), plan.generations]
+    state = run(first, end, None)
+    for era, end in zip(later, ends, strict=True):
+        ledger.commit(era)
+        state = run(era, end, state)
     return state
 
 

@@ -77,6 +77,12 @@ def test_map_that_would_mean_nothing_is_left_out_and_said(run: Run, niches: Nich
     assert sentence.startswith(words)
 
 
+def test_archive_of_prompts_that_a_run_never_had_is_said() -> None:
+    """No picture of it, and a sentence in its stead."""
+    run = replace(hand_runs.run([], []), config=hand_runs.configured(prompts={"policy": "none"}))
+    assert undrawn(run) == ("no prompt_map: prompts.policy=none keeps no prompt archive",)
+
+
 def test_growth_names_places() -> None:
     """What is covered are places, and the figure says so."""
     figure = growth(best_of_all(), 1, 0)

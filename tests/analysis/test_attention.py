@@ -123,6 +123,10 @@ DECOYS: dict[str, nn.Module] = {
     "weighted map that is not used": Weighted(lambda net, x: (spatial_gate(net, x), x)[1]),
     "parameters": Weighted(lambda net, x: x * torch.sigmoid(net.scale)),
     "parameters in the shape of the map": Weighted(lambda net, x: x * torch.sigmoid(net.scale.expand_as(x))),
+    "parameters as they are": Weighted(lambda net, x: x * net.scale),
+    "sum of one part": Weighted(
+        lambda net, x: (F.softmax(net.one(x).mean((2, 3)), 1)[:, None] @ x.mean((2, 3))[:, None]).squeeze(1)
+    ),
     "activation by hand": Weighted(lambda net, x: x * torch.sigmoid(x)),
     "product of maps that nothing holds in a range": Weighted(lambda net, x: x * net.one(x)),
     "single key, whose weight is 1": Weighted(

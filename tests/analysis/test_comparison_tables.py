@@ -108,6 +108,16 @@ def test_output_that_is_not_compared_is_named() -> None:
     assert any(note.startswith("Not compared on Fy:") for note in outputs_table(study, compare(study)).notes)
 
 
+def test_absolute_margin_is_one_for_every_output() -> None:
+    """A relative one is as wide as the output's own error makes it."""
+    near = around(0.02, step=0.0001)
+    study = study_of_outputs({name: {"baseline": near, "variant 1": near} for name in ("Fx", "Fy", "Fz")})
+    margin = Margin(value=0.001, kind=MarginKind.absolute)
+    absolute = replace(study, terms=replace(study.terms, margin=margin))
+    told = [" ".join(outputs_table(one, compare(one)).notes) for one in (study, absolute)]
+    assert ["that of the mean, 0.00100" in notes for notes in told] == [False, True]
+
+
 def test_direction_of_a12_is_told() -> None:
     """For errors below a half is better, for accuracies above."""
     accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)

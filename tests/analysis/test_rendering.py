@@ -159,6 +159,12 @@ def test_csv_keeps_every_digit() -> None:
     assert [float(value) for value in variant[1:]] == [0.00543219, 0.00012, 0.8125, 0.65, 0.9375, 1.0, 512]
 
 
+def test_row_of_another_length_is_a_mistake_of_ours() -> None:
+    """It would shift every number behind the gap."""
+    with pytest.raises(ValueError, match="row 2 of table t needs 2 cells; got 1"):
+        Table(name="t", caption="c", columns=("x", "y"), rows=((1, 2), (3,)))
+
+
 def test_table_without_rows_is_still_a_table() -> None:
     """Nothing found is a result, too."""
     table = Table(name="t", caption="c", columns=("one", "two"), rows=())

@@ -240,6 +240,15 @@ def test_study_under_another_name_is_found(whole: Members, refused: Refused) -> 
     refused(told, f": expected {old}")
 
 
+def test_study_that_claims_to_be_unfinished_is_found(whole: Members, refused: Refused) -> None:
+    """It is not replayed, so its files belong to nothing."""
+    name = next(name for name in whole if name.endswith("study.json"))
+    study = {**json.loads(whole[name]), "digest": None}
+    refused(
+        {**whole, name: json.dumps(study).encode()}, "expected only files of a study of this run; got elites1-seeds4"
+    )
+
+
 def test_study_of_another_version_is_told_beside_its_failure(whole: Members, refused: Refused) -> None:
     """As the search of another version is."""
     name = next(name for name in whole if name.endswith("study.json"))
@@ -357,6 +366,8 @@ def test_first_difference_of_tables() -> None:
         == "name of column 1: recorded 'name', replayed 'x'"
     )
     assert table_difference(table, table + b"c,3\r\n", is_csv=True) == "line 4: recorded '', replayed 'c,3\\r'"
+    broken = table.replace(b"a,1", b'"a"x,1')
+    assert table_difference(broken, table, is_csv=True) == "line 2: recorded '\"a\"x,1\\r', replayed 'a,1\\r'"
     assert table_difference(b"a\n", b"b\n", is_csv=False) == "line 1: recorded 'a', replayed 'b'"
     assert table_difference(b"a", b"a\n", is_csv=False) == "recorded 1 lines, replayed 2"
     assert table_difference(b"\xff", b"\xfe", is_csv=False) == "its bytes are not UTF-8"

@@ -77,6 +77,15 @@ def test_wrong_setting_is_refused_by_its_name(override: str, place: str, expecte
 
 
 @pytest.mark.parametrize(
+    ("override", "place", "got"), [("elites=2", "elites", "2"), ("plan=plan.json", "plan", "plan.json")]
+)
+def test_study_of_a_sweep_follows_from_the_sweep(override: str, place: str, got: str) -> None:
+    """Of each job the best elite is trained, and the plan was stated when the sweep began."""
+    with refused(ConfigError, place=place, got=got, expected="no value with sweep="):
+        compose_study(["sweep=x", override])
+
+
+@pytest.mark.parametrize(
     ("override", "remedy"),
     [
         ("executor.worker=2", "did you mean executor.workers?"),

@@ -283,6 +283,25 @@ def test_unforeseen_failure_loses_no_answer_in_flight(tmp_path: Path) -> None:
     assert held(tmp_path) == ["b"]
 
 
+class _Unclosed(_Slow):
+    """Such a server, whose connections cannot be closed."""
+
+    async def close(self) -> None:
+        raise RuntimeError("a connection stays open")
+
+
+def test_failure_between_requests_reaches_the_reader(tmp_path: Path) -> None:
+    """What fails in the thread that asks does not end in silence; the answers before are seen and stored."""
+    server = _Unclosed()
+    server.go.release()
+    llm = HostedLLM(lambda: server, concurrency=1, name="llm=fake")
+    answers = RecordingLLM(llm, Store(tmp_path, "completions")).complete([request("a")])
+    assert next(answers)[0] == 0
+    with pytest.raises(RuntimeError, match="stays open"):
+        next(answers)
+    assert held(tmp_path) == ["a"]
+
+
 def test_full_disk_stops_the_asking_and_nothing_else(tmp_path: Path) -> None:
     """An answer that cannot be stored is an error and ends the asking; others in flight are still stored."""
     server, llm = slow(concurrency=2)

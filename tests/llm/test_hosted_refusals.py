@@ -131,6 +131,14 @@ def test_answer_to_what_was_sent_before_a_refusal_proves_nothing(provider: str) 
 
 
 @both
+def test_address_that_is_none_is_refused_before_anything_is_asked(provider: str) -> None:
+    """The SDK's own words, with the setting that holds the address."""
+    connect, _ = PROVIDERS[provider]
+    with refused(ConfigError, place=f"llm={provider}", got="Invalid port", remedy="check llm.base_url"):
+        connect("http://server:port", 1)
+
+
+@both
 def test_refused_settings_are_remembered(provider: str) -> None:
     """Once known, they are not even sent."""
     with serving(Script(refused=("temperature", "top_p"))) as server:

@@ -111,10 +111,17 @@ def moved(path: Path) -> None:
     path.rename(path.parents[1] / path.name)
 
 
+def unreachable(path: Path) -> None:
+    """Leave a link to what is gone."""
+    path.unlink()
+    path.symlink_to(path.name + ".gone")
+
+
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
         (truncated, "expected JSON"),
+        (unreachable, "expected a file that can be read; got No such file"),
         (moved, "got another place; move it"),
     ],
 )

@@ -8,7 +8,9 @@ from refusals import refused
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.run import load_run
 from tacevo.errors import CacheMissError, RunError
+from tacevo.records import Reason, Rejection, Stage, to_json
 from tacevo.runs.profiles import recall_profiles
+from tacevo.storage.store import Store
 
 
 def test_profiles_are_those_of_the_ledger(folder: Path) -> None:
@@ -28,6 +30,17 @@ def test_missing_probe_is_an_error(folder: Path) -> None:
     with pytest.raises(CacheMissError):
         recall_profiles(folder / "run", None)
     assert set(folder.rglob("*")) == before
+
+
+def test_network_that_its_store_rejects_is_refused(folder: Path) -> None:
+    """The ledger says that it was trained."""
+    store = Store(folder / "cache", "probes")
+    rejection = Rejection(stage=Stage.probe, reason=Reason.crashed, detail="it exited")
+    for entry in list(store.entries()):
+        (folder / "cache" / entry.place).unlink()
+        store.write(entry.request, {"rejection": to_json(rejection)})
+    with refused(RunError, place="run", got="g00s00 was trained, and is rejected now: crashed: it exited"):
+        recall_profiles(folder / "run", None)
 
 
 def test_edited_source_is_refused(folder: Path) -> None:

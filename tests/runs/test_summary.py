@@ -66,6 +66,14 @@ def test_places_are_not_called_niches() -> None:
     assert words not in page_of(*LINES)
 
 
+def test_bound_on_trainings_is_named() -> None:
+    """Fewer generations than were asked for may then be all."""
+    config = replace(CONFIG, search=replace(CONFIG.search, training_flops=1e15))
+    words = "The search ends where its trainings reach search.training_flops=1e+15."
+    assert words in page_of(*LINES, config=config)
+    assert words not in page_of(*LINES)
+
+
 def test_rules_that_changed_are_named() -> None:
     """A run that was continued under other rules says from which generation on which numbers hold."""
     change = RulesLine(generation=2, rules=replace(FIRST, static=2, training=3))

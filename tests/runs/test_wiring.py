@@ -12,7 +12,7 @@ from tacevo.choices import Confinement
 from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
-from tacevo.errors import ConfigError, DataError
+from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Completion, Mode, Request, to_json
 from tacevo.rules import CURRENT
@@ -141,6 +141,27 @@ def test_model_is_not_built_in_a_replay_nor_twice_in_a_search(tmp_path: Path, mo
     with Workbench(config, task, facts, Mode.record, llm=given) as bench:
         assert bench.tools(CURRENT).llm is given
         assert bench.tools(replace(CURRENT, static=0)).llm is not given  # under other rules, stores answer all
+
+
+def test_nothing_runs_a_candidate_in_a_replay(tmp_path: Path) -> None:
+    """Whatever would ask for it: the stores answer."""
+    config = compose([f"store.root={tmp_path}", "archive.samples=100"])
+    facts = facts_without_data(config)
+    with Workbench(config, load_task(config, facts), facts, Mode.replay) as bench:
+        gate = bench.gate(CURRENT)
+        with refused(SandboxError, expected="a replay that runs no candidate", got="(probe)"):
+            gate.run("probe", {}, b"", gate.probe_limits)
+
+
+def test_grammar_has_one_model(tmp_path: Path) -> None:
+    """Another name would stand in records as if another model had answered."""
+    config = compose([f"store.root={tmp_path}", "archive.samples=100", "llm=grammar", "llm.model=claude"])
+    facts = facts_without_data(config)
+    with (
+        refused(ConfigError, place="llm.model", got="'claude'", expected="grammar-1 for llm=grammar"),
+        Workbench(config, load_task(config, facts), facts, Mode.record) as bench,
+    ):
+        bench.tools(CURRENT)
 
 
 @pytest.mark.parametrize("other", ["llm.thinking_tokens=null", "llm.max_tokens=2048", "llm.model=another"])

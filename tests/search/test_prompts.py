@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -102,6 +103,16 @@ def test_temperature_is_the_second_axis() -> None:
     for temperature, niche in [(0.1, 0), (0.9, 1)]:
         tried = trial(5, inserted=True, temperature=temperature)
         assert PromptArchive().record(cold_and_hot, tried, prompts=10, name="x")[1] == niche
+
+
+def test_last_choice_is_drawn_where_rounding_leaves_the_target_behind_all() -> None:
+    """Ten times 0.1 add up to less than 1, one after the other."""
+
+    class Largest(np.random.Generator):
+        def random(self) -> float:  # type: ignore[override]
+            return float(np.nextafter(1.0, 0.0))
+
+    assert draw_weighted([0.1] * 10, Largest(np.random.PCG64(0))) == 9
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.booleans()), max_size=30))

@@ -66,6 +66,14 @@ def test_failure_is_kept_until_the_job_succeeds(tmp_path: Path) -> None:
     assert directory.failure(JOBS[0]) is None
 
 
+def test_reason_that_cannot_be_read_is_one_all_the_same(tmp_path: Path) -> None:
+    """The job has failed, whatever was made of the words."""
+    directory = SweepDirectory(tmp_path)
+    directory.fail(JOBS[0], "the disk is full")
+    (tmp_path / "failed" / "none-seed0.json").write_text("{")
+    assert "none-seed0.json: expected JSON" in str(directory.failure(JOBS[0]))
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [

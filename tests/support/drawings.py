@@ -88,6 +88,6 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
     "confusion_matrix": (lambda: confusion_matrices(of_networks(confused(), 1)), 3.5),
     "confusion_of_two": (lambda: confusion_matrices(of_networks(confused(), 2)), 7.16),
-    "reliability": (lambda: reliability("grating", CALIBRATED), 7.16),
+    "reliability": (lambda: reliability(CALIBRATED), 7.16),
     "confusion_matrices": (lambda: confusion_matrices(confused()), 7.16),
 }

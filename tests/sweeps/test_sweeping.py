@@ -240,6 +240,32 @@ def test_folder_of_another_run_is_named(place: Path) -> None:
     assert files_of(place / "all" / "none-seed0") == before
 
 
+def test_run_with_other_texts_is_named(place: Path) -> None:
+    """It was begun before the task's texts in conf/ were edited, and would go on with both."""
+    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
+    directory = SweepDirectory(place / "all")
+    run = directory.run(directory.read()[1][0])
+    record = run.read_run()
+    run.write_run(replace(record, task=replace(record.task, crossover="Combine.")))
+    with refused(RunError, place="none-seed0", got="a run with other texts of task force", remedy="another --into"):
+        sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
+    assert not launched.calls
+
+
+def test_jobs_that_would_share_a_directory_are_refused() -> None:
+    """The name of a directory ends in no dot, so two values may have one name."""
+    got = "llm.model-a-seed0 for llm.model=a and llm.model=a."
+    with refused(ConfigError, place="jobs", expected="a directory name for each job", got=got):
+        plan(SHARED, [("llm.model=a",), ("llm.model=a.",)])
+
+
+def test_sweep_whose_shared_settings_are_not_a_search_is_named_by_the_user(place: Path) -> None:
+    """The experiment leaves a choice open that each job makes."""
+    with refused(ConfigError, place="shared overrides", got="leaves the choice of the model", remedy="--into DIR"):
+        sweep(["experiment=paper_force", "llm=grammar,anthropic", "tracking=none"], None, Heard(), Launched())
+    assert not list(place.iterdir())
+
+
 def test_job_that_another_process_runs_is_left_to_it(place: Path) -> None:
     """Jobs of a cluster outlive the process that launched them."""
     directory = SweepDirectory(place / "all")

@@ -41,6 +41,12 @@ def test_full_trunk_takes_no_further_block() -> None:
     assert moves.insert_block(full, 1, Block(channels=8)) == full
 
 
+def test_full_head_takes_no_further_layer() -> None:
+    """Four hidden layers are the most."""
+    full = replace(CHAIN, head=Head(hidden=CHAIN.head.hidden * 4))
+    assert moves.add_hidden(full, 32) == full
+
+
 def test_added_dropouts_take_the_free_places_in_turn() -> None:
     """First the hidden layers, then the input of the head, then the blocks from the last on, at half the rate."""
     once = moves.add_dropout(moves.add_hidden(CHAIN, 32), 0.2)

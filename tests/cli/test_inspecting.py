@@ -1,0 +1,92 @@
+"""Promise: `tacevo show` and `tacevo check` say of any candidate what was asked and what came of it."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fakes import TASK
+from ledger_lines import candidate, ended, header, rejected, run_record, trained
+
+from tacevo.cli.app import main
+from tacevo.config.folder import conf_root
+from tacevo.records import Given, Operator, Reason, Stage
+from tacevo.search.lines import ReevaluationLine, RepairedAnswer
+from tacevo.storage.ledger import sealed_text
+from tacevo.storage.run_directory import RunDirectory
+
+SENT_BACK = RepairedAnswer(answer="b", stage=Stage.policy, reason=Reason.forbidden_import)
+
+#: A search of every operator: its first network failed when it was trained again.
+LINES = (
+    trained("g00s00", 0.5),
+    trained("g00s01", 0.25, operator=Operator.given, prompt=None, request=None, temperature=None, answer=None),
+    candidate("g00s02", operator=Operator.sample, parents=(), prompt=None, source="s"),
+    ended(0),
+    trained("g01s00", 0.3, dropped=("temperature",), repairs=(SENT_BACK,)),
+    rejected("g01s01", "extract", "no_class", operator=Operator.crossover, parents=("g00s00", "g00s01"), prompt=None),
+    ReevaluationLine(generation=1, slot=2, id="g00s00", source="source 00", evaluation="again"),
+    ended(1),
+)
+
+
+@pytest.fixture
+def shown(tmp_path: Path) -> Path:
+    """Return the directory of such a search, which is not finished and has kept no file."""
+    directory = RunDirectory(tmp_path / "run")
+    directory.path.mkdir()
+    given = (Given(name="theirs", source="class Net: pass"),)
+    directory.write_run(run_record(task=replace(TASK, given=given)))
+    directory.write_text("ledger.jsonl", sealed_text([header(), *LINES])[0])
+    return directory.path
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("g00s00", "Instruction: none; this is the task's baseline"),
+        ("g00s00", "Losses of this source in the search, one for each training seed: 0.5, failed"),
+        ("g00s01", "Instruction: none; this network was given, as theirs"),
+        ("g00s02", "Instruction: Draw a network at random."),
+        ("g00s02", "| parents | none"),
+        ("g01s00", "Instruction: i1: Do thing 1."),
+        ("g01s00", "not sent: the model refuses it (0.6 was planned)"),
+        ("g01s00", "Answers that were sent back before this one: 1 (policy: forbidden_import)"),
+        ("g01s01", "Instruction: Combine them."),
+        ("g01s01", "Its file is missing."),
+    ],
+)
+def test_candidate_is_shown(name: str, words: str, shown: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Whoever asked for it, and however it was answered."""
+    assert main(["show", str(shown), name]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert words in told
+
+
+def test_words_say_what_json_says(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line a file: a source in a recording that is admitted, and an answer that was cut off."""
+    baseline = (conf_root() / "library" / "force" / "baseline.py").read_text()
+    (place / "good.json").write_text(json.dumps({"source": baseline}))
+    (place / "cut.json").write_text(json.dumps({"response": "class Image", "stop_reason": "max_tokens"}))
+    assert main(["check", "good.json", "cut.json", "--image-size", "32"]) == 0
+    good, cut = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(r"good.json: admitted, [\d,]+ parameters", good)
+    assert cut.startswith("cut.json: rejected at extract: ")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("x.txt", b"\xff", "x.txt: expected an answer: text in UTF-8; got 'utf-8' codec can't decode byte 0xff"),
+        ("x.json", b"{}", "x.json: expected a text `response` or `source`; got neither"),
+        ("x.json", b"[]", "x.json: expected "),
+    ],
+)
+def test_file_that_is_not_an_answer_is_one_line(
+    name: str, content: bytes, words: str, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before any process is started for the others."""
+    (place / name).write_bytes(content)
+    assert main(["check", name]) == 2
+    assert words in capsys.readouterr().err
