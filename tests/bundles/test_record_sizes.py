@@ -14,7 +14,8 @@ from tacevo.bundles.verify import check_sizes
 from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
 from tacevo.rules import FIRST
-from tacevo.search.lines import Line, RulesLine, SeedLine
+from tacevo.search.files import Line, RulesLine
+from tacevo.search.lines import SeedLine
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 
