@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from smallest import SMALLEST, UNTRACKED, Once
 from waiting import eventually
@@ -19,14 +18,9 @@ from analysis.runs.run import load_run
 from analysis.studies.predictions import load_predictions
 from analysis.studies.study import load_study
 from tacevo.cli.app import main
-from tacevo.config.compose import compose
 from tacevo.errors import RunError
-from tacevo.records import to_json, written
-from tacevo.runs.datasets import load_data
-from tacevo.runs.progress import Progress
-from tacevo.search.files import read_ledger
+from tacevo.records import to_json
 from tacevo.storage.canonical import value_at
-from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, check_entry
 from tacevo.studies.directory import studies_of
 from tacevo.studies.lines import SCHEMA, ScoreLine
@@ -379,26 +373,3 @@ def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]
     path.write_text(json.dumps(run))
     assert main(["study", *STUDY]) == 2
     assert "restore the data set of the run" in capsys.readouterr().err
-
-
-def test_selection_never_sees_the_test_images(place: Path) -> None:
-    """Two data sets that differ in all test images and labels give one search, but for what names the data."""
-    rng = np.random.default_rng(0)
-    images, labels = rng.integers(0, 256, (40, 16, 16, 3), dtype=np.uint8), rng.random((40, 3))
-    np.savez("a.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
-    numpy = [*TINY[:-1], "data=numpy", "data.image_size=16", "archive.niches=5"]
-    rows = load_data(compose([*numpy, "data.root=a.npz"]), Progress()).test
-    images[rows], labels[rows] = 255 - images[rows], labels[rows] + 1
-    np.savez("b.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
-    decisions = []
-    for name in ("a", "b"):
-        assert main(["search", *numpy, f"data.root={name}.npz", f"run.dir={name}"]) == 0
-        header: Any
-        header, *lines = map(written, read_ledger(RunDirectory(place / name)).lines)
-        del header["data"]["fingerprint"]
-        decisions.append([header["data"], *({**line, "evaluation": None} for line in lines)])  # its key holds it, too
-    first, second = (json.loads((place / name / "run.json").read_text())["data"] for name in ("a", "b"))
-    assert first["fingerprint"] != second["fingerprint"]
-    assert len(rows) == 4
-    assert decisions[0] == decisions[1]
-    assert (place / "a" / "archive.json").read_text() == (place / "b" / "archive.json").read_text()
