@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pages import HOSTILE, page_of, page_of_shipped_run, poisoned
+from pages import HOSTILE, check_panels, elites_of, elites_on_map, page_of, page_of_shipped_run, poisoned
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 from rich.console import Console
 
-from analysis.report.page.contents import Generation, PageContents
+from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
 from benchmarks.synthetic import record_synthetic
 from tacevo.records import Reason, Stage
@@ -57,37 +57,10 @@ def open_page(browser: Browser, tmp_path: Path) -> Iterator[Opener]:
         context.close()
 
 
-def _check_panels(page: Page, contents: PageContents) -> None:
-    """Compare how much every panel holds with the records."""
-    (run,) = contents.runs
-    assert page.locator("#map-drawing .cells path").count() == len(run.cells)
-    assert _elites_on_map(page) == _elites_of(run.generations[-1])
-    assert page.locator("#candidates-table tbody tr").count() == len(run.candidates)
-    assert page.locator("#lineage-line li").count() > 1
-    assert page.locator("#lineage-tree a").count() >= len(run.generations[-1].elites)
-    assert page.locator("#dynamics-figures figure").count() >= 7
-    assert page.locator("#studies-body circle").count() == sum(
-        len(one.values) for study in run.studies for one in study.networks
-    )
-    assert page.locator("#run-tables details").count() == len(run.tables)
-    assert page.locator("#headlines p").all_inner_texts() == list(run.headlines)
-    assert page.locator("#checked li").all_inner_texts() == list(contents.checked)
-    assert run.provenance[1][1] in page.locator("#provenance-facts").inner_text()
-
-
-def _elites_on_map(page: Page) -> set[str]:
-    links = page.eval_on_selector_all(".elites a", "all => all.map(a => a.href.baseVal)")
-    return {link.rsplit("/", 1)[1] for link in links}
-
-
-def _elites_of(generation: Generation) -> set[str]:
-    return {name for _, name in generation.elites}
-
-
 def test_every_panel_is_filled_and_nothing_is_asked(shipped: PageContents, open_page: Opener) -> None:
     """No error, no request; map, lineage, table, figures, study, tables and provenance hold what the records have."""
     page, wrong = open_page(shipped)
-    _check_panels(page, shipped)
+    check_panels(page, shipped)
     assert wrong == []
 
 
@@ -100,10 +73,10 @@ def test_thousand_candidates_have_a_page(tmp_path: Path, open_page: Opener) -> N
     assert len(run.candidates) > 1_000
     assert len(as_html(contents)) < 15_000_000
     page, wrong = open_page(contents)
-    _check_panels(page, contents)
+    check_panels(page, contents)
     for line in (run.generations[0], run.generations[10], run.generations[20]):
         page.locator("#generation").fill(str(line.generation))
-        assert _elites_on_map(page) == _elites_of(line)
+        assert elites_on_map(page) == elites_of(line)
     assert wrong == []
 
 
@@ -155,7 +128,7 @@ def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open
     page.locator("#generation").focus()
     page.keyboard.press("Home")
     for line, before in zip(generations, (None, *generations), strict=False):
-        assert _elites_on_map(page) == _elites_of(line)
+        assert elites_on_map(page) == elites_of(line)
         lost = set() if before is None else dict(before.elites).keys() - dict(line.elites).keys()
         assert page.locator(".lost path").count() == len(lost)
         page.keyboard.press("ArrowRight")
