@@ -25,7 +25,7 @@ from rich.console import Console
 
 from tacevo.bundles.format import MANIFEST, STORE
 from tacevo.bundles.open import opened
-from tacevo.bundles.verify import table_difference, verify
+from tacevo.bundles.verify import verify
 from tacevo.cli.app import main
 from tacevo.errors import BundleError
 from tacevo.runs.progress import Progress
@@ -351,23 +351,3 @@ def test_interrupted_replay_leaves_nothing(published: Path, tmp_path: Path) -> N
         assert process.wait() == 130
         process.communicate()
         assert list((tmp_path / "temporary").iterdir()) == []
-
-
-def test_first_difference_of_tables() -> None:
-    """Cells by row and column, names by their place, other files by line, lengths where all else is equal."""
-    table = b"name,value\r\na,1\r\nb,2\r\n"
-    assert table_difference(table, table, is_csv=True) is None
-    assert (
-        table_difference(table, table.replace(b"2", b"3"), is_csv=True)
-        == "row 2, column 'value': recorded '2', replayed '3'"
-    )
-    assert (
-        table_difference(table, table.replace(b"name", b"x"), is_csv=True)
-        == "name of column 1: recorded 'name', replayed 'x'"
-    )
-    assert table_difference(table, table + b"c,3\r\n", is_csv=True) == "line 4: recorded '', replayed 'c,3\\r'"
-    broken = table.replace(b"a,1", b'"a"x,1')
-    assert table_difference(broken, table, is_csv=True) == "line 2: recorded '\"a\"x,1\\r', replayed 'a,1\\r'"
-    assert table_difference(b"a\n", b"b\n", is_csv=False) == "line 1: recorded 'a', replayed 'b'"
-    assert table_difference(b"a", b"a\n", is_csv=False) == "recorded 1 lines, replayed 2"
-    assert table_difference(b"\xff", b"\xfe", is_csv=False) == "its bytes are not UTF-8"

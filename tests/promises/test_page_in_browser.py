@@ -1,57 +1,66 @@
 """Promise: in a browser the page fills every panel, follows mouse and keyboard, runs no foreign text, asks nobody."""
 
 import io
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from browsing import Opener
-from pages import HOSTILE, page_of, poisoned
-from playwright.sync_api import Page, ViewportSize, expect
+from pages import HOSTILE, check_panels, elites_of, elites_on_map, page_of, page_of_shipped_run, poisoned
+from playwright.sync_api import Browser, Page, ViewportSize, expect
 from rich.console import Console
 
-from analysis.report.page.contents import Generation, PageContents
+from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
 from benchmarks.synthetic import record_synthetic
+from tacevo.records import Reason, Stage
 from tacevo.runs.progress import Progress
 
+#: What `open_page` takes, and what it found wrong until now: errors, and requests that left the page.
+Opener = Callable[..., tuple[Page, list[str]]]
+
+_DESKTOP: ViewportSize = {"width": 1280, "height": 900}
 _PHONE: ViewportSize = {"width": 390, "height": 844}
 
 #: A4 less its margins, at 96 dots an inch.
 _SHEET: ViewportSize = {"width": 718, "height": 1047}
 
 
-def _check_panels(page: Page, contents: PageContents) -> None:
-    """Compare how much every panel holds with the records."""
-    (run,) = contents.runs
-    assert page.locator("#map-drawing .cells path").count() == len(run.cells)
-    assert _elites_on_map(page) == _elites_of(run.generations[-1])
-    assert page.locator("#candidates-table tbody tr").count() == len(run.candidates)
-    assert page.locator("#lineage-line li").count() > 1
-    assert page.locator("#lineage-tree a").count() >= len(run.generations[-1].elites)
-    assert page.locator("#dynamics-figures figure").count() >= 7
-    assert page.locator("#studies-body circle").count() == sum(
-        len(one.values) for study in run.studies for one in study.networks
-    )
-    assert page.locator("#run-tables details").count() == len(run.tables)
-    assert page.locator("#headlines p").all_inner_texts() == list(run.headlines)
-    assert page.locator("#checked li").all_inner_texts() == list(contents.checked)
-    assert run.provenance[1][1] in page.locator("#provenance-facts").inner_text()
+@pytest.fixture(scope="module")
+def shipped() -> PageContents:
+    """Return what the page of a shipped run shows."""
+    return page_of_shipped_run()
 
 
-def _elites_on_map(page: Page) -> set[str]:
-    links = page.eval_on_selector_all(".elites a", "all => all.map(a => a.href.baseVal)")
-    return {link.rsplit("/", 1)[1] for link in links}
+@pytest.fixture
+def open_page(browser: Browser, tmp_path: Path) -> Iterator[Opener]:
+    """Return a function that opens contents as a file, and keeps every error and every request that leaves it."""
+    contexts = []
 
+    def open_page(
+        contents: PageContents, *, address: str = "", size: ViewportSize = _DESKTOP
+    ) -> tuple[Page, list[str]]:
+        file = tmp_path / "page.html"
+        file.write_text(as_html(contents))
+        contexts.append(browser.new_context(viewport=size))
+        page, wrong = contexts[-1].new_page(), list[str]()
+        page.on("console", lambda message: wrong.append(message.text))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on(
+            "request", lambda request: wrong.append(request.url) if request.url.split("#")[0] != file.as_uri() else None
+        )
+        page.goto(f"{file.as_uri()}{address}")
+        return page, wrong
 
-def _elites_of(generation: Generation) -> set[str]:
-    return {name for _, name in generation.elites}
+    yield open_page
+    for context in contexts:
+        context.close()
 
 
 def test_every_panel_is_filled_and_nothing_is_asked(shipped: PageContents, open_page: Opener) -> None:
     """No error, no request; map, lineage, table, figures, study, tables and provenance hold what the records have."""
     page, wrong = open_page(shipped)
-    _check_panels(page, shipped)
+    check_panels(page, shipped)
     assert wrong == []
 
 
@@ -64,11 +73,52 @@ def test_thousand_candidates_have_a_page(tmp_path: Path, open_page: Opener) -> N
     assert len(run.candidates) > 1_000
     assert len(as_html(contents)) < 15_000_000
     page, wrong = open_page(contents)
-    _check_panels(page, contents)
+    check_panels(page, contents)
     for line in (run.generations[0], run.generations[10], run.generations[20]):
         page.locator("#generation").fill(str(line.generation))
-        assert _elites_on_map(page) == _elites_of(line)
+        assert elites_on_map(page) == elites_of(line)
     assert wrong == []
+
+
+def test_click_on_an_elite_opens_its_source(shipped: PageContents, open_page: Opener) -> None:
+    """The source shown is the candidate's, to the letter; its changes name what was lost and gained."""
+    page, wrong = open_page(shipped)
+    run = shipped.runs[0]
+    wanted = next(one for one in run.candidates if one.changes and one.id in dict(run.generations[-1].elites).values())
+    page.locator(f'.elites a[href$="/{wanted.id}"] .cell').click()
+    expect(page.locator("#candidate-name")).to_have_text(f"Candidate {wanted.id}")
+    assert page.locator("#candidate del, #candidate ins").count() > 0
+    page.locator("#source-choice").select_option("")
+    lines = page.locator("#candidate pre.source .line-of-code").all_text_contents()
+    assert wanted.source is not None
+    assert "\n".join(lines) == shipped.sources[wanted.source].text
+    assert wrong == []
+
+
+def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: Opener) -> None:
+    """Rejected ones show the answer; trained ones their losses; an address of none changes nothing."""
+    page, wrong = open_page(shipped)
+    run = shipped.runs[0]
+    for one in run.candidates[:: len(run.candidates) // 12]:
+        page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
+        assert page.locator("#candidate figure").count() == bool(one.validation_losses)
+    for address in ("#/nobody/g00s00", "#/%E0%A4%A/x", f"#/{run.name}/g99s99", "#/"):
+        page.evaluate("hash => { location.hash = hash }", address)
+    expect(page.locator("#candidate-name")).to_have_text("Candidate")
+    assert wrong == []
+
+
+def test_back_button_leaves_the_candidate(shipped: PageContents, open_page: Opener) -> None:
+    """And an address without a candidate says so."""
+    page, wrong = open_page(shipped)
+    page.evaluate("location.hash = '#/force-grammar/g01s06'")
+    expect(page.locator("#candidate-name")).to_have_text("Candidate g01s06")
+    page.go_back()
+    expect(page.locator("#candidate-name")).to_have_text("Candidate")
+    page.evaluate("location.hash = '#/force-grammar/g99s99'")
+    expect(page.locator("#candidate-body")).to_contain_text("This page has no candidate g99s99")
+    assert not wrong
 
 
 def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open_page: Opener) -> None:
@@ -78,7 +128,7 @@ def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open
     page.locator("#generation").focus()
     page.keyboard.press("Home")
     for line, before in zip(generations, (None, *generations), strict=False):
-        assert _elites_on_map(page) == _elites_of(line)
+        assert elites_on_map(page) == elites_of(line)
         lost = set() if before is None else dict(before.elites).keys() - dict(line.elites).keys()
         assert page.locator(".lost path").count() == len(lost)
         page.keyboard.press("ArrowRight")
@@ -188,6 +238,41 @@ def test_elite_that_only_moved_is_not_new(shipped: PageContents, open_page: Open
     assert page.locator(".elites .is-new").count() == 0
 
 
+def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None:
+    """All that came of a network can be opened from it, in the order in which they came."""
+    run = shipped.runs[0]
+    first = run.candidates[1]
+    page, _ = open_page(shipped, address=f"#/{run.name}/{first.id}")
+    cell = page.locator("#candidate-body dt", has_text="All descendants").locator("xpath=following-sibling::dd[1]")
+    family = [first.id]
+    for one in run.candidates:
+        if not set(family).isdisjoint(one.parents):
+            family.append(one.id)
+    assert len(family) > 2
+    assert cell.locator("a").all_text_contents() == family[1:]
+
+
+def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -> None:
+    """What a trained network passed, each answer that was sent back, and where a rejected one ended."""
+    run = shipped.runs[0]
+    trained, other, *_ = (one for one in run.candidates if one.stage is None and one.parents)
+    lost = next(one for one in run.candidates if one.stage is Stage.probe)
+    repaired = replace(other, repairs=((Stage.policy, Reason.forbidden_import),))
+    candidates = tuple(repaired if one is other else one for one in run.candidates)
+    page, _ = open_page(replace(shipped, runs=(replace(run, candidates=candidates),)))
+    whole = "extract: passed → policy: passed → probe: passed → train: passed"
+    back = "extract: passed → policy: rejected (forbidden_import), sent back"
+    for one, expected in (
+        (run.candidates[0], ["policy: passed → probe: passed → train: passed"]),
+        (trained, [whole]),
+        (repaired, [f"Answer 1. {back}", f"Answer 2. {whole}"]),
+        (lost, [f"extract: passed → policy: passed → probe: rejected ({lost.reason})"]),
+    ):
+        page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
+        assert page.locator("#candidate-body dl ol li").all_inner_texts() == expected
+
+
 def test_every_edge_of_the_lineage_has_its_instruction(shipped: PageContents, open_page: Opener) -> None:
     """It stands where the edge reaches the child, whether or not the child's line is lit."""
     run = shipped.runs[0]
@@ -197,6 +282,15 @@ def test_every_edge_of_the_lineage_has_its_instruction(shipped: PageContents, op
     shown = [known[link.rsplit("/", 1)[1]] for link in links]
     asked = ["crossover" if one.prompt is None else run.instructions[one.prompt][0] for one in shown if one.parents]
     assert sorted(page.locator("#lineage-tree .edge-names text:visible").all_text_contents()) == sorted(asked)
+
+
+def test_rejected_answer_says_where_it_is_from(shipped: PageContents, open_page: Opener) -> None:
+    """Its file has no hash in the ledger."""
+    run = shipped.runs[0]
+    one = next(one for one in run.candidates if one.rejected is not None)
+    page, _ = open_page(shipped, address=f"#/{run.name}/{one.id}")
+    assert page.locator(f'pre[aria-label="rejected answer of {one.id}"]').count() == 1
+    assert "`tacevo replay` checks it" in page.locator("#candidate-body").inner_text()
 
 
 def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_page: Opener) -> None:
@@ -262,6 +356,17 @@ def test_single_generation_has_a_page(shipped: PageContents, open_page: Opener) 
     assert page.locator(".elites a").count() == len(run.generations[0].elites)
     assert not page.locator("#studies").is_visible()
     assert wrong == []
+
+
+def test_reestimates_stand_beside_the_recorded_fitness(shipped: PageContents, open_page: Opener) -> None:
+    """Where a candidate was trained again, its further losses are shown."""
+    run = shipped.runs[0]
+    again = replace(run.candidates[0], reestimates=(0.25, 0.125))
+    page, _ = open_page(
+        replace(shipped, runs=(replace(run, candidates=(again, *run.candidates[1:])),)),
+        address=f"#/{run.name}/{again.id}",
+    )
+    assert "0.250, 0.125" in page.locator("#candidate-body dl").inner_text()
 
 
 def test_phone_scrolls_in_one_direction(shipped: PageContents, open_page: Opener) -> None:

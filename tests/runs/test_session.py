@@ -5,13 +5,19 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from ledger_lines import run_record
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
+from tacevo.config.compose import compose
+from tacevo.records import written
+from tacevo.runs.datasets import load_data
+from tacevo.runs.progress import Progress
 from tacevo.runs.session import Walls
 from tacevo.sandbox.confinement import available, in_force
+from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 
 #: A real search, as small as one can be; with slips, so that answers are rejected, too.
@@ -107,3 +113,26 @@ def test_changed_image_cache_is_refused(published: Path, place: Path, capsys: py
     images.write_bytes(data)
     assert main(RECORDED) == 2
     assert "was changed or damaged; delete that directory" in capsys.readouterr().err
+
+
+def test_selection_never_sees_the_test_images(place: Path) -> None:
+    """Two data sets that differ in all test images and labels give one search, but for what names the data."""
+    rng = np.random.default_rng(0)
+    images, labels = rng.integers(0, 256, (40, 16, 16, 3), dtype=np.uint8), rng.random((40, 3))
+    np.savez("a.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
+    numpy = [*RECORDED[1:], "data=numpy", "data.image_size=16", "archive.niches=5"]
+    rows = load_data(compose([*numpy, "data.root=a.npz"]), Progress()).test
+    images[rows], labels[rows] = 255 - images[rows], labels[rows] + 1
+    np.savez("b.npz", images=images, labels=labels, names=["Fx", "Fy", "Fz"])
+    decisions = []
+    for name in ("a", "b"):
+        assert main(["search", *numpy, f"data.root={name}.npz", f"run.dir={name}"]) == 0
+        header: Any
+        header, *lines = map(written, read_ledger(RunDirectory(place / name)).lines)
+        del header["data"]["fingerprint"]
+        decisions.append([header["data"], *({**line, "evaluation": None} for line in lines)])  # its key holds it, too
+    first, second = (json.loads((place / name / "run.json").read_text())["data"] for name in ("a", "b"))
+    assert first["fingerprint"] != second["fingerprint"]
+    assert len(rows) == 4
+    assert decisions[0] == decisions[1]
+    assert (place / "a" / "archive.json").read_text() == (place / "b" / "archive.json").read_text()

@@ -2,8 +2,6 @@
 
 import itertools
 import math
-import random
-import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,20 +15,18 @@ from hand_runs import closed
 from hand_runs import run as hand_run
 from ledger_lines import header
 from refusals import refused
-from test_seeds import noisy
 
 from analysis.runs.archive_history import archive_history
 from tacevo.errors import DivergenceError
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Given, Operator, Reason, Rejection, Request, Stage, Training
 from tacevo.rounding import rounded
-from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Elite, NetworkArchive, Placed, Places
 from tacevo.search.files import by_rules, line_kind
 from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine
 from tacevo.search.reevaluation import Estimates, fitness_by_id
 from tacevo.search.state import Plan, SearchState
-from tacevo.storage.ledger import Ledger, read_lines
+from tacevo.storage.ledger import read_lines
 
 #: Two slots of each generation train an elite again.
 PLAN = replace(fakes.plan(generations=8), reevaluations=2)
@@ -46,12 +42,8 @@ class Copies(fakes.FakeLLM):
 
 
 def search(plan: Plan = PLAN, path: Path | None = None, **changes: object) -> tuple[str, fakes.Recorder]:
-    """Search by losses that differ from seed to seed; return the digest, and what an observer saw."""
-    recorder = fakes.Recorder()
-    tools = replace(fakes.tools(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
-    with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
-        run_search(plan, tools, ledger, recorder)
-        return ledger.digest, recorder
+    """Search the usual plan; see `fakes.search`."""
+    return fakes.search(plan, path, **changes)
 
 
 def again(recorder: fakes.Recorder) -> list[ReevaluationLine]:
@@ -163,7 +155,7 @@ def test_elite_that_fails_when_trained_again_leaves_the_archive_for_good() -> No
     def failing(source: str, seed: int) -> Training | Rejection:
         if seed and source == fakes.TASK.baseline:
             return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
-        return noisy(source, 0)
+        return fakes.noisy(source, 0)
 
     _, recorder = search(evaluate=failing)
     (failed,) = (line for line in again(recorder) if line.stage is Stage.train)
@@ -249,16 +241,9 @@ def test_slots_that_ask_share_the_draws_of_a_search_without() -> None:
 
 def test_digest_is_that_of_one_worker_after_a_kill_and_in_a_replay(tmp_path: Path) -> None:
     """Further trainings are part of the fold."""
-    path, delays, left = tmp_path / "ledger.jsonl", random.Random(0), iter(range(29))
-
-    def until_killed(source: str, seed: int) -> Training | Rejection:
-        time.sleep(delays.random() / 500)
-        if next(left, None) is None:
-            raise KeyboardInterrupt
-        return noisy(source, seed)
-
+    path = tmp_path / "ledger.jsonl"
     with ThreadPoolExecutor(8) as executor, pytest.raises(KeyboardInterrupt):
-        search(PLAN, path, evaluate=until_killed, executor=executor)
+        search(PLAN, path, evaluate=fakes.until_killed(29), executor=executor)
     with ThreadPoolExecutor(8) as executor:
         digest, _ = search(PLAN, path, executor=executor)
     assert digest == search()[0] == search(PLAN, path)[0]
@@ -271,7 +256,7 @@ def test_changed_further_training_is_a_named_divergence(tmp_path: Path) -> None:
     first = next(line for line in again(recorder) if line.fitness is not None)
 
     def drifting(source: str, seed: int) -> Training | Rejection:
-        result = noisy(source, seed)
+        result = fakes.noisy(source, seed)
         return replace(result, weights_sha256="2" * 64) if seed and isinstance(result, Training) else result
 
     with refused(DivergenceError, place=f"generation {first.generation}, slot {first.slot}, weights", got="2" * 64):

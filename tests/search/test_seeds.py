@@ -1,7 +1,5 @@
 """Promise: with several training seeds the fitness is the median of their losses, and the ledger names each of them."""
 
-import random
-import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -9,24 +7,10 @@ from pathlib import Path
 import fakes
 import pytest
 
-from tacevo.records import Reason, Rejection, Stage, Training, written
-from tacevo.search.algorithm import run_search
-from tacevo.search.files import line_kind
+from tacevo.records import Rejection, Stage, Training, written
 from tacevo.search.lines import CandidateLine
 from tacevo.search.state import Plan
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.ledger import Ledger
-
-
-def noisy(source: str, seed: int) -> Training | Rejection:
-    """Train by hashing, each seed to another loss; one in ten fails with every seed, one in eight with seed 1."""
-    if seed == 1 and source != fakes.TASK.baseline and fakes.number(f"fails {source}", 8) == 0:
-        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
-    result = fakes.evaluate(source)
-    if isinstance(result, Rejection):
-        return result
-    loss = (1 + fakes.number(f"{source} {seed}", 1_000)) / 1_000
-    return replace(result, validation_losses=(1.0, loss), weights_sha256=f"{seed:064}")
 
 
 def three() -> Plan:
@@ -36,11 +20,8 @@ def three() -> Plan:
 
 def search(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, list[CandidateLine]]:
     """Search; return the digest, and the candidates' lines."""
-    recorder = fakes.Recorder()
-    tools = replace(fakes.tools(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
-    with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
-        run_search(plan, tools, ledger, recorder)
-        return ledger.digest, [line for line in recorder.lines if isinstance(line, CandidateLine)]
+    digest, recorder = fakes.search(plan, path, **changes)
+    return digest, [line for line in recorder.lines if isinstance(line, CandidateLine)]
 
 
 def test_fitness_is_the_median_of_the_losses() -> None:
@@ -72,7 +53,7 @@ def test_every_training_names_what_has_no_deterministic_form() -> None:
     """Also where it is not that of the median; a training that has nothing to name keeps its bytes."""
 
     def flagged(source: str, seed: int) -> Training | Rejection:
-        result = noisy(source, seed)
+        result = fakes.noisy(source, seed)
         return (
             replace(result, not_deterministic=("scatter_add",))
             if seed == 2 and isinstance(result, Training)
@@ -98,7 +79,7 @@ def test_each_source_is_trained_once_with_each_seed() -> None:
 
     def counted(source: str, seed: int) -> Training | Rejection:
         calls.append((source, seed))
-        return noisy(source, seed)
+        return fakes.noisy(source, seed)
 
     search(replace(three(), generations=0, initial=60), evaluate=counted)
     assert len(calls) == len(set(calls))
@@ -107,16 +88,9 @@ def test_each_source_is_trained_once_with_each_seed() -> None:
 
 def test_digest_is_that_of_one_worker_after_a_kill_and_in_a_replay(tmp_path: Path) -> None:
     """Seeds finish in any order, in any generation; the losses are in the order of the seeds."""
-    path, delays, left = tmp_path / "ledger.jsonl", random.Random(0), iter(range(17))
-
-    def until_killed(source: str, seed: int) -> Training | Rejection:
-        time.sleep(delays.random() / 500)
-        if next(left, None) is None:
-            raise KeyboardInterrupt
-        return noisy(source, seed)
-
+    path = tmp_path / "ledger.jsonl"
     with ThreadPoolExecutor(8) as executor, pytest.raises(KeyboardInterrupt):
-        search(three(), path, evaluate=until_killed, executor=executor)
+        search(three(), path, evaluate=fakes.until_killed(17), executor=executor)
     with ThreadPoolExecutor(8) as executor:
         digest, _ = search(three(), path, executor=executor)
     assert digest == search(three())[0] == search(three(), path)[0]

@@ -1,9 +1,12 @@
 """Effects of a search without a model, a sandbox or a training: pure functions of the text that comes in."""
 
 import hashlib
+import random
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
 from tacevo.profile import Admitted, Graph, Node, Profile
@@ -21,12 +24,15 @@ from tacevo.records import (
     Training,
     to_json,
 )
+from tacevo.search.algorithm import run_search
 from tacevo.search.archive import NetworkArchive, Tessellation, find_centroids
-from tacevo.search.development import Outcome, Tools
+from tacevo.search.development import Evaluate, Outcome, Tools
+from tacevo.search.files import line_kind
 from tacevo.search.lines import SearchLine
 from tacevo.search.proposals import Settings
 from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
+from tacevo.storage.ledger import Ledger
 
 CONTRACT = Contract(
     class_name="Net",
@@ -167,3 +173,36 @@ class Recorder:
         """Remember a line and the state behind it."""
         self.lines.append(line)
         self.states.append(state)
+
+
+def noisy(source: str, seed: int) -> Training | Rejection:
+    """Train by hashing, each seed to another loss; one in ten fails with every seed, one in eight with seed 1."""
+    if seed == 1 and source != TASK.baseline and number(f"fails {source}", 8) == 0:
+        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
+    result = evaluate(source)
+    if isinstance(result, Rejection):
+        return result
+    loss = (1 + number(f"{source} {seed}", 1_000)) / 1_000
+    return replace(result, validation_losses=(1.0, loss), weights_sha256=f"{seed:064}")
+
+
+def until_killed(trainings: int) -> Evaluate:
+    """Train as `noisy` does, with delays that differ, and end the search like Ctrl-C after so many trainings."""
+    delays, left = random.Random(0), iter(range(trainings))
+
+    def train(source: str, seed: int) -> Training | Rejection:
+        time.sleep(delays.random() / 500)
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return noisy(source, seed)
+
+    return train
+
+
+def search(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, Recorder]:
+    """Search by losses that differ from seed to seed; return the digest, and what an observer saw."""
+    recorder = Recorder()
+    effects = replace(tools(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
+    with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
+        run_search(plan, effects, ledger, recorder)
+        return ledger.digest, recorder

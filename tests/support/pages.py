@@ -5,8 +5,10 @@ import enum
 from collections.abc import Mapping
 from pathlib import Path
 
+from playwright.sync_api import Page
+
 from analysis.report.collection import collect, tables_of
-from analysis.report.page.contents import PageContents, Source
+from analysis.report.page.contents import Generation, PageContents, Source
 from analysis.report.page.of_run import RunMaterial, read_recorded
 from analysis.report.page.sources import marked
 from analysis.report.page.whole import page_contents
@@ -39,6 +41,35 @@ def poisoned(page: PageContents) -> PageContents:
     found = _poisoned(page)
     assert isinstance(found, PageContents)
     return found
+
+
+def check_panels(page: Page, contents: PageContents) -> None:
+    """Compare how much every panel holds with the records."""
+    (run,) = contents.runs
+    assert page.locator("#map-drawing .cells path").count() == len(run.cells)
+    assert elites_on_map(page) == elites_of(run.generations[-1])
+    assert page.locator("#candidates-table tbody tr").count() == len(run.candidates)
+    assert page.locator("#lineage-line li").count() > 1
+    assert page.locator("#lineage-tree a").count() >= len(run.generations[-1].elites)
+    assert page.locator("#dynamics-figures figure").count() >= 7
+    assert page.locator("#studies-body circle").count() == sum(
+        len(one.values) for study in run.studies for one in study.networks
+    )
+    assert page.locator("#run-tables details").count() == len(run.tables)
+    assert page.locator("#headlines p").all_inner_texts() == list(run.headlines)
+    assert page.locator("#checked li").all_inner_texts() == list(contents.checked)
+    assert run.provenance[1][1] in page.locator("#provenance-facts").inner_text()
+
+
+def elites_on_map(page: Page) -> set[str]:
+    """Return the elites that the map links to, by id."""
+    links = page.eval_on_selector_all(".elites a", "all => all.map(a => a.href.baseVal)")
+    return {link.rsplit("/", 1)[1] for link in links}
+
+
+def elites_of(generation: Generation) -> set[str]:
+    """Return the elites that the archive had at the end of a generation, by id."""
+    return {name for _, name in generation.elites}
 
 
 def _poisoned(value: object) -> object:
