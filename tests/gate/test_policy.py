@@ -298,6 +298,16 @@ def test_class_must_be_there() -> None:
     assert "ImageRegressionCNN" in rejection.detail
 
 
+@pytest.mark.parametrize(
+    ("ending", "words"),
+    [("x = '\ud800'\n", "the text cannot be parsed: "), ("\\\r\n", "the text cannot be split into tokens: ")],
+)
+def test_text_that_one_of_pythons_readers_refuses_is_no_network(ending: str, words: str) -> None:
+    """Half a character, which the parser refuses, and an open line, which it takes and the tokenizer does not."""
+    rejection = rejection_of(VALID + ending)
+    assert (rejection.reason, rejection.detail.startswith(words)) == (Reason.syntax, True)
+
+
 @given(st.sampled_from(["exec", "eval", "open", "globals"]), st.integers(0, 20))
 def test_wrapping_does_not_hide_a_name(name: str, depth: int) -> None:
     """However deep a forbidden name sits, it is found."""

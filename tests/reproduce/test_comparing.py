@@ -104,6 +104,12 @@ def test_rejected_candidate_has_no_fitness_to_compare() -> None:
     assert fitness_by_source(RUN.lines) == {"source 00": 0.1, "source 01": 0.2, "source 02": 0.3}
 
 
+def test_runs_without_a_source_in_common_agree_in_nothing() -> None:
+    """No difference of 0, which would look like agreement."""
+    found = compare(RUN, recorded(trained("g01s07", 0.1), *RUN.lines[4:]))
+    assert "no source was trained in both runs" in describe(found)
+
+
 def test_archives_overlap_by_source_and_by_niche() -> None:
     """By hand: niche 0 holds the same source, niche 4 another, and a source moved from niche 4 to 5."""
     found = compare(RUN, replace(RUN, elites={0: "source 00", 4: "source 02", 5: "source 01"})).overlap

@@ -207,6 +207,15 @@ def test_shared_settings_are_compared_with_every_job(place: Path) -> None:
     assert not launched.calls
 
 
+def test_shared_settings_with_which_an_earlier_job_is_no_search_are_another_sweep(place: Path) -> None:
+    """Where the baseline is every parent, nothing is crossed, as one of the earlier jobs does."""
+    share = "proposals.mutation_probability"
+    sweep([*SHARED, f"{share}=0.5,1", "seed=0"], "all", Heard(), Launched())
+    with refused(RunError, place="all", got=f"{share}-0.5-seed0 would be another search"):
+        sweep([*SHARED, "proposals.parents=baseline", f"{share}=1", "seed=1"], "all", Heard(), launched := Launched())
+    assert not launched.calls
+
+
 @pytest.mark.slow
 def test_setting_that_was_varied_once_is_never_shared(place: Path) -> None:
     """One value of a setting that was varied before is not shared: its job would have the arm of another."""

@@ -188,6 +188,13 @@ def test_metrics_that_the_predictions_do_not_give_are_found(forged: dict[str, fl
             evaluator(Recorder(ANSWER).run, tmp_path, data=data, mode=mode).evaluate(SOURCE, 0)
 
 
+def test_confusion_that_the_predictions_do_not_give_is_found(tmp_path: Path) -> None:
+    """A regression has none."""
+    forge(tmp_path, lambda full: {**full, "confusion": [[1, 0], [0, 1]]})
+    with refused(DivergenceError, place="confusion", expected="that of the test predictions"):
+        evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0)
+
+
 def test_better_predictions_do_not_give_the_metrics(tmp_path: Path) -> None:
     """Exchanged together with their digest, they are found by the metrics."""
     better = ArrayStore(Store(tmp_path, "arrays")).keep(HELD_OUT.targets)
