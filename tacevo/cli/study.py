@@ -14,7 +14,7 @@ from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.studies.given import record_given
-from tacevo.studies.of_sweep import study_sweep
+from tacevo.studies.of_sweep import StudiedSweep, estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted, listed
 
@@ -43,7 +43,8 @@ SETTINGS = {
 
 #: The same of a noise run; conf/noise.yaml has the defaults.
 NOISE_SETTINGS = {
-    "run": "the directory of a finished run; required, and may stand alone: RUN",
+    "run": "the directory of a finished run, which may stand alone: RUN; or",
+    "sweep": "that of a sweep: a noise run of each finished job",
     "elites": "how many elites, best validation loss first, beside the baseline (all)",
     "seeds": "training seeds of each network (5)",
     "executor.workers": SETTINGS["executor.workers"],
@@ -70,6 +71,7 @@ _NOISE_EPILOG = """\
 examples:
   tacevo noise runs/NAME
   tacevo noise runs/NAME elites=10 seeds=20 executor.workers=8
+  tacevo noise sweep=sweeps/NAME                      # then `tacevo ablations` has the corrected archives of the arms
 
 """
 
@@ -92,9 +94,9 @@ def add_study(parser: Parser) -> None:
 def add_noise(parser: Parser) -> None:
     """Describe `tacevo noise`."""
     parser.description = (
-        "Train the baseline and the elites of a finished run again, as its search did, but with other training seeds,\n"
-        "so that tables and report can say what its recorded fitnesses are worth. No test image is used. The exit "
-        "status\nis 1 if a training did not finish."
+        "Train the baseline and the elites of a finished run, or of each job of a sweep, again as its search did, but\n"
+        "with other training seeds, so that tables and report can say what its recorded fitnesses are worth. No test\n"
+        "image is used. The exit status is 1 if a training or a job did not finish."
     )
     _finish(parser, NOISE_SETTINGS, _NOISE_EPILOG)
     parser.set_defaults(command=_noise)
@@ -156,15 +158,27 @@ def _study(options: argparse.Namespace) -> int:
 def _study_sweep(sweep: Path, config: StudyConfig) -> int:
     with Progress() as view:
         studied = study_sweep(sweep, config, view)
-    statuses = [_report(one, "study", "raise seconds= or memory_mib=") for one in studied.studies]
+    return _report_sweep(sweep, studied, "study", "raise seconds= or memory_mib=")
+
+
+def _noise_sweep(sweep: Path, config: NoiseConfig) -> int:
+    with Progress() as view:
+        estimated = estimate_noise_of_sweep(sweep, config, view)
+    return _report_sweep(sweep, estimated, "noise run", "lower elites=")
+
+
+def _report_sweep(sweep: Path, studied: StudiedSweep, what: str, remedy: str) -> int:
+    statuses = [_report(one, what, remedy) for one in studied.studies]
     for job in studied.unfinished:
-        print(f"not studied, for it is not finished: {job}")
+        print(f"no {what}, for it is not finished: {job}")
     print(f"compare: tacevo ablations {sweep}")
     return DIFFERENT if studied.unfinished else max(statuses)
 
 
 def _noise(options: argparse.Namespace) -> int:
     config = _composed(compose_noise, options.overrides)
+    if config.sweep is not None:
+        return _noise_sweep(Path(config.sweep), config)
     with Progress() as view:
         studied = estimate_noise(config, view)
     return _report(studied, "noise run", "lower elites=")
