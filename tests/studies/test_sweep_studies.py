@@ -179,7 +179,7 @@ def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
     assert main(["ablations", "sweep", "--store", "cache", "-o", "some"]) == 0
     assert not Path("some/ablation_corrected_force.csv").exists()
     notes = Path("some/ablation_force.md").read_text()
-    assert "No corrected figures: `tacevo noise` has not trained all elites of none-seed1 again." in notes
+    assert "No corrected figures: tacevo noise has not trained all elites of none-seed1 again." in notes
 
 
 def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -198,6 +198,5 @@ def test_trivial_predictor_stands_beside_the_arms(folder: Path) -> None:
             assert rows == []
             continue
         (path,) = folder.glob("sweep/none-seed0/studies/*")
-        assert [float(cell) for cell in rows[0][1:] if cell] == [
-            pytest.approx(trivial_score(load_study(path)), rel=1e-6)
-        ]
+        score = pytest.approx(trivial_score(load_study(path)), rel=1e-6)
+        assert [float(cell) for cell in rows[0][1:] if cell] == [score]
