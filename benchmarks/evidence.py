@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 from scipy.stats import binomtest
 
-from analysis.statistics.effects import Interval, effects, median, superiority
+from analysis.statistics.effects import Interval, effects, effects_of_constant, median, superiority
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.noise import icc
 from analysis.statistics.planning import CONFIDENCE, pooled
@@ -161,6 +161,11 @@ def _a12_covered(chance: float, seeds: int, spread: float = 1.0) -> Trial:
     return lambda rng: _holds(superiority(rng.normal(size=seeds), shift + spread * rng.normal(size=seeds)), chance)
 
 
+def _constant_covered(chance: float, seeds: int) -> Trial:
+    """Cover the chance that a seed is lower than a value that has none."""
+    return lambda rng: _holds(effects_of_constant(ndtri(chance), rng.normal(size=seeds)).a12, chance)
+
+
 def _median_covered(seeds: int) -> Trial:
     return lambda rng: _holds(median(rng.normal(size=seeds)), 0.0)
 
@@ -217,6 +222,7 @@ _COVERED: dict[str, Trial] = {
     "A12 of 0.95, 5 seeds": _a12_covered(0.95, 5),
     "A12 of 0.95, 20 seeds": _a12_covered(0.95, 20),
     "A12 of 0.5, 20 seeds, spreads 1 to 4": _a12_covered(0.5, 20, spread=4.0),
+    "A12 of 0.8, of a constant, 20 seeds": _constant_covered(0.8, 20),
     "ICC of 0.2, 5 networks, 20 seeds": _icc_covered(0.2, 5, 20),
     "ICC of 0.64, 5 networks, 20 seeds": _icc_covered(0.64, 5, 20),
     "ICC of 0.2, 20 networks, 5 seeds": _icc_covered(0.2, 20, 5),

@@ -1,7 +1,7 @@
 """All that is known of a sweep: its runs, the archive that measures them, their comparison; its tables."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,17 +9,21 @@ from numpy.typing import NDArray
 
 from analysis.runs.niches import load_niches
 from analysis.runs.run import Run
+from analysis.studies.corrected import Corrected
 from analysis.studies.scores import PRIMARY
 from analysis.sweeps.ablation import Ablation, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive, extents
+from analysis.sweeps.corrected import corrected_jobs
 from analysis.sweeps.metrics import TESTS, Metric
 from analysis.sweeps.sweep import REFERENCE, Finished, Sweep, load_sweep
 from analysis.sweeps.sweep_checks import check_sweep
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables
 from analysis.tables.common_archive import common_note, extents_note
+from analysis.tables.corrected_arms import corrected_arms_table
 from tacevo.choices import Primary
 from tacevo.errors import ConfigError, IncomparableError
+from tacevo.text import listed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +36,8 @@ class SweepCollection:
     niches_of: str
     #: Of the common archive, by axis.
     extents: tuple[Extent, ...]
+    #: The archives after their elites were trained again, by the names of the jobs of which all were.
+    corrected: Mapping[str, Corrected]
 
 
 def collect_sweep(path: Path, store: Path | None, reference: str | None = None) -> SweepCollection:
@@ -56,7 +62,13 @@ def collect_sweep(path: Path, store: Path | None, reference: str | None = None) 
     common = common_archive(runs, measure.run, centroids)
     outcomes = [outcome(one, common) for one in sweep.finished]
     found = compare_arms(outcomes, wanted=wanted, primary=primary_metric(sweep), failed=sweep.failed)
-    return SweepCollection(sweep=sweep, found=found, niches_of=measure.job.name, extents=extents(runs, common))
+    return SweepCollection(
+        sweep=sweep,
+        found=found,
+        niches_of=measure.job.name,
+        extents=extents(runs, common),
+        corrected=corrected_jobs(sweep, common, store),
+    )
 
 
 def primary_metric(sweep: Sweep) -> Metric | None:
@@ -110,4 +122,13 @@ def measuring(
 def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
     """Return every table of a sweep."""
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
-    return ablation_tables(collected.sweep, collected.found, archive)
+    first, *others = ablation_tables(collected.sweep, collected.found, archive)
+    jobs, corrected = [one.job.name for one in collected.sweep.finished], collected.corrected
+    if len(corrected) == len(jobs):
+        arms = [arm.name for arm in collected.found.arms]
+        return first, corrected_arms_table(collected.sweep, arms, corrected), *others
+    if corrected:
+        lacking = listed(name for name in jobs if name not in corrected)
+        remark = f"No corrected figures: tacevo noise has not trained all elites of {lacking} again."
+        first = replace(first, notes=(*first.notes, remark))
+    return first, *others

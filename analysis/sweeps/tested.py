@@ -5,12 +5,13 @@ with the best fitness is trained again with K fresh seeds, and the median of the
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import median
 
 from analysis.runs.run import Run
 from analysis.statistics.samples import not_finite
 from analysis.studies.scores import PRIMARY
+from analysis.studies.trivial import metrics_from
 from tacevo.errors import RunError
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Retraining
@@ -30,6 +31,9 @@ class JobScore:
     values: tuple[float, ...]
     #: The id of the network; the baseline's where no other is better.
     network: str
+    #: What a predictor scores that looks at no image; None where the study's scores do not tell, and equal but for the
+    #: last digits in all studies on the same data.
+    trivial: float | None = field(default=None, compare=False)
 
     @property
     def value(self) -> float:
@@ -91,7 +95,9 @@ def _score(run: Run, study: Design, rows: Sequence[Row]) -> JobScore:
     values = tuple(row.metrics[metric] for row in own if isinstance(row, ScoreLine))
     if len(values) != study.seeds or not_finite(values):
         raise RunError(f"{values}", place=f"{run.path}, {best.name}", expected=f"{study.seeds} finite scores")
-    return JobScore(metric=metric, values=values, network=best.id)
+    told = [row for row in rows if isinstance(row, ScoreLine)]
+    trivial = metrics_from(told, study.data.names).get(metric)
+    return JobScore(metric=metric, values=values, network=best.id, trivial=trivial)
 
 
 def _fitness(run: Run, study: Design) -> dict[str, float]:

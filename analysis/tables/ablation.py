@@ -3,6 +3,7 @@
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from statistics import median
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, median_confidence
@@ -17,12 +18,16 @@ from analysis.tables.comparison import between, power_note
 from analysis.tables.plan import counts, planned_table
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
+from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
 from tacevo.storage.plan import Measure, Plan
 from tacevo.text import counted, listed
 
 #: What a contrast has, in the order of its columns.
 _TESTED = ("U", "p", "p, Holm", "method", "A12", "Cliff's delta")
+
+#: The columns beside arm, seeds and median, where nothing is compared.
+_BLANK = (None,) * (len(_TESTED) + 6)
 
 #: What the network that a job found is best by.
 _CHOSEN = {ChosenBy.fitness: "fitness", ChosenBy.reestimated: "fitness in a noise run"}
@@ -96,15 +101,18 @@ def _spread(sweep: Sweep, metric: Measure) -> float | None:
 
 def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
+    trivial = [_trivial(sweep, metric) for metric in found.metrics]
     return Table(
         name=f"ablation_{sweep.task}",
         caption=f"The arms ({sweep.task}).",
         columns=("arm", "seeds", *(metric.value for metric in found.metrics)),
-        rows=tuple(
-            (arm.name, len(arm.seeds), *(_summary(arm, metric) for metric in found.metrics)) for arm in found.arms
+        rows=(
+            *((arm.name, len(arm.seeds), *(_summary(arm, metric) for metric in found.metrics)) for arm in found.arms),
+            *([("trivial", None, *trivial)] if trivial[0] is not None else []),
         ),
         notes=(
             *_primary_note(sweep, found),
+            *_trivial_note(sweep, found.metrics[0]),
             _median_note([len(arm.metrics[metric].values) for arm in found.arms for metric in found.metrics]),
             archive,
             *(
@@ -139,6 +147,7 @@ def settings_table(sweep: Sweep) -> Table:
 
 def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) -> Table:
     """Show every arm in one metric, and how it differs from the reference."""
+    trivial = _trivial(sweep, metric)
     unit = " (percentage points)" if metric in FRACTIONS else ""
     counts = ("better", "equal", "worse")
     return Table(
@@ -149,9 +158,13 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
             *(f"difference of medians{unit}", f"median difference by seed{unit}"),
             *(f"seeds {word}" for word in counts),
         ),
-        rows=tuple(_row(arm, metric) for arm in found.arms),
+        rows=(
+            *(_row(arm, metric) for arm in found.arms),
+            *([("trivial", None, trivial, *_BLANK)] if trivial is not None else []),
+        ),
         notes=(
             *_rank_note(sweep, found, metric),
+            *_trivial_note(sweep, metric),
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
             *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
@@ -185,8 +198,20 @@ def _row(arm: Arm, metric: Metric) -> tuple[Cell, ...]:
         arm.name,
         len(summary.values),
         _summary(arm, metric),
-        *((None,) * (len(_TESTED) + 6) if contrast is None else _contrast(contrast, metric)),
+        *(_BLANK if contrast is None else _contrast(contrast, metric)),
     )
+
+
+def _trivial(sweep: Sweep, metric: Metric) -> Cell:
+    """Return the trivial predictor's score: the median over the jobs, whose data may follow from their seeds."""
+    scores = [one.tested.trivial for one in sweep.finished if one.tested is not None and one.tested.trivial is not None]
+    return _value(metric, rounded(median(scores))) if scores and metric in TESTS.values() else None
+
+
+def _trivial_note(sweep: Sweep, metric: Metric) -> list[str]:
+    always = "mean" if metric is Metric.test_mse else "most frequent class"
+    words = f"Trivial: looks at no image, and always predicts the {always} of the test images."
+    return [] if _trivial(sweep, metric) is None else [words]
 
 
 def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:

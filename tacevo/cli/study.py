@@ -33,7 +33,7 @@ from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import studies_of
 from tacevo.studies.given import record_given
-from tacevo.studies.of_sweep import study_sweep
+from tacevo.studies.of_sweep import StudiedSweep, estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted, listed
 
@@ -62,7 +62,8 @@ SETTINGS = {
 
 #: The same of a noise run; conf/noise.yaml has the defaults.
 NOISE_SETTINGS = {
-    "run": "the directory of a finished run; required, and may stand alone: RUN",
+    "run": "the directory of a finished run, which may stand alone: RUN; or",
+    "sweep": "that of a sweep: a noise run of each finished job",
     "elites": "how many elites, best validation loss first, beside the baseline (all)",
     "seeds": "training seeds of each network (5)",
     "executor.workers": SETTINGS["executor.workers"],
@@ -89,6 +90,7 @@ _NOISE_EPILOG = """\
 examples:
   tacevo noise runs/NAME
   tacevo noise runs/NAME elites=10 seeds=20 executor.workers=8
+  tacevo noise sweep=sweeps/NAME                      # then `tacevo ablations` has the corrected archives of the arms
 
 """
 
@@ -111,9 +113,9 @@ def add_study(parser: Parser) -> None:
 def add_noise(parser: Parser) -> None:
     """Describe `tacevo noise`."""
     parser.description = (
-        "Train the baseline and the elites of a finished run again, as its search did, but with other training seeds,\n"
-        "so that tables and report can say what its recorded fitnesses are worth. No test image is used. The exit "
-        "status\nis 1 if a training did not finish."
+        "Train the baseline and the elites of a finished run, or of each job of a sweep, again as its search did, but\n"
+        "with other training seeds, so that tables and report can say what its recorded fitnesses are worth. No test\n"
+        "image is used. The exit status is 1 if a training or a job did not finish."
     )
     _finish(parser, NOISE_SETTINGS, _NOISE_EPILOG)
     parser.set_defaults(command=_noise)
@@ -181,19 +183,31 @@ def _study(options: argparse.Namespace) -> int:
 
 def _study_sweep(sweep: Path, config: StudyConfig) -> int:
     with Progress() as view:
-        swept = study_sweep(sweep, config, view)
+        studied = study_sweep(sweep, config, view)
+    return _report_sweep(sweep, studied, "study", "raise seconds= or memory_mib=")
+
+
+def _noise_sweep(sweep: Path, config: NoiseConfig) -> int:
+    with Progress() as view:
+        estimated = estimate_noise_of_sweep(sweep, config, view)
+    return _report_sweep(sweep, estimated, "noise run", "lower elites=")
+
+
+def _report_sweep(sweep: Path, studied: StudiedSweep, what: str, remedy: str) -> int:
     statuses = []
-    for one in swept.studies:
-        _introduce(one, "study")
-        statuses.append(_end(one, "raise seconds= or memory_mib="))
-    for job in swept.unfinished:
-        print(f"not studied, for it is not finished: {job}")
+    for one in studied.studies:
+        _introduce(one, what)
+        statuses.append(_end(one, remedy))
+    for job in studied.unfinished:
+        print(f"no {what}, for it is not finished: {job}")
     print(f"compare: {as_typed('tacevo')} ablations {sweep}")
-    return DIFFERENT if swept.unfinished else max(statuses)
+    return DIFFERENT if studied.unfinished else max(statuses)
 
 
 def _noise(options: argparse.Namespace) -> int:
     config = _composed(compose_noise, options.overrides)
+    if config.sweep is not None:
+        return _noise_sweep(Path(config.sweep), config)
     with Progress() as view:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")

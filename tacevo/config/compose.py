@@ -110,8 +110,16 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
 
 
 def compose_noise(overrides: Sequence[str]) -> NoiseConfig:
-    """Compose the configuration of a noise run from overrides such as `seeds=5`; errors are those of `compose`."""
-    return _compose_command("noise", NoiseConfig, overrides)
+    """Compose the configuration of a noise run from overrides such as `seeds=5`.
+
+    Raises:
+        ConfigError: as `compose`, or it does not name either a run or a sweep.
+    """
+    config = _compose_command("noise", NoiseConfig, overrides)
+    if (config.run is None) == (config.sweep is None):
+        expected = "the directory of a finished run, as in run=runs/NAME, or that of a sweep, as in sweep=sweeps/NAME"
+        raise ConfigError("neither" if config.run is None else "both", place="run", expected=expected)
+    return config
 
 
 def _compose_command(command: str, kind: type[T], overrides: Sequence[str]) -> T:

@@ -90,8 +90,10 @@ class NoiseConfig(Record):
     """The search's own training of a run's elites and its baseline, with other seeds."""
 
     executor: ExecutorConfig
-    #: The directory of a finished run.
-    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", bool)]
+    #: The directory of a finished run; None where a sweep is named.
+    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_named)]
+    #: The directory of a sweep, of each of whose jobs the elites are trained again; None where there is none.
+    sweep: Annotated[str | None, is_a("the directory of a sweep, as in sweep=sweeps/NAME", _is_named)]
     #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]
     #: Training seeds of each network.

@@ -1,21 +1,23 @@
 """`tacevo study sweep=DIR`: the best network of every job of a sweep, trained fully with fresh seeds and tested.
 
+`tacevo noise sweep=DIR`: a noise run of every job, which states nothing and decides nothing.
+
 Each job gets an ordinary study, of the baseline and its best elite, in its own directory. What is stated once for all
 of them, seeds, epochs and what `best` means, is written into sweep.json before the first training, so that
 `tacevo ablations` knows which studies count, whatever other studies the runs have.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.config.study import StudyConfig
+from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import RunError, TacevoError
 from tacevo.runs.progress import Progress
 from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory
 from tacevo.studies.directory import is_stated, studies_of
-from tacevo.studies.study import Studied, study
+from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
 
 
@@ -23,7 +25,7 @@ from tacevo.text import counted
 class StudiedSweep:
     """The studies of a sweep's jobs."""
 
-    #: One for each finished job, in the order of the jobs; at least one.
+    #: Or noise runs. One for each finished job, in the order of the jobs; at least one.
     studies: tuple[Studied, ...]
     #: Names of the jobs that are not finished, and have none.
     unfinished: tuple[str, ...]
@@ -42,25 +44,45 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     directory = SweepDirectory(path)
-    _, jobs = directory.read()
-    finished = [job for job in jobs if finished_digest(directory.run(job)) is not None]
-    if not finished:
-        raise RunError("none", place=str(path), expected="a finished job", remedy="continue the sweep")
+    finished = _finished(directory)
     _state(directory, Retraining(seeds=config.seeds, epochs=config.epochs, choose=config.choose))
     planned = directory.read_terms().plan
     if planned is not None and planned.retraining not in {None, config.seeds}:
         view.say(
             f"this is not what was planned, which is {counted(planned.retraining, 'training seed')} of each network"
         )
+    return _each(directory, finished, lambda run: study(replace(config, run=run, sweep=None), view), view)
+
+
+def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> StudiedSweep:
+    """Train the elites of each finished job again, or resume such noise runs; arguments and errors as `study_sweep`."""
+    directory = SweepDirectory(path)
+    finished = _finished(directory)
+    return _each(directory, finished, lambda run: estimate_noise(replace(config, run=run, sweep=None), view), view)
+
+
+def _finished(directory: SweepDirectory) -> list[Job]:
+    """Return the finished jobs of a sweep, at least one."""
+    finished = [job for job in directory.read()[1] if finished_digest(directory.run(job)) is not None]
+    if not finished:
+        raise RunError("none", place=str(directory.path), expected="a finished job", remedy="continue the sweep")
+    return finished
+
+
+def _each(
+    directory: SweepDirectory, finished: Sequence[Job], train: Callable[[str], Studied], view: Progress
+) -> StudiedSweep:
+    """Do the same for the run of each job, one after another; an error names the job."""
     studies = []
     for number, job in enumerate(finished, start=1):
         view.say(f"job {job.name} ({number} of {len(finished)})")
         try:
-            studies.append(study(replace(config, run=str(directory.run(job).path), sweep=None), view))
+            studies.append(train(str(directory.run(job).path)))
         except TacevoError as error:
             error.place = ", ".join(part for part in (f"job {job.name}", error.place) if part)
             raise
         view.advance("jobs", number, len(finished))
+    jobs = directory.read()[1]
     return StudiedSweep(studies=tuple(studies), unfinished=tuple(job.name for job in jobs if job not in finished))
 
 

@@ -1,6 +1,7 @@
 """Promise: `tacevo study sweep=DIR` tests what each job found, as stated beforehand; the arms are compared by it."""
 
 import csv
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from refusals import refused
 from smallest import Once
 
 from analysis.studies.study import load_study
+from analysis.studies.trivial import trivial_score
 from tacevo.cli.app import main
 from tacevo.config.compose import compose_study
 from tacevo.errors import ConfigError, RunError
@@ -117,7 +119,7 @@ def test_unfinished_job_is_named_and_the_others_are_tested(folder: Path, capsys:
     """The status says so, and the same command tests it later."""
     shutil.rmtree(folder / "sweep" / "none-seed1")
     assert main(TEST) == 1
-    assert "not studied, for it is not finished: none-seed1" in capsys.readouterr().out
+    assert "no study, for it is not finished: none-seed1" in capsys.readouterr().out
     for job in SweepDirectory(Path("sweep")).read()[1]:
         shutil.rmtree(folder / "sweep" / job.name, ignore_errors=True)
     assert main(TEST) == 2
@@ -153,3 +155,48 @@ def test_published_sweep_has_its_terms_and_its_tests(folder: Path) -> None:
     )
     assert one == other
     assert "ablation_test_mse_force.md" in one
+
+
+def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recorded beside re-estimated, of the elites alone; where a job has none there is no table, and a note says so."""
+    assert main(["noise", "sweep=sweep", "seeds=2", "store.root=cache"]) == 0
+    assert "compare: tacevo ablations sweep" in capsys.readouterr().out
+    assert main(["ablations", "sweep", "--store", "cache", "-o", "all"]) == 0
+    with Path("all/ablation_corrected_force.csv").open(encoding="utf-8", newline="") as file:
+        (row,) = (row for row in csv.DictReader(file) if row["arm"] == "fixed_temperature")
+    (lines,) = folder.glob("sweep/fixed_temperature-seed0/studies/noise*/scores.jsonl")
+    rows = [json.loads(line) for line in lines.read_text().splitlines()[1:]]
+    archive = json.loads((folder / "sweep" / "fixed_temperature-seed0" / "archive.json").read_text())
+    elites = {elite["id"]: elite["fitness"] for elite in archive["elites"]}
+    medians = {name: median(row["validation_loss"] for row in rows if row["id"] == name) for name in elites}
+    assert float(row["best fitness"]) == pytest.approx(min(elites.values()), rel=1e-8)
+    assert float(row["best fitness, corrected"]) == pytest.approx(min(medians.values()), rel=1e-8)
+    assert float(row["QD-score, corrected"]) <= sum(1 / (1 + loss) for loss in medians.values()) + 1e-8
+    (noise,) = folder.glob("sweep/none-seed1/studies/noise*")
+    shutil.rmtree(noise)
+    assert main(["ablations", "sweep", "--store", "cache", "-o", "some"]) == 0
+    assert not Path("some/ablation_corrected_force.csv").exists()
+    notes = Path("some/ablation_force.md").read_text()
+    assert "No corrected figures: tacevo noise has not trained all elites of none-seed1 again." in notes
+
+
+def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One of both is meant."""
+    assert main(["noise", "run=sweep/none-seed0", "sweep=sweep"]) == 2
+    assert "got both" in capsys.readouterr().err
+
+
+def test_trivial_predictor_stands_beside_the_arms(folder: Path) -> None:
+    """With its test score, and nothing else: by the labels' variance, which the scores of a study tell."""
+    assert main(["ablations", "sweep", "--store", "cache"]) == 0
+    for name in ("ablation_force", "ablation_test_mse_force", "ablation_best_fitness_force"):
+        with (folder / "sweep" / "ablations" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+            rows = [list(row.values()) for row in csv.DictReader(file) if row["arm"] == "trivial"]
+        if name == "ablation_best_fitness_force":
+            assert rows == []
+            continue
+        (path,) = folder.glob("sweep/none-seed0/studies/*")
+        score = pytest.approx(trivial_score(load_study(path)), rel=1e-6)
+        assert [float(cell) for cell in rows[0][1:] if cell] == [score]
