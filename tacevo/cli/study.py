@@ -154,7 +154,7 @@ def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[st
             raise ConfigError(listed([runs[0], *named]), place="run", expected="one run, as RUN or run=RUN")
         config = replace(compose([*settings, "run=RUN"]), run=runs[0])
     if config.run is not None and SweepDirectory(Path(config.run)).is_one:
-        remedy = f"name the run of a job, {config.run}/JOB; `tacevo study sweep=` studies all jobs"
+        remedy = f"name the run of a job, {config.run}/JOB; sweep={config.run} takes all jobs"
         raise ConfigError(f"the sweep {config.run}", place="run", expected="the directory of one run", remedy=remedy)
     return config
 
