@@ -52,7 +52,7 @@ def study_outcome(
 
 
 def _row(study: Study, network: Network, found: Comparisons | None, again: Reestimates | None) -> dict[str, Cell]:
-    cells: dict[str, Cell] = {"network": network.name, "candidate": network.id, "test": _score(study, network.name)}
+    cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
     if found is not None:
         verdicts = {one.network: f"{one.verdict.value} ({shown(PValue(one.p_holm))})" for one in found.variants}
         cells["verdict"] = verdicts.get(network.name)
@@ -73,14 +73,18 @@ def noise_outcome(found: Reestimates, task: str) -> Table:
         name=f"outcome_{task}",
         caption=f"{task}: {counted(len(pairs), 'network')}, trained again as the search did, with {seeds}",
         columns=(
-            *("network", "candidate", f"fitness, {found.record}", "re-estimated [least, most]"),
-            *("seeds as low", "chance to beat the baseline"),
+            *("network", "id", f"fitness, {found.record}", "re-estimated", "least", "most"),
+            f"chance to beat the baseline [{100 * LEVEL:g} %]",
         ),
         rows=tuple(
-            (network.name, network.id, one.recorded, Between(one.median, one.least, one.most), one.as_low, _beats(one))
+            (network.name, network.id, one.recorded, one.median, one.least, one.most, _beats(one))
             for network, one in listed_ones
         ),
-        notes=(*_left_out(found, len(pairs) - len(listed_ones)), _icc(found)),
+        notes=(
+            *_left_out(found, len(pairs) - len(listed_ones)),
+            "Re-estimated: the median of these seeds. The lowest of many flatters its network too, if less.",
+            _icc(found),
+        ),
     )
 
 
@@ -155,5 +159,5 @@ def _icc(found: Reestimates) -> str:
     icc = found.noise.icc
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
-    part = shown(Between(icc.estimate, icc.low, icc.high))
-    return f"ICC {part}: the part of one fitness's variance that is the network's, and not the seed's."
+    part = f"{shown(Between(icc.estimate, icc.low, icc.high))} ({100 * LEVEL:g} % interval)"
+    return f"ICC {part}: the part of one fitness's variance that is the network's; the rest is the seed's."

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
 from rich.table import Table as Grid
+from rich.text import Text
 
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
@@ -162,15 +162,15 @@ def print_table(table: Table, console: Console) -> None:
     if not console.is_terminal:
         print(as_markdown(table))
         return
-    grid = Grid(title=printable(table.caption), title_justify="left", box=box.SIMPLE_HEAD)
-    for column, is_number in zip(table.columns, numeric_columns(table), strict=True):
-        grid.add_column(printable(column), justify="right" if is_number else "left", no_wrap=is_number)
-    for row in table.rows:
-        grid.add_row(*(printable(shown(cell)) for cell in row))
-    console.print(grid, markup=False)
-    for note in table.notes:
-        console.print(printable(note), markup=False, highlight=False)
-    console.print()
+    grid = Grid(title=Text(printable(table.caption)), title_justify="left", box=None, pad_edge=False)
+    cells = [[printable(shown(cell)) for cell in row] for row in table.rows]
+    for place, (column, is_number) in enumerate(zip(table.columns, numeric_columns(table), strict=True)):
+        words = [*(row[place] for row in cells), *column.split()]  # a heading and a text may be broken, a number not
+        width = max(map(len, words)) if is_number else None
+        grid.add_column(Text(printable(column)), justify="right" if is_number else "left", width=width)
+    for row in cells:
+        grid.add_row(*map(Text, row))
+    console.print(grid, "", *(Text(printable(note)) for note in table.notes), "", sep="\n")
 
 
 def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:

@@ -153,6 +153,16 @@ def test_pilots_of_two_tasks_are_refused() -> None:
         study_pilot([(run([trained(0, 0)], []), study) for study in (one, other)])
 
 
+def test_pilots_of_unlike_trainings_are_named_in_words() -> None:
+    """Studies by task and epochs, sweeps by how their jobs were tested."""
+    short, study = (study_of(FOUR), study_of(FOUR))
+    long = replace(study, recipe=replace(study.recipe, epochs=study.recipe.epochs + 1))
+    with refused(
+        RunError, place="the pilots", got=f"force, {short.recipe.epochs} epochs; force, {long.recipe.epochs} epochs"
+    ):
+        study_pilot([(run([trained(0, 0)], []), one) for one in (short, long)])
+
+
 def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> Sweep:
     """Make a sweep whose jobs have these test scores by training seed."""
     jobs = [

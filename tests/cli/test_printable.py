@@ -5,6 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
+from analysis.table import Between, Table
+from tacevo.cli.tables import print_table
 from tacevo.runs.progress import Progress
 from tacevo.text import printable
 
@@ -29,3 +31,24 @@ def test_view_shows_no_raw_text() -> None:
     file = io.StringIO()
     Progress(Console(file=file)).say("another version: torch is 2; the run had \x1b[2J")
     assert file.getvalue() == "another version: torch is 2; the run had \\x1b[2J\n"
+
+
+def test_table_on_a_terminal_shows_no_raw_text() -> None:
+    """Names, captions and notes may be a stranger's; what rich would take for a style is text, too."""
+    file, hostile = io.StringIO(), "[red]\x1b[2J"
+    cells = (hostile, Between(0.5, 0.25, 0.75))
+    table = Table(name="x", caption=hostile, columns=(hostile, "y"), rows=(cells,), notes=(hostile,))
+    print_table(table, Console(file=file, force_terminal=True, color_system=None, width=80))
+    assert file.getvalue().count("[red]\\x1b[2J") == 4
+    assert "\x1b[2J" not in file.getvalue()
+    assert "0.500 [0.250, 0.750]" in file.getvalue()
+
+
+def test_narrow_terminal_breaks_no_number() -> None:
+    """Headings and texts take more lines instead."""
+    file, cells = io.StringIO(), ("undecided (0.19)", Between(0.0138, 0.013, 0.0148), 0.0181)
+    table = Table(name="x", caption="", columns=("verdict", "test MSE [95 %]", "re-estimated fitness"), rows=(cells,))
+    print_table(table, Console(file=file, force_terminal=True, color_system=None, width=50))
+    for words in ("undecided", "(0.19)", "0.0138 [0.0130, 0.0148]", "0.0181", "re-estimated"):
+        assert words in file.getvalue()
+    assert max(map(len, file.getvalue().splitlines())) <= 50

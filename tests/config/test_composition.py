@@ -193,7 +193,7 @@ def test_recorded_images_may_be_larger_than_simulated_ones() -> None:
         ("search.generations=1.5", "search.generations", "an integer", "1.5"),
         ("seed=null", "seed", "an integer", "null"),
         ("seed=???", "", "", "Missing mandatory value: seed"),
-        ("search=5", "search", "an object", "5"),
+        ("search=5", "search", "settings of its own", "5"),
         ("archive.eff_ratio_bounds=[a,b]", "archive.eff_ratio_bounds.0", "a number", '"a"'),
         ("llm.mode=replai", "llm.mode", "'live', 'record' or 'replay'", '"replai"'),
         ("search.generations=-1", "search.generations", "an integer of at least 0", "-1"),

@@ -17,7 +17,6 @@ from analysis.rounding import shown
 from analysis.runs.run import load_run
 from analysis.studies.noise import load_reestimates
 from analysis.studies.study import load_study
-from analysis.table import Between
 from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
 from tacevo.config.recorded import read_recorded
@@ -213,7 +212,7 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     again = load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
     assert again is not None
     for network, found in zip(again.networks, again.noise.networks, strict=True):
-        cells = [shown(Between(found.median, found.least, found.most)), shown(network.fitness)]
+        cells = [shown(value) for value in (network.fitness, found.median, found.least, found.most)]
         assert all(
             cell in line for cell in cells for line in told.splitlines() if line.startswith(f"| {network.name} ")
         )
