@@ -263,7 +263,7 @@ def _with_lost(
         return dict(samples)
     is_less = metric in LESS_IS_BETTER
     worst = math.nextafter(max(every), math.inf) if is_less else math.nextafter(min(every), -math.inf)
-    found = {}
+    found: dict[str, Mapping[int, float]] = {}
     for name, sample in samples.items():
         whole = {**sample, **{seed: worst for arm, seed in lost if arm == name}}
         found[name] = {seed: whole[seed] for seed in sorted(whole)}
