@@ -20,7 +20,10 @@ from hypothesis import settings
 from smallest import SMALLEST, UNTRACKED, Once
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from browsing import Opener
+    from playwright.sync_api import Browser, Page, ViewportSize
+
+    from analysis.report.page.contents import PageContents
 
 settings.register_profile("tacevo", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", settings.get_profile("tacevo"), max_examples=400)  # `make test-all`
@@ -209,3 +212,40 @@ def browser() -> "Iterator[Browser]":
         started = playwright.chromium.launch(executable_path=path)
         yield started
         started.close()
+
+
+@pytest.fixture(scope="session")
+def shipped() -> "PageContents":
+    """Return what the page of a shipped run shows."""
+    from pages import page_of_shipped_run
+
+    return page_of_shipped_run()
+
+
+@pytest.fixture
+def open_page(browser: "Browser", tmp_path: Path) -> "Iterator[Opener]":
+    """Return a function that opens contents as a file, and keeps every error and every request that leaves it."""
+    from browsing import DESKTOP
+
+    from analysis.report.page.html import as_html
+
+    contexts = []
+
+    def open_page(
+        contents: "PageContents", *, address: str = "", size: "ViewportSize" = DESKTOP
+    ) -> "tuple[Page, list[str]]":
+        file = tmp_path / "page.html"
+        file.write_text(as_html(contents))
+        contexts.append(browser.new_context(viewport=size))
+        page, wrong = contexts[-1].new_page(), list[str]()
+        page.on("console", lambda message: wrong.append(message.text))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.on(
+            "request", lambda request: wrong.append(request.url) if request.url.split("#")[0] != file.as_uri() else None
+        )
+        page.goto(f"{file.as_uri()}{address}")
+        return page, wrong
+
+    yield open_page
+    for context in contexts:
+        context.close()
