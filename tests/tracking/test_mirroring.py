@@ -48,6 +48,13 @@ def test_directory_without_a_run_is_the_users_mistake(name: str, tmp_path: Path)
         find_runs(tmp_path / name)
 
 
+def test_file_is_not_a_directory_of_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A bundle, say: it is not taken for a directory without runs."""
+    (tmp_path / "run.zip").write_bytes(b"PK")
+    assert main(["track", str(tmp_path / "run.zip")]) == 2
+    assert "run.zip: Not a directory" in capsys.readouterr().err
+
+
 def test_damaged_run_is_named_and_the_others_are_written(
     tmp_path: Path, uri: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -173,6 +180,15 @@ def test_address_with_a_password_is_rejected(tmp_path: Path) -> None:
     """A command line can be read by every user of a machine."""
     with refused(ConfigError, place="--uri", remedy="MLFLOW_TRACKING_PASSWORD"):
         track(tmp_path, "postgresql://user:s3cret@host/db", quietly)
+
+
+def test_line_that_names_what_there_is_not_is_one_of_its_run(tmp_path: Path, uri: str) -> None:
+    """An instruction that the task does not have, sealed anew: the other runs are written."""
+    build_run(tmp_path / "a", [*LINES[:2], replace(LINES[2], prompt=99)])
+    build_run(tmp_path / "b", LINES)
+    tracked = track(tmp_path, uri, quietly)
+    assert tracked.done == {uri: 1}
+    assert f"{tmp_path}/a: expected the records of a run; got IndexError" in tracked.failed[0]
 
 
 def test_run_without_a_setting_that_mlflow_needs_is_named(tmp_path: Path, uri: str) -> None:
