@@ -130,6 +130,12 @@ def test_sweep_without_a_finished_job_is_refused(sweep: Path, capsys: pytest.Cap
     assert not (sweep / "ablations").exists()
 
 
+def test_reference_that_is_not_an_arm_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The arms that there are stand in the message."""
+    assert main(["ablations", "sweep", "--reference", "nobody"]) == 2
+    assert "--reference: expected one of the arms: 'no_prompt_archive', 'none'; got 'nobody'" in capsys.readouterr().err
+
+
 def test_edited_run_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is not passed over as if it were missing."""
     ledger = sweep / "none-seed1" / "ledger.jsonl"

@@ -133,6 +133,10 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["replay", "nowhere"], "nowhere: it does not exist"),
         (["show", "nowhere"], "nowhere: expected the directory of a run"),
         (["check", "nowhere.py"], "nowhere.py: No such file or directory"),
+        (["search", "--estimate", "-m", "seed=0,1"], "--estimate is for one search"),
+        (["search", "--into", "here"], "--into names the directory of a sweep, so it needs -m"),
+        (["replay", "one", "--diff", "other", "--retrain", "1"], "it takes neither --retrain nor --store"),
+        (["study", "sweep=s", "data.split_seed=1"], "no setting of data with sweep=: jobs are compared on their own"),
     ],
 )
 def test_users_mistake_is_one_line_and_status_2(

@@ -75,6 +75,15 @@ def test_words_say_what_json_says(place: Path, capsys: pytest.CaptureFixture[str
     assert cut.startswith("cut.json: rejected at extract: ")
 
 
+def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was removed while the shell stood in it; the other findings are there."""
+    place.rmdir()
+    assert main(["doctor"]) == 1
+    told = capsys.readouterr().out
+    assert "FAIL current directory: [Errno 2] No such file or directory" in told
+    assert "ok   configs" in told
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [

@@ -64,6 +64,16 @@ def test_plan_of_an_earlier_release_has_no_day(folder: Path, capsys: pytest.Capt
     assert main(["replay", "run"]) == 0
 
 
+def test_pilot_may_be_one_study_of_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where the run has one only, it says what the run says."""
+    told = []
+    for pilot in (run, *run.glob("studies/*")):
+        assert main(["plan", "study", str(pilot), "--effect", "0.5"]) == 0
+        told.append(capsys.readouterr().out)
+    assert told[0] == told[1]
+    assert len(told) == 2
+
+
 def test_edited_plan_of_a_study_is_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A plan that is fitted to the results afterwards is not a plan."""
     assert main(["plan", "study", "run", "--effect", "0.5"]) == 0

@@ -4,7 +4,12 @@ import http.client
 import json
 import queue
 import shutil
+import signal
+import socket
+import subprocess
+import sys
 import threading
+import urllib.request
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -215,6 +220,34 @@ def test_what_the_system_refuses_is_said(file: str, begun: Path) -> None:
     contents = page.now().contents
     assert contents.state.startswith("This cannot be read now: ")
     assert len(contents.runs) == 1
+
+
+def test_command_serves_until_it_is_interrupted(tmp_path: Path) -> None:
+    """Its first line is the address, also of a search that is not begun; Ctrl-C ends it."""
+    command = [sys.executable, "-m", "tacevo.cli.app", "watch", str(tmp_path / "later")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as watch:
+        assert watch.stdout is not None
+        address = watch.stdout.readline().removeprefix("watch: ").strip()
+        assert "does not exist yet; the page waits for it" in watch.stdout.readline()
+        with urllib.request.urlopen(address, timeout=120) as page:
+            assert page.status == 200
+        watch.send_signal(signal.SIGINT)
+        _, errors = watch.communicate(timeout=120)
+    assert watch.returncode == 130
+    assert errors == "\ninterrupted; the search was not touched\n"
+
+
+def test_request_that_is_none_is_refused(tmp_path: Path) -> None:
+    """The server answers the next one all the same."""
+    with Server(LivePage(tmp_path / "later"), 0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        with socket.create_connection(("127.0.0.1", server.server_port), timeout=60) as connection:
+            connection.sendall(b"GET / HTTP/nonsense\r\n\r\n")
+            assert b"400" in connection.recv(1_000)
+        assert ask(server, server.root)[0] == 200
+        server.shutdown()
+        thread.join()
 
 
 @pytest.mark.parametrize("port", ["-1", "65536"])
