@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tacevo.cli.app import main
 from tacevo.cli.tables import table_files
 from tacevo.errors import IncomparableError, RunError
 
@@ -35,3 +36,15 @@ def test_other_fault_is_no_reason_to_leave_the_comparison_out(sweep: Path, swept
     with pytest.raises(RunError, match="2 jobs of arm none with seed 0") as caught:
         table_files(sweep, swept / "cache", pytest.fail)
     assert not isinstance(caught.value, IncomparableError)
+
+
+def test_bundle_is_shown_as_its_run_is(published: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With what its study found, which the bundle's own stores tell."""
+    shown = []
+    for place in ("run", "run.zip"):
+        assert main(["show", str(published / place)]) == 0
+        shown.append(capsys.readouterr().out)
+    directory, bundle = (text[text.index("## elites1-seeds4-epochs1-") :] for text in shown)
+    assert directory == bundle
+    assert "verdict (p)" in bundle
+    assert "re-estimated" in bundle
