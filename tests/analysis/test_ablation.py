@@ -291,7 +291,7 @@ def test_job_that_failed_counts_as_worse_than_any_other() -> None:
 
 def test_reference_that_lost_jobs_is_not_flattered_either() -> None:
     """They count against it."""
-    some = {"none": {0: 0.50, 1: 0.52}, "a": [0.51, 0.53, 0.54]}
+    some: dict[str, Sequence[float] | Mapping[int, float]] = {"none": {0: 0.50, 1: 0.52}, "a": [0.51, 0.53, 0.54]}
     found = compare_arms(outcomes(some), failed=[failed_job("none", 2)])
     assert mann_whitney_of(found).u == 5  # 0.51 above one that is known, two above both; none above the lost
     assert contrast(found, "a").paired.better == 1
