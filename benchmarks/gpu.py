@@ -11,7 +11,7 @@ yet**.
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -149,14 +149,20 @@ def images_per_second(
 
 
 def one_process(
-    device: torch.device, *, size: int = SIZE, side: int = 8192, steps: int = STEPS, batch: int = BATCH
+    device: torch.device,
+    sources: Mapping[str, str],
+    *,
+    size: int = SIZE,
+    side: int = 8192,
+    steps: int = STEPS,
+    batch: int = BATCH,
 ) -> str:
-    """Measure each network in each precision; return a table."""
+    """Measure each network, by name and source, in each precision; return a table."""
     _, task = task_without_data("force", size)
     rows = []
     for precision in Precision:
         can = limits(device, precision, side=side)
-        for name, source in networks():
+        for name, source in sources.items():
             work = work_of(source, task.contract)
             bound, what = work.bound(can)
             rate = images_per_second(source, task.contract, device, precision, steps=steps, batch=batch)
@@ -201,7 +207,7 @@ def main() -> int:
     print(f"{model}, torch {torch.__version__}, {SIZE} px, batches of {BATCH}\n", flush=True)
     setting = ["experiment=paper_force", "training.device=cuda", f"training.gpu={model}"]
     print(whole_sandbox([*setting, "sandbox.require=none", "numerics=fast"]), flush=True)
-    print(f"\n{one_process(torch.device('cuda'))}")
+    print(f"\n{one_process(torch.device('cuda'), dict(networks()))}")
     return 0
 
 

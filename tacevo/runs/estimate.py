@@ -14,7 +14,7 @@ from tacevo.costs import dollars, spending_on
 from tacevo.errors import TacevoError
 from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
-from tacevo.runs.pace import CANDIDATE, Measure, measure, training_images, trainings
+from tacevo.runs.pace import Measure, growth, measure, training_images, trainings
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import Settings, crossover_text, plan_initial
@@ -114,8 +114,8 @@ def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
         f"{counted(training.epochs, 'epoch')} of {size}, with executor.workers={workers} on this machine.",
         f"Measured now, on noise: {counted(workers, 'baseline')} at once, {rate} images/s in all; "
         f"{pace.start:.2g} s to start a training, {pace.gate:.2g} s in the gate.",
-        f"The hours assume that a candidate takes {CANDIDATE:g} times the baseline's time, as those of the published "
-        "searches did on average; that each is admitted and trained; and that the machine stays as busy as it is.",
+        f"The hours assume that a candidate takes {growth(config):.2g} times the baseline's time, as the published "
+        "searches suggest; that each is admitted and trained; and that the machine stays as busy as it is.",
         "Waiting for answers is not counted, nor is making the data set.",
     ]
 

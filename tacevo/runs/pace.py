@@ -25,9 +25,9 @@ from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import require
 from tacevo.training.numerics import check_machine
 
-#: Time of a candidate's training, for one of the baseline's: the mean of 80 networks drawn from the two published
-#: searches (docs/scale.md). A sum follows from the mean; most candidates take less, and those of a short search do.
-CANDIDATE = 1.7
+#: How much longer than the baseline's a candidate's training takes, in the mean of 80 networks drawn from the two
+#: published searches, and how many generations these had. A shorter search is taken to have less of it (docs/scale.md).
+GROWTH, GROWN = 0.7, 20
 
 #: Seconds that the baselines train beyond their start, at least, so that the clock and the load matter little.
 _SECONDS = 3.0
@@ -48,13 +48,18 @@ class Pace:
 
     def seconds(self, config: RunConfig, images: int) -> float:
         """Return how long the trainings of a search take that has so many training images, without the answers."""
-        trained = CANDIDATE * config.training.epochs * images / self.images_per_second
+        trained = growth(config) * config.training.epochs * images / self.images_per_second
         waited = (self.start + self.gate / config.training.seeds) / config.executor.workers
         return trainings(config) * (trained + waited)
 
 
 #: Measures the pace of a configuration on this machine.
 Measure = Callable[[RunConfig], Pace]
+
+
+def growth(config: RunConfig) -> float:
+    """Return the time of a candidate's training, in the mean over a search, for one of the baseline's."""
+    return 1 + GROWTH * min(config.search.generations / GROWN, 1)
 
 
 def trainings(config: RunConfig) -> int:

@@ -1,5 +1,6 @@
 """Promise: the benchmark of a GPU runs, here on the CPU through the same code, and invents nothing without one."""
 
+import itertools
 from collections.abc import Iterator
 
 import pytest
@@ -21,13 +22,14 @@ def _torch_settings() -> Iterator[None]:
 
 
 def test_each_network_is_measured_in_each_precision() -> None:
-    """A row for each of five networks and three precisions, with the limit and what sets it."""
-    header, _, *rows = one_process(torch.device("cpu"), size=16, side=64, steps=1, batch=4).splitlines()
+    """A row for each of two networks and three precisions, with the limit and what sets it."""
+    chosen = dict(itertools.islice(networks(), 2))
+    header, _, *rows = one_process(torch.device("cpu"), chosen, size=16, side=64, steps=1, batch=4).splitlines()
     assert "images/s" in header
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
-    assert [row[0] for row in cells[:5]] == [name for name, _ in networks()]
+    assert [row[0] for row in cells[:2]] == list(chosen)
     assert {row[1] for row in cells} == {precision.value for precision in Precision}
-    assert len(cells) == 15
+    assert len(cells) == 6
     assert all(row[5] in {"arithmetic", "memory"} for row in cells)
 
 

@@ -18,7 +18,7 @@ from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError, TacevoError
 from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.runs.estimate import describe, estimate
-from tacevo.runs.pace import CANDIDATE, Pace, measure, training_images, trainings
+from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import plan_initial
@@ -152,11 +152,17 @@ def test_hours_follow_from_the_pace(overrides: Estimating) -> None:
     """By hand: 75 trainings of 5 epochs of 480 images at 100 a second, and what they wait for, shared by 2 workers."""
     config = compose(overrides("training.seeds=3"))
     assert (trainings(config), training_images(config)) == (75, 480)
-    seconds = 75 * (CANDIDATE * 5 * 480 / 100 + (0.25 + 1.5 / 3) / 2)
+    seconds = 75 * ((1 + GROWTH / 10) * 5 * 480 / 100 + (0.25 + 1.5 / 3) / 2)
     assert paced(config).seconds(config, 480) == pytest.approx(seconds)
     told = described(config)
     assert f"hours: about {seconds / 3600:.2g} for 75 trainings of 5 epochs of 480 images of 32 px" in told
     assert "2 baselines at once, 100 images/s in all; 0.25 s to start a training, 1.5 s in the gate" in told
+
+
+def test_candidates_grow_until_the_searches_end_that_were_measured(overrides: Estimating) -> None:
+    """Half of the growth after half of their generations, and no more after twice as many."""
+    found = [growth(compose(overrides(f"search.generations={number}"))) for number in (0, 10, 20, 40)]
+    assert found == [1.0, 1 + GROWTH / 2, 1 + GROWTH, 1 + GROWTH]
 
 
 def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp_path: Path) -> None:
