@@ -117,6 +117,10 @@ def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
         f"The hours assume that a candidate takes {growth(config):.2g} times the baseline's time, as the published "
         "searches suggest; that each is admitted and trained; and that the machine stays as busy as it is.",
         "Waiting for answers is not counted, nor is making the data set.",
+        *(
+            [f"The machine was busy: {pace.load:.1f} processes wanted each core. Idle, it is faster."]
+            * (pace.load >= 1)
+        ),
     ]
 
 

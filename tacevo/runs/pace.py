@@ -4,6 +4,7 @@ It is an estimate: candidates are other networks, the machine may be busier or l
 long answers take. docs/scale.md compares it with searches that were run.
 """
 
+import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -45,6 +46,8 @@ class Pace:
     #: What a training takes besides its epochs, and what the gate takes for a network, in seconds.
     start: float
     gate: float
+    #: Processes that wanted each core before: from 1 on, the trainings had to share.
+    load: float = 0.0
 
     def seconds(self, config: RunConfig, images: int) -> float:
         """Return how long the trainings of a search take that has so many training images, without the answers."""
@@ -90,9 +93,10 @@ def measure(config: RunConfig) -> Pace:
     """
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device, config.training.gpu)
+    load = os.getloadavg()[0] / (os.cpu_count() or 1)
     with tempfile.TemporaryDirectory() as folder:
         here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder))
-        task, data = load_task(here, facts_without_data(here)), _noise(here, Path(folder))
+        task, data = load_task(here, facts_without_data(here)), noise(here, Path(folder))
         with Workbench(here, task, data.facts, Mode.live, data=data) as bench:
             gate = bench.gate(CURRENT)
             gate.measure(task.baseline)  # starts the process that all others are forked from
@@ -115,6 +119,7 @@ def measure(config: RunConfig) -> Pace:
         images_per_second=here.executor.workers * len(data.train) / of_epoch,
         start=max(0.0, least - of_epoch),
         gate=judged,
+        load=load,
     )
 
 
@@ -130,7 +135,7 @@ def _check(verdicts: list[object]) -> None:
             raise RunError(f"{verdict.reason}: {verdict.detail}", place="the baseline", expected="one that trains")
 
 
-def _noise(config: RunConfig, folder: Path) -> Dataset:
+def noise(config: RunConfig, folder: Path) -> Dataset:
     """Make a batch of images of noise to train on, and some to predict, with labels that mean nothing."""
     batch, facts = config.training.batch_size, facts_without_data(config)
     count, draws = batch + max(1, batch // _PER_PREDICTED), stream(0, "pace")

@@ -165,6 +165,13 @@ def test_candidates_grow_until_the_searches_end_that_were_measured(overrides: Es
     assert found == [1.0, 1 + GROWTH / 2, 1 + GROWTH, 1 + GROWTH]
 
 
+def test_busy_machine_is_told(overrides: Estimating) -> None:
+    """Hours that were measured beside other work are no promise, and the reader learns why."""
+    config = compose(overrides())
+    assert "The machine was busy: 8.5 processes" in describe(config, lambda config: replace(paced(config), load=8.5))
+    assert "busy: " not in described(config)
+
+
 def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp_path: Path) -> None:
     """Eight tenths of a random split, six of a release's; of recorded images as many as there are."""
     config = compose(overrides())
