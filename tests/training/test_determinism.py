@@ -116,8 +116,9 @@ def test_device_enters_the_identity_only_where_it_is_set() -> None:
     assert value_at(identity(gpu), ("training", "gpu")) == "NVIDIA H200"
     assert recipe_of(gpu).gpu == Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192)
     assert recipe_of(compose([])).gpu is None
-    for name, value in (("gpu", "X"), ("precision", Precision.bf16), ("gpu_memory_mib", 4096)):
-        assert identity(replace(gpu, training=replace(gpu.training, **{name: value}))) != identity(gpu)
+    changes: list[dict[str, Any]] = [{"gpu": "X"}, {"precision": Precision.bf16}, {"gpu_memory_mib": 4096}]
+    for change in changes:
+        assert identity(replace(gpu, training=replace(gpu.training, **change))) != identity(gpu)
 
 
 @pytest.mark.parametrize(("key", "value"), [("gpu", "NVIDIA H200"), ("precision", "tf32"), ("gpu_memory_mib", "4096")])
