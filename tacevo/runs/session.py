@@ -75,7 +75,7 @@ def require_means(config: RunConfig) -> LLM:
         ConfigError: the machine cannot compute as it asks, or the model's key is missing.
     """
     require(config.sandbox.require)
-    check_machine(config.numerics.kind, config.training.device)
+    check_machine(config.numerics.kind, config.training.device, config.training.gpu)
     return build_llm(config, Mode.record)
 
 

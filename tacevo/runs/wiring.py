@@ -13,7 +13,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
-from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
+from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Notice, Run, Sandbox, Zygote
@@ -27,6 +27,7 @@ from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
+from tacevo.training.leases import Leases, visible_gpus
 from tacevo.training.numerics import environment
 from tacevo.typed import convert
 
@@ -124,7 +125,8 @@ def training_seed(seed: int, number: int) -> int:
 
 def start_zygote(config: RunConfig) -> Zygote:
     """Start the process that imports torch: that takes seconds, in which the search can load its data and plan."""
-    return Zygote(ENTRIES, environment(config.numerics.kind, config.training.device))
+    device = config.training.device
+    return Zygote(ENTRIES, environment(config.numerics.kind, device), equip=_equip(device))
 
 
 @dataclass(eq=False)
@@ -245,8 +247,11 @@ class Workbench:
                 strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
                 notice=self.notice,
                 zygote=self.zygote,
+                equip=_equip(device),
             )
             self.run = self._stack.enter_context(sandbox).run
+            if device is Device.cuda:
+                self.run = Leases(self.run, visible_gpus(), self.config.executor.per_gpu).run
         return self.run
 
     def _store(self, kind: str, mode: Mode) -> Store:
@@ -262,6 +267,11 @@ class Workbench:
         )
 
 
+def _equip(device: Device) -> str | None:
+    """Return what gets the device ready in each process of a sandbox; a CPU needs nothing."""
+    return None if device is Device.cpu else evaluation.EQUIP
+
+
 def _refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> NoReturn:
     raise SandboxError(
         f"a job for a sandbox ({entry})", expected="a replay that runs no candidate", remedy="record the run again"
@@ -270,13 +280,16 @@ def _refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> 
 
 def recipe_of(config: RunConfig) -> Recipe:
     """Turn the training of a configuration into a recipe."""
-    training = config.training
+    training, gpu = config.training, None
+    if training.gpu is not None:
+        gpu = Gpu(model=training.gpu, precision=training.precision, memory_mib=training.gpu_memory_mib)
     return Recipe(
         epochs=training.epochs,
         batch_size=training.batch_size,
         learning_rate=training.learning_rate,
         optimiser="adam",
         limits=Limits(seconds=training.seconds, memory_mib=training.memory_mib),
+        gpu=gpu,
     )
 
 

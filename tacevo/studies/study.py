@@ -146,7 +146,7 @@ def _carry_out(
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
     run = replace(plan.config, executor=executor, data=elsewhere or plan.config.data)
     require(run.sandbox.require)
-    check_machine(run.numerics.kind, run.training.device)
+    check_machine(run.numerics.kind, run.training.device, run.training.gpu)
     catalogue = source_of(run).catalogue()
     if elsewhere is None:
         data = load_same(run, plan.header.data, view, catalogue=catalogue)
