@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from mirrored import BASELINE, LINES, build_run, build_sweep, everything
+from mirrored import BASELINE, LINES, MUTATION, build_run, build_sweep, everything
 from refusals import refused
 from waiting import eventually
 
@@ -184,7 +184,7 @@ def test_address_with_a_password_is_rejected(tmp_path: Path) -> None:
 
 def test_line_that_names_what_there_is_not_is_one_of_its_run(tmp_path: Path, uri: str) -> None:
     """An instruction that the task does not have, sealed anew: the other runs are written."""
-    build_run(tmp_path / "a", [*LINES[:2], replace(LINES[2], prompt=99)])
+    build_run(tmp_path / "a", [*LINES[:2], replace(MUTATION, prompt=99)])
     build_run(tmp_path / "b", LINES)
     tracked = track(tmp_path, uri, quietly)
     assert tracked.done == {uri: 1}
