@@ -298,6 +298,32 @@ def test_class_must_be_there() -> None:
     assert "ImageRegressionCNN" in rejection.detail
 
 
+MADE = "self.w = nn.Parameter(torch.ones(4, 4))"
+
+
+@pytest.mark.parametrize(
+    ("init", "forward"),
+    [
+        ("self.w: nn.Parameter = nn.Parameter(torch.ones(4, 4))", "self.w.add_(1)"),
+        ('self.register_parameter("w", nn.Parameter(torch.ones(4, 4)))', "self.w.add_(1)"),
+        (MADE, "x = [(same := self.w), same.add_(1)]"),
+        (MADE, "self.w[0, :].add_(1)"),
+    ],
+)
+def test_weight_is_known_however_it_was_made_and_is_called(init: str, forward: str) -> None:
+    """With a type, by registration, under another name, and a part of it at fixed places."""
+    assert rejection_of(candidate(f"{forward}\nreturn x", init)).reason is Reason.changes_its_weights
+
+
+@pytest.mark.parametrize(
+    "binding", ["try: pass\n    except ValueError as train: pass", "match 1:\n        case train: pass"]
+)
+def test_name_of_a_module_is_bound_in_no_way(binding: str) -> None:
+    """Also by an error that is caught, and by a pattern."""
+    rejection = rejection_of(f"{VALID}\nclass Block(nn.Module):\n    {binding}\n")
+    assert rejection.reason is Reason.redefines_module
+
+
 @pytest.mark.parametrize(
     ("ending", "words"),
     [("x = '\ud800'\n", "the text cannot be parsed: "), ("\\\r\n", "the text cannot be split into tokens: ")],
