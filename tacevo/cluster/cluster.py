@@ -1,8 +1,8 @@
 """The driver's side: what runs jobs on the nodes of a Ray cluster, as a sandbox runs them here.
 
 Promises: a node that computes something else gets no job; a job that is lost with its node or a process of Ray runs
-again, elsewhere or there, and a candidate's own end is never such a loss; when the cluster is closed, nothing of the run
-is left on any node. docs/cluster.md says what each rests on.
+again, elsewhere or there, and a candidate's own end is never such a loss; when the cluster is closed, nothing of the
+run is left on any node. docs/cluster.md says what each rests on.
 """
 
 import contextlib
@@ -35,6 +35,9 @@ _RETRIES = 5
 
 #: Seconds between two looks at the nodes.
 _TICK = 2.0
+
+#: Ray's own setting: seconds after which it ends a process that does not reach the head; 60 unless set.
+_PATIENCE_OF_RAY = "RAY_gcs_rpc_server_reconnect_timeout_s"
 
 _AGAIN = "run the same command again"
 
@@ -291,4 +294,4 @@ def _words(amounts: Mapping[str, float]) -> str:
 
 def _head_seconds() -> float:
     """Return after how many seconds a silent head counts as lost: before Ray ends this process for it."""
-    return 0.7 * float(os.environ.get("RAY_gcs_rpc_server_reconnect_timeout_s", 60))
+    return 0.7 * float(os.environ.get(_PATIENCE_OF_RAY, "60"))

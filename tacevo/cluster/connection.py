@@ -19,11 +19,13 @@ _KEPT = re.compile(
 #: Bytes of the object store of a Ray that we start; what does not fit goes to its disk.
 _STORE = 256 * 2**20
 
-#: No figures to Ray's makers, no notice about GPUs, no log on the terminal; a user's own settings stay.
-_QUIET = {
+#: No figures to Ray's makers, no notice about GPUs, no log on the terminal, and patience on a busy machine; a user's
+#: own settings stay.
+_SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_BACKEND_LOG_LEVEL": "fatal",
+    "RAY_raylet_start_wait_time_s": "120",
 }
 
 
@@ -33,7 +35,7 @@ def import_ray() -> Any:
     Raises:
         ConfigError: it is not installed.
     """
-    for name, value in _QUIET.items():
+    for name, value in _SETTINGS.items():
         os.environ.setdefault(name, value)  # read when it is imported
     try:
         import ray
