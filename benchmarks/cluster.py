@@ -67,7 +67,7 @@ class SleepingNode(Node):
         probe = self._answers("probe", header, b"", Limits(seconds=1, memory_mib=64))
         assert isinstance(probe, Finished)
         flops = probe.frames[0].header["profile"]["flops"]  # type: ignore[index, call-overload]
-        return float(flops / self._sleeping.baseline.flops)  # type: ignore[operator, arg-type]
+        return float(flops / self._sleeping.baseline.flops)  # type: ignore[operator]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,8 @@ class Watched:
         assert self.cluster is not None
         asked = time.monotonic()
         answer = self.cluster.run(entry, header, payload, limits)
-        self.spans.append(Span(entry, asked, *self._times.of_node, time.monotonic()))
+        began, ended = self._times.of_node
+        self.spans.append(Span(entry, asked, began, ended, time.monotonic()))
         return answer
 
 
