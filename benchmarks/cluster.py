@@ -108,13 +108,14 @@ def measure(slots: int, candidates: int, generations: int, seconds: float) -> st
     watched = Watched()
     with tempfile.TemporaryDirectory() as folder:
         config, task, facts = synthetic_setting(Path(folder), generations)
+        baseline = profile_of_baseline(config, task, facts)
         config = _sized(config, slots, candidates)
         order = SleepingOrder(
             entries={},
             numerics=config.numerics.kind,
             device=config.training.device,
             require=config.sandbox.require,
-            baseline=profile_of_baseline(config, task, facts),
+            baseline=baseline,
             epochs=config.training.epochs,
             outputs=facts.outputs,
             seconds=seconds,
