@@ -9,7 +9,7 @@ import pickle
 import tempfile
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,7 @@ class SleepingNode(Node):
         """Start nothing."""
         return True
 
-    def run(self, job: bytes) -> bytes:
+    def run(self, job: bytes, gpus: Sequence[str] = ()) -> bytes:
         """Sleep as long as the job would take; return a made-up answer, and the times."""
         began = time.monotonic()
         entry, header, payload, limits = pickle.loads(job)
@@ -112,6 +112,9 @@ def measure(slots: int, candidates: int, generations: int, seconds: float) -> st
         config = _sized(config, slots, candidates)
         order = SleepingOrder(
             entries={},
+            equip=None,
+            gpu=None,
+            per_gpu=1,
             numerics=config.numerics.kind,
             device=config.training.device,
             require=config.sandbox.require,

@@ -20,7 +20,15 @@ from tacevo.runs.datasets import source_of
 from tacevo.runs.wiring import check_means
 from tacevo.sandbox.confinement import available
 
-ORDER = Order(entries={}, numerics=Numerics.portable, device=Device.cpu, require=Confinement.process)
+ORDER = Order(
+    entries={},
+    equip=None,
+    numerics=Numerics.portable,
+    device=Device.cpu,
+    gpu=None,
+    per_gpu=1,
+    require=Confinement.process,
+)
 
 NODE = "node 0123abcd (10.0.0.7)"
 
