@@ -3,7 +3,7 @@
 import os
 import threading
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 from tacevo.choices import Device
@@ -24,6 +24,11 @@ def visible_gpus() -> tuple[str, ...]:
 def gpu_share(device: Device, per_gpu: int) -> float:
     """Return what part of a GPU a training takes, as Ray's `num_gpus` counts it: 0 on a CPU."""
     return 0.0 if device is Device.cpu else 1 / per_gpu
+
+
+def leased(header: Mapping[str, Json], gpu: str, per_gpu: int) -> Json:
+    """Return the header of a job that got a GPU, by its name for CUDA_VISIBLE_DEVICES."""
+    return {**header, "lease": {"visible": gpu, "per_gpu": per_gpu}}
 
 
 class Leases:
@@ -49,8 +54,7 @@ class Leases:
         if not (isinstance(header, dict) and "device" in header):
             return self._run(entry, header, payload, limits)
         with self._lease() as gpu:
-            lease: Json = {"visible": gpu, "per_gpu": self._per_gpu}
-            return self._run(entry, {**header, "lease": lease}, payload, limits)
+            return self._run(entry, leased(header, gpu, self._per_gpu), payload, limits)
 
     @contextmanager
     def _lease(self) -> Iterator[str]:
