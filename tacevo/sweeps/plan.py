@@ -19,7 +19,7 @@ from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
-from tacevo.redaction import check_address
+from tacevo.redaction import check_address, secret_variables
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import require_temperature
 from tacevo.runs.publishable import published_overrides
@@ -133,6 +133,12 @@ def _run(
     chosen = fitted(launcher, jobs=len(left), workers=workers, cores=cores)
     options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
     view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")
+    hidden = secret_variables(os.environ) if chosen.cluster else ()
+    if hidden:
+        names = ", ".join(hidden)
+        view.say(
+            f"not sent to the cluster: {names}; where jobs need them, hydra.launcher.setup sets them (docs/slurm.md)"
+        )
     finished = sum(status.standing is Standing.finished for status in statuses)
     view.advance("jobs", finished, len(statuses))
 
