@@ -1,4 +1,4 @@
-"""Run the jobs of a sweep: on this machine as processes (`searches`), on a cluster by submitit (`cluster`).
+"""Run the jobs of a sweep: on this machine as processes (`searches`), on a cluster by submitit (`slurm`).
 
 Promises: on this machine a job ends with the process that launched it, however that ends; asked to stop, all jobs end
 as by Ctrl-C, and keep what they have.
@@ -103,7 +103,7 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, s
     """
     directory.launch.mkdir(parents=True, exist_ok=True)
     if launcher.cluster:
-        from tacevo.sweeps.cluster import launch_on_cluster
+        from tacevo.sweeps.slurm import launch_on_cluster
 
         launch_on_cluster(directory, jobs, launcher.cluster, launcher.options, show)
     else:
@@ -142,7 +142,7 @@ def _check_cluster(launcher: Launcher) -> None:
             remedy="set it in a file that only you can read, and name that: 'hydra.launcher.setup=[\". FILE\"]'",
         )
     try:
-        from tacevo.sweeps.cluster import executor_of
+        from tacevo.sweeps.slurm import executor_of
 
         with tempfile.TemporaryDirectory() as directory:
             executor_of(launcher.cluster, launcher.options, Path(directory))
