@@ -152,9 +152,10 @@ class Device(StrEnum):
 
 
 class ExecutorKind(StrEnum):
-    """Where candidates are evaluated."""
+    """Where candidates are evaluated: in processes of this machine, or on the nodes of a Ray cluster."""
 
     local = "local"
+    ray = "ray"
 
 
 class Tracking(StrEnum):

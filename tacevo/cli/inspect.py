@@ -6,7 +6,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,8 +23,7 @@ from tacevo.records import Completion, Json, Mode, Operator, Rejection, Task, to
 from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench
-from tacevo.sandbox.client import Notice
-from tacevo.sandbox.confinement import in_force, report
+from tacevo.sandbox.confinement import report
 from tacevo.search.files import check_references, read_elites, read_ledger
 from tacevo.search.lines import CandidateLine
 from tacevo.search.proposals import SAMPLING
@@ -246,14 +245,14 @@ def examine() -> tuple[str, bool]:
 
     The confinement is what confined the candidate that was tried, or what the machine offers if none could be tried.
     """
-    held: list[tuple[str, ...]] = []
+    held: list[Mapping[str, str]] = []
     checks: dict[str, Callable[[], str]] = {
         "configs": lambda: str(conf_root()),
         "sandbox": partial(_sandbox, held.append),
         "current directory": _directory,
     }
     results = {name: _tried(check) for name, check in checks.items()}
-    confinement = in_force(held[0]) if held else report()
+    confinement = held[0] if held else report()
     sections = [
         ("machine", [f"{key}: {value}" for key, value in machine().items()]),
         ("versions", [f"{key}: {value}" for key, value in versions().items()]),
@@ -272,7 +271,7 @@ def _tried(check: Callable[[], str]) -> tuple[bool, str]:
         return False, str(error)
 
 
-def _sandbox(notice: Notice) -> str:
+def _sandbox(notice: Callable[[Mapping[str, str]], None]) -> str:
     """Put a baseline through the gate: zygote, torch, numerics, fork and probe."""
     config, task = task_without_data("force", 32)
     facts = facts_without_data(config)

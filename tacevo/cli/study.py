@@ -37,7 +37,9 @@ SETTINGS = {
     "margins.classification.value": "the same for the test accuracy (0.01)",
     "margins.classification.kind": "absolute (in the metric itself), or relative; the first unless set",
     "plan": "the plan.json that it follows, which is kept in it (none)",
+    "executor": "local or ray: on this machine, or on the nodes of a Ray cluster; the first unless set",
     "executor.workers": "trainings at once (2)",
+    "executor.address": "of that cluster, as HOST:PORT or auto; none starts a Ray here",
     "store.root": "the directory of the stores (that of the run)",
 }
 
@@ -46,7 +48,7 @@ NOISE_SETTINGS = {
     "run": "the directory of a finished run; required, and may stand alone: RUN",
     "elites": "how many elites, best validation loss first, beside the baseline (all)",
     "seeds": "training seeds of each network (5)",
-    "executor.workers": SETTINGS["executor.workers"],
+    **{key: SETTINGS[key] for key in ("executor", "executor.workers", "executor.address")},
     "store.root": SETTINGS["store.root"],
 }
 

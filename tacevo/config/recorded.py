@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
-from tacevo.choices import DataSource
+from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.compose import from_plain
-from tacevo.config.schema import RunConfig, StoreConfig
+from tacevo.config.schema import ExecutorConfig, RunConfig, StoreConfig
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.records import DataFacts, Task
 from tacevo.search.budget import trained_networks, training_flops
@@ -72,7 +72,7 @@ def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
 
 
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
-    """Return the configuration of a run, with no more workers than this machine has cores.
+    """Return the configuration of a run for this machine alone, with no more workers than it has cores.
 
     `store` is where its stores lie, if not where the run had them.
 
@@ -97,7 +97,7 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
             remedy="restore it",
         )
     root = config.store.root if store is None else store
-    here = replace(config.executor, workers=min(config.executor.workers, os.cpu_count() or 1))
+    here = ExecutorConfig(kind=ExecutorKind.local, workers=min(config.executor.workers, os.cpu_count() or 1))
     return replace(config, store=StoreConfig(root=root), executor=here)
 
 

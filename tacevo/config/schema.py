@@ -251,6 +251,9 @@ class ExecutorConfig(Record):
 
     kind: ExecutorKind
     workers: Count
+    #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
+    #: to start a Ray of `workers` slots here, which ends with the search.
+    address: Text | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -79,7 +79,7 @@ def load(
         targets = _targets(catalogue, parts.train, target_scaling)
         with staged(directory, partial(say, WAITING) if say is not None else None) as stage:
             if stage is not None:
-                images = _make_images(catalogue, stage / datasets.IMAGES, workers, progress)
+                images = make_images(catalogue, stage / datasets.IMAGES, workers, progress)
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     else:
         remove_leftovers(cache)
@@ -190,7 +190,7 @@ def _check(catalogue: Catalogue) -> None:
         )
 
 
-def _make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progress | None) -> Path:
+def make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progress | None = None) -> Path:
     """Make every picture and write them to one `.npy` file; return its path."""
     pictures = catalogue.pictures
     _new_file(path, (len(pictures), 3, catalogue.image_size, catalogue.image_size))

@@ -2,7 +2,7 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,9 +23,8 @@ from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
 from tacevo.runs.summary import summarise
-from tacevo.runs.wiring import Workbench, build_plan, start_zygote
+from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
 from tacevo.sandbox.client import Run, Zygote
-from tacevo.sandbox.confinement import in_force, require
 from tacevo.search.development import Outcome
 from tacevo.search.effects import LLM
 from tacevo.search.files import read_ledger, write_archives
@@ -38,7 +37,6 @@ from tacevo.storage.ledger import Ledger, Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import sweep_stores
 from tacevo.tracking.process import Mirror
-from tacevo.training.numerics import check_machine
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
@@ -72,11 +70,10 @@ def require_means(config: RunConfig) -> LLM:
     """Check, before anything is made, that this machine has what a search needs; return its model.
 
     Raises:
-        SandboxError: candidates cannot be confined as the configuration asks.
-        ConfigError: the machine cannot compute as it asks, or the model's key is missing.
+        SandboxError: as `check_means`.
+        ConfigError: as `check_means`; or the model's key is missing.
     """
-    require(config.sandbox.require)
-    check_machine(config.numerics.kind, config.training.device)
+    check_means(config)
     return build_llm(config, Mode.record)
 
 
@@ -115,7 +112,16 @@ def record(
         with _mirrored(config, directory, view):
             observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
             with Workbench(
-                config, task, facts, Mode.record, data=data, notice=walls.note, run=run, zygote=zygote, llm=llm
+                config,
+                task,
+                facts,
+                Mode.record,
+                data=data,
+                notice=walls.note,
+                say=view.say,
+                run=run,
+                zygote=zygote,
+                llm=llm,
             ) as bench:
                 state = run_eras(plan, eras, bench.tools, ledger, observer)
             _refuse_longer(ledger, directory)
@@ -176,9 +182,10 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
 
 
 def _publishable(config: RunConfig) -> dict[str, Json]:
-    """Write the configuration without the passwords that an address may hold: a run directory is there to be shared."""
+    """Write the configuration without what an address may tell: a run directory is there to be shared."""
     base_url = None if config.llm.base_url is None else without_password(config.llm.base_url)
-    return to_plain(replace(config, llm=replace(config.llm, base_url=base_url)))
+    executor = replace(config.executor, address=None)
+    return to_plain(replace(config, llm=replace(config.llm, base_url=base_url), executor=executor))
 
 
 def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> None:
@@ -244,17 +251,17 @@ class Walls:
     def __init__(self, directory: RunDirectory) -> None:
         self._directory = directory
         self._lock = threading.Lock()  # candidates are waited for in several threads
-        self._known: set[tuple[str, ...]] = set()
+        self._known: list[Mapping[str, str]] = []
 
-    def note(self, measures: tuple[str, ...]) -> None:
+    def note(self, measures: Mapping[str, str]) -> None:
         """Keep what confined one candidate, before its answer is used."""
         with self._lock:
             if measures in self._known:
                 return
-            run, described = self._directory.read_run(), in_force(measures)
-            if described not in run.confinement:
-                self._directory.write_run(replace(run, confinement=(*run.confinement, described)))
-            self._known.add(measures)
+            run = self._directory.read_run()
+            if measures not in run.confinement:
+                self._directory.write_run(replace(run, confinement=(*run.confinement, dict(measures))))
+            self._known.append(measures)
 
 
 class _Recorder(Watcher):

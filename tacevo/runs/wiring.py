@@ -1,13 +1,18 @@
 """From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn, Self
 
-from tacevo.choices import ArchiveKind, Axis, BoundsRule, Confinement, Device
+from tacevo.choices import ArchiveKind, Axis, BoundsRule, DataSource, ExecutorKind
+from tacevo.cluster.cluster import Cluster, Notice
+from tacevo.cluster.connection import import_ray
+from tacevo.cluster.facts import Order
+from tacevo.cluster.images import describe
 from tacevo.config.schema import ArchiveConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
@@ -15,8 +20,10 @@ from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
+from tacevo.runs.datasets import source_of
 from tacevo.runs.providers import build_llm, provider_settings
-from tacevo.sandbox.client import Notice, Run, Sandbox, Zygote
+from tacevo.sandbox.client import Run, Sandbox, Zygote
+from tacevo.sandbox.confinement import in_force, require
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
 from tacevo.search.budget import Budget
 from tacevo.search.descriptors import scaled
@@ -29,7 +36,7 @@ from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
-from tacevo.training.numerics import environment
+from tacevo.training.numerics import check_machine, environment
 from tacevo.typed import convert
 
 #: What a sandbox runs: entry names to functions.
@@ -124,16 +131,36 @@ def training_seed(seed: int, number: int) -> int:
     return derived_seed(seed, "training", *([number] if number else []))
 
 
-def start_zygote(config: RunConfig) -> Zygote:
-    """Start the process that imports torch: that takes seconds, in which the search can load its data and plan."""
+def start_zygote(config: RunConfig) -> AbstractContextManager[Zygote | None]:
+    """Start the process that imports torch: that takes seconds, in which the search can load its data and plan.
+
+    It is None where candidates run elsewhere.
+    """
+    if config.executor.kind is ExecutorKind.ray:
+        return contextlib.nullcontext()
     return Zygote(ENTRIES, environment(config.numerics.kind, config.training.device))
+
+
+def check_means(config: RunConfig) -> None:
+    """Check, before anything is made, that candidates can run as a configuration asks; a node is checked when it joins.
+
+    Raises:
+        SandboxError: they cannot be confined so here.
+        ConfigError: this machine cannot compute so; or Ray is asked for and not installed.
+    """
+    match config.executor.kind:
+        case ExecutorKind.local:
+            require(config.sandbox.require)
+            check_machine(config.numerics.kind, config.training.device)
+        case ExecutorKind.ray:
+            import_ray()
 
 
 @dataclass(eq=False)
 class Workbench:
-    """The gate, the trainings and the model of a run, over one sandbox and the threads that wait for it.
+    """The gate, the trainings and the model of a run, over one sandbox or cluster and the threads that wait for it.
 
-    The sandbox is made when something first needs it. A replay needs none, so it works on a machine without one.
+    That is made when a gate or an evaluator first needs it. A replay needs none, so it works on a machine without one.
     """
 
     config: RunConfig
@@ -146,9 +173,11 @@ class Workbench:
     data: Dataset | None = None
     #: Called with every store entry that is read.
     seen: Seen | None = None
-    #: Called with the measures that confine a candidate, before its answer is kept.
+    #: Called with what confines a candidate, as `in_force` describes it, before its answer is kept.
     notice: Notice | None = None
-    #: What runs jobs: a sandbox that is made with the first job, unless something else is given.
+    #: Called with a line for the user.
+    say: Callable[[str], None] | None = None
+    #: What runs jobs: that of the executor, unless something else is given.
     run: Run | None = None
     #: Of `start_zygote`, for the sandbox; one starts with the first job where there is none.
     zygote: Zygote | None = None
@@ -239,17 +268,43 @@ class Workbench:
         if mode is Mode.replay:
             return _refuse_to_run
         if self.run is None:
-            device = self.config.training.device
-            sandbox = Sandbox(
-                entries=ENTRIES,
-                environment=environment(self.config.numerics.kind, device),
-                arrays={} if self.data is None else {"images": self.data.images},
-                strongest=Confinement.kernel if device is Device.cpu else Confinement.none,
-                notice=self.notice,
-                zygote=self.zygote,
-            )
-            self.run = self._stack.enter_context(sandbox).run
+            match self.config.executor.kind:
+                case ExecutorKind.local:
+                    self.run = self._stack.enter_context(self._here()).run
+                case ExecutorKind.ray:
+                    self.run = self._stack.enter_context(self._elsewhere()).run
         return self.run
+
+    def _here(self) -> Sandbox:
+        notice, order = self.notice, self._order()
+        return Sandbox(
+            entries=order.entries,
+            environment=order.environment,
+            arrays={} if self.data is None else {"images": self.data.images},
+            strongest=order.strongest,
+            notice=None if notice is None else lambda measures: notice(in_force(measures)),
+            zygote=self.zygote,
+        )
+
+    def _elsewhere(self) -> Cluster:
+        executor, data = self.config.executor, self.data
+        images = None
+        if data is not None:
+            source = source_of(self.config) if self.config.data.source is DataSource.simulated else None
+            pictures, pixels = sum(data.facts.counts), data.facts.image_size
+            images = describe(data.images, pictures=pictures, pixels=pixels, source=source), data.images
+        return Cluster(
+            self._order(), images, address=executor.address, workers=executor.workers, notice=self.notice, say=self.say
+        )
+
+    def _order(self) -> Order:
+        config = self.config
+        return Order(
+            entries=ENTRIES,
+            numerics=config.numerics.kind,
+            device=config.training.device,
+            require=config.sandbox.require,
+        )
 
     def _store(self, kind: str, mode: Mode) -> Store:
         return Store(Path(self.config.store.root), kind, mode, seen=self.seen)

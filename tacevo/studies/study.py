@@ -26,8 +26,7 @@ from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import other_settings
-from tacevo.runs.wiring import Workbench, recipe_of
-from tacevo.sandbox.confinement import require
+from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import Plan, read_plan
 from tacevo.storage.store import Seen, sweep_stores
@@ -39,7 +38,6 @@ from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.text import counted
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
-from tacevo.training.numerics import check_machine
 
 _Verdict = FullTraining | Training | Rejection
 
@@ -146,8 +144,7 @@ def _carry_out(
 ) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
     run = replace(plan.config, executor=executor, data=elsewhere or plan.config.data)
-    require(run.sandbox.require)
-    check_machine(run.numerics.kind, run.training.device)
+    check_means(run)
     catalogue = source_of(run).catalogue()
     if elsewhere is None:
         data = load_same(run, plan.header.data, view, catalogue=catalogue)
@@ -158,7 +155,7 @@ def _carry_out(
     directory = StudyDirectory(plan.run.directory.path / "studies" / name_study(plan.header))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data) as bench:
+    with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say) as bench:
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)

@@ -18,8 +18,8 @@ from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
 
-#: Chosen by nobody while there is one kind of executor.
-UNTOLD = {"executor", "executor.kind", "store", "margins", "margins.regression", "margins.classification"}
+#: Groups, and what `executor=` chooses.
+UNTOLD = {"executor.kind", "store", "margins", "margins.regression", "margins.classification"}
 
 
 def test_every_setting_is_told() -> None:

@@ -256,7 +256,9 @@ DECIDES_NOTHING: dict[str, Any] = {
     "llm.budget_usd": 5.0,
     "llm.prices": "other.yaml",
     "sandbox.require": "kernel",
+    "executor.kind": "ray",
     "executor.workers": 16,
+    "executor.address": "head:6379",
     "tracking.kind": "none",
     "tracking.uri": "sqlite:///other.db",
     "tracking.experiment": "other",
@@ -268,7 +270,7 @@ DECIDES_NOTHING: dict[str, Any] = {
 def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
-    listed |= {"executor.kind", "llm.delivery"}  # of which the default provider has one choice
+    listed |= {"llm.delivery"}  # of which the default provider has one choice
     listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
     listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
     listed |= {"training.device"}  # which needs other settings beside it: tests/training/test_determinism.py

@@ -65,8 +65,8 @@ def test_candidates_on_a_gpu_are_not_said_to_be_walled(before: Any, place: Path)
     directory = RunDirectory(place)
     directory.write_run(run_record(confinement=tuple(before)))
     walls = Walls(directory)
-    walls.note(UNWALLED)
-    walls.note(UNWALLED)
+    walls.note(in_force(UNWALLED))
+    walls.note(in_force(UNWALLED))
     assert confinement(place) == [*before, in_force(UNWALLED)]
     assert confinement(place)[-1]["level"] == "none"
     assert "not in force" in confinement(place)[-1]["rlimits"]

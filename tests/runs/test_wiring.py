@@ -1,5 +1,6 @@
 """The settings of a run reach their source, and data that do not suit the task are refused before they are decoded."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import provider_settings, require_temperature
 from tacevo.runs.wiring import Workbench
-from tacevo.sandbox.confinement import in_force
 from tacevo.storage.store import Store
 
 
@@ -121,10 +121,10 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     config = compose([f"store.root={tmp_path}", "archive.samples=100", *overrides])
     facts = facts_without_data(config)
     task = load_task(config, facts)
-    told: list[tuple[str, ...]] = []
+    told: list[Mapping[str, str]] = []
     with Workbench(config, task, facts, Mode.record, notice=told.append) as bench:
         bench.gate(CURRENT).inspect(task.baseline)
-    assert [in_force(measures)["level"] for measures in told] == [Confinement.none]
+    assert [measures["level"] for measures in told] == [Confinement.none]
 
 
 def test_model_is_not_built_in_a_replay_nor_twice_in_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

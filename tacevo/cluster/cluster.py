@@ -1,0 +1,297 @@
+"""The driver's side: what runs jobs on the nodes of a Ray cluster, as a sandbox runs them here.
+
+Promises: a node that computes something else gets no job; a job that is lost with its node or a process of Ray runs
+again, elsewhere or there, and a candidate's own end is never such a loss; when the cluster is closed, nothing of the
+run is left on any node. docs/cluster.md says what each rests on.
+"""
+
+import contextlib
+import os
+import pickle
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, InvalidStateError
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, Self
+
+from tacevo.choices import Confinement
+from tacevo.cluster.connection import connect, leave
+from tacevo.cluster.facts import Order
+from tacevo.cluster.images import Images
+from tacevo.cluster.members import Described, Member, join, works
+from tacevo.cluster.slot import run_job
+from tacevo.errors import SandboxError
+from tacevo.records import Json, Limits
+from tacevo.sandbox.client import Died, Finished
+from tacevo.sandbox.protocol import describe
+from tacevo.text import counted
+
+#: How often Ray runs a job again that was lost.
+_RETRIES = 5
+
+#: Seconds between two looks at the nodes.
+_TICK = 2.0
+
+#: Ray's own setting: seconds after which it ends a process that does not reach the head; 60 unless set.
+_PATIENCE_OF_RAY = "RAY_gcs_rpc_server_reconnect_timeout_s"
+
+_AGAIN = "run the same command again"
+
+#: Called with what confined a candidate, as `tacevo.sandbox.confinement.in_force` names it, and its node.
+Notice = Callable[[Mapping[str, str]], None]
+
+
+@dataclass(eq=False, kw_only=True)
+class _Flight:
+    """A job on its way."""
+
+    job: bytes
+    #: By Ray's names.
+    needs: Mapping[str, float]
+    #: What the thread that asked for it waits for.
+    landed: "Future[bytes]" = field(default_factory=Future)
+    #: Ray's name for its answer, and the nodes that it may run on.
+    ref: Any = None
+    nodes: frozenset[str] = frozenset()
+
+
+class Cluster:
+    """Runs jobs on the nodes of a Ray cluster; several threads may call `run` at once.
+
+    The main thread makes it. Every node is checked before it gets work, and gets the images where it lacks them; so is
+    one that joins later.
+
+    Args:
+        order: what each node must do.
+        images: of the data set, and the file that they lie in; None where nothing is trained.
+        address: of the cluster's head, as HOST:PORT, or `auto`; None to start a Ray here, which ends with this process.
+        workers: jobs at once, which is the number of slots of a Ray that is started.
+        gpu_share: the part of a GPU that a training takes.
+        notice: called for every candidate before its answer is returned, by the thread that waits for it.
+        say: called with a line for the user.
+
+    Raises:
+        ConfigError: Ray is not installed, or no cluster answers.
+        SandboxError: no node can be used; the error is that of the first.
+    """
+
+    def __init__(
+        self,
+        order: Order,
+        images: tuple[Images, Path] | None,
+        *,
+        address: str | None,
+        workers: int,
+        gpu_share: float = 1.0,
+        notice: Notice | None = None,
+        say: Callable[[str], None] | None = None,
+    ) -> None:
+        self._order, self._images, self._gpu_share = order, images, gpu_share
+        self._notice, self._say = notice, say
+        self._lock = threading.Lock()
+        self._flights: set[_Flight] = set()
+        self._members: dict[str, Member] = {}
+        #: Nodes that were looked at, refused ones too.
+        self._known: set[str] = set()
+        #: Why no further job can run.
+        self._end: SandboxError | None = None
+        self._stop = threading.Event()
+        self._is_lost = False
+        self._ray = ray = connect(address, workers)
+        again = [ray.exceptions.RayActorError, SandboxError]
+        self._task = ray.remote(max_retries=_RETRIES, retry_exceptions=again)(run_job)
+        self._head: str = ray.get_runtime_context().gcs_address
+        try:
+            refused = self._welcome(ray.nodes())
+            if not self._members:
+                raise refused[0] if refused else SandboxError("none", place="Ray", expected="a node with a CPU")
+            self._introduce(refused, workers)
+        except BaseException:
+            self.close()
+            raise
+        self._watcher = threading.Thread(target=self._watch, name="cluster", daemon=True)
+        self._watcher.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+        """Run one job where a slot is free, and wait for it, as `Sandbox.run`.
+
+        Raises:
+            SandboxError: a node's sandbox failed, or the job was lost, time and again; no node has room for it; or the
+                cluster is gone. This says nothing about the candidate.
+        """
+        needs = {"CPU": 1.0, "memory": limits.memory_mib * 2.0**20}
+        if isinstance(header, Mapping) and "device" in header:
+            needs["GPU"] = self._gpu_share
+        flight = _Flight(job=pickle.dumps((entry, header, payload, limits)), needs=needs)
+        with self._lock:
+            if self._end is not None:
+                raise self._end
+            self._flights.add(flight)
+            self._launch(flight)
+        try:
+            answer, walls = pickle.loads(flight.landed.result())
+        finally:
+            with self._lock:
+                self._flights.discard(flight)
+        if walls is not None and self._notice is not None:
+            self._notice(walls)
+        result: Finished | Died = answer
+        return result
+
+    def close(self) -> None:
+        """End every job and every process of this run; calls to `run` that wait raise `SandboxError`."""
+        self._finish(SandboxError("the cluster was left while a candidate ran", remedy=_AGAIN))
+        self._stop.set()
+        leave(self._ray, [node.process for node in self._members.values()], is_lost=self._is_lost)
+
+    def _finish(self, error: SandboxError) -> None:
+        """Let this error end all jobs, those to come too; an earlier one stays."""
+        with self._lock:
+            self._end = self._end or error
+            for flight in self._flights:
+                _land(flight, error=self._end)
+
+    def _launch(self, flight: _Flight) -> None:
+        """Hand a job to Ray, for any node that has room for it; without a node it waits for one. The lock is held."""
+        if not self._members:
+            return
+        nodes = frozenset(name for name, node in self._members.items() if node.has(flight.needs))
+        if not nodes:
+            _land(flight, error=self._no_room(flight))
+            return
+        flight.nodes = nodes
+        flight.ref = self._task.options(
+            num_cpus=flight.needs["CPU"],
+            memory=flight.needs["memory"],
+            num_gpus=flight.needs.get("GPU", 0),
+            scheduling_strategy="SPREAD",
+            label_selector={"ray.io/node-id": f"in({','.join(sorted(nodes))})"},
+        ).remote(flight.job)
+        flight.ref.future().add_done_callback(partial(self._take, flight, flight.ref))
+
+    def _take(self, flight: _Flight, ref: Any, answer: "Future[bytes]") -> None:
+        """Pass on what came of a job, unless it was handed to Ray again since; a thread of Ray's calls this."""
+        if flight.ref is not ref:
+            return
+        error = answer.exception()
+        if error is None:
+            _land(flight, answer=answer.result())
+        else:
+            _land(flight, error=self._translated(error))
+
+    def _translated(self, error: BaseException) -> SandboxError:
+        """Turn an error of Ray's into one of ours; a node's own error stays as it is."""
+        cause = error
+        while isinstance(cause, self._ray.exceptions.RayTaskError):
+            cause = cause.cause
+        if isinstance(cause, SandboxError):
+            return cause
+        return SandboxError(
+            describe(cause),
+            place="Ray",
+            expected=f"one of {1 + _RETRIES} attempts at a job to end",
+            remedy=_AGAIN,
+        )
+
+    def _no_room(self, flight: _Flight) -> SandboxError:
+        largest = max((node.resources for node in self._members.values()), key=lambda has: has.get("memory", 0.0))
+        return SandboxError(
+            f"{_words(largest)} on the largest",
+            place="the nodes of the cluster",
+            expected=f"one with {_words(flight.needs)} for a candidate",
+            remedy="lower gate.memory_mib and training.memory_mib, or start Ray with more: `ray start --memory=BYTES`",
+        )
+
+    def _welcome(self, nodes: Sequence[Described]) -> list[SandboxError]:
+        """Let nodes join that were not looked at before; return why those are refused that are."""
+        new = [node for node in nodes if works(node) and node["NodeID"] not in self._known]
+        self._known |= {node["NodeID"] for node in new}
+        joined, refused = join(self._ray, new, self._order, self._images)
+        with self._lock:
+            self._members.update(joined)
+        return refused
+
+    def _introduce(self, refused: Sequence[SandboxError], workers: int) -> None:
+        """Say what the cluster is, how well it confines, and what of it is not used."""
+        for error in refused:
+            self._tell(f"a node is refused: {error}")
+        members = self._members.values()
+        slots = int(sum(node.resources["CPU"] for node in members))
+        weakest = min(members, key=lambda node: list(Confinement).index(node.level))
+        self._tell(f"cluster: {counted(len(members), 'node')}, {counted(slots, 'slot')}, executor.workers={workers}")
+        self._tell(f"confinement: {weakest.level}, the weakest, on {weakest.name}")
+
+    def _tell(self, line: str) -> None:
+        if self._say is not None:
+            self._say(line)
+
+    def _watch(self) -> None:
+        """Look after the nodes until the cluster is closed."""
+        unheard = 0.0
+        while not self._stop.wait(_TICK):
+            began = time.monotonic()
+            if self._head_answers():
+                unheard = 0.0
+                with contextlib.suppress(Exception):  # the head went meanwhile, or the cluster is being closed
+                    self._look_after(self._ray.nodes())
+            else:
+                unheard += _TICK + time.monotonic() - began
+            if unheard > _head_seconds():
+                self._is_lost = True
+                error = f"no answer for {unheard:.0f} s"
+                remedy = f"start it again, and {_AGAIN}"
+                self._finish(
+                    SandboxError(error, place=self._head, expected="the head of the Ray cluster", remedy=remedy)
+                )
+                return
+
+    def _head_answers(self) -> bool:
+        host, _, port = self._head.rpartition(":")
+        try:
+            socket.create_connection((host, int(port)), timeout=_TICK).close()
+        except OSError:
+            return False
+        return True
+
+    def _look_after(self, nodes: Sequence[Described]) -> None:
+        """Take out nodes that are gone, let new ones join, and hand jobs that were meant for the former to others."""
+        alive = {node["NodeID"] for node in nodes if node["Alive"]}
+        with self._lock:
+            gone = [self._members.pop(name) for name in self._members.keys() - alive]
+        for node in gone:
+            self._tell(f"{node.name} is gone; its jobs run again on others")
+        for error in self._welcome(nodes):
+            self._tell(f"a node is refused: {error}")
+        with self._lock:
+            stranded = [flight for flight in self._flights if flight.nodes.isdisjoint(self._members)]
+            for flight in stranded:
+                self._launch(flight)
+
+
+def _land(flight: _Flight, *, answer: bytes = b"", error: SandboxError | None = None) -> None:
+    """Give the answer of a job, or the error that ended it, to the thread that waits; the first one counts."""
+    with contextlib.suppress(InvalidStateError):
+        if error is None:
+            flight.landed.set_result(answer)
+        else:
+            flight.landed.set_exception(error)
+
+
+def _words(amounts: Mapping[str, float]) -> str:
+    memory = f"{amounts.get('memory', 0.0) / 2**20:,.0f} MiB"
+    return f"{amounts.get('CPU', 0.0):g} CPU, {memory} and {amounts.get('GPU', 0.0):g} GPU"
+
+
+def _head_seconds() -> float:
+    """Return after how many seconds a silent head counts as lost: before Ray ends this process for it."""
+    return 0.7 * float(os.environ.get(_PATIENCE_OF_RAY, "60"))

@@ -1,0 +1,101 @@
+"""Ray itself: imported only here and below, connected to or started, and kept quiet."""
+
+import contextlib
+import logging
+import os
+import re
+import signal
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from tacevo.errors import ConfigError
+
+#: What a Ray that we start inherits, by name: nothing that could hold a key.
+_KEPT = re.compile(
+    r"PATH|HOME|USER|LOGNAME|SHELL|LANG|LC_\w+|TZ|TMPDIR|LD_LIBRARY_PATH|VIRTUAL_ENV|XDG_\w+"
+    r"|(PYTHON|CUDA|NVIDIA|RAY|TACEVO)_?\w*"
+)
+
+#: Bytes of the object store of a Ray that we start; what does not fit goes to its disk.
+_STORE = 256 * 2**20
+
+#: No figures to Ray's makers, no notice about GPUs, no log on the terminal, and patience on a busy machine; a user's
+#: own settings stay.
+_SETTINGS = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
+    "RAY_BACKEND_LOG_LEVEL": "fatal",
+    "RAY_raylet_start_wait_time_s": "120",
+}
+
+
+def import_ray() -> Any:
+    """Return the module `ray`.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    for name, value in _SETTINGS.items():
+        os.environ.setdefault(name, value)  # read when it is imported
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError(
+            str(error), place="executor=ray", expected="Ray", remedy="install it by pip install 'tacevo[ray]'"
+        ) from error
+    return ray
+
+
+def connect(address: str | None, workers: int) -> Any:
+    """Connect to the cluster of an address, or start a Ray of so many slots that ends with this process.
+
+    Returns:
+        The module `ray`, connected.
+
+    Raises:
+        ConfigError: Ray is not installed, or no cluster of its version answers there.
+    """
+    ray = import_ray()
+    started = (
+        {"num_cpus": workers, "include_dashboard": False, "object_store_memory": _STORE} if address is None else {}
+    )
+    handler = signal.getsignal(signal.SIGTERM)
+    try:
+        with kept_environment() if address is None else contextlib.nullcontext():
+            ray.init(
+                address="local" if address is None else address,
+                log_to_driver=False,
+                logging_level=logging.CRITICAL,
+                **started,
+            )
+    except Exception as error:  # Ray's, gRPC's or the system's
+        raise ConfigError(
+            str(error).strip().splitlines()[0][:300],
+            place="executor.address" if address else "executor=ray",
+            expected="a Ray cluster that answers" if address else "Ray to start",
+            remedy="start it by `ray start --head`, or leave executor.address out" if address else "",
+        ) from error
+    finally:
+        signal.signal(signal.SIGTERM, handler)  # Ray puts its own there
+    ray._private.worker._worker_logs_enabled = False  # what it says of lost nodes would stand among our own lines
+    return ray
+
+
+@contextlib.contextmanager
+def kept_environment() -> Iterator[None]:
+    """Take everything out of the environment that a Ray started here need not inherit; put it back at the end."""
+    hidden = {name: os.environ.pop(name) for name in list(os.environ) if not _KEPT.fullmatch(name)}
+    try:
+        yield
+    finally:
+        os.environ.update(hidden)
+
+
+def leave(ray: Any, processes: Sequence[Any], *, is_lost: bool) -> None:
+    """End the processes of this run and the connection; of a cluster whose head is gone, nothing can be asked."""
+    if is_lost:
+        return
+    with contextlib.suppress(Exception):  # Ray ends them too, later, when it sees that their owner is gone
+        for process in processes:
+            ray.kill(process)
+    ray.shutdown()

@@ -1,0 +1,119 @@
+"""What a node must have in common with the search, and what differs."""
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+from tacevo.choices import Confinement, Device, Numerics
+from tacevo.errors import SandboxError, TacevoError
+from tacevo.records import to_json
+from tacevo.rules import CURRENT, STUDY
+from tacevo.sandbox.confinement import available, require
+from tacevo.training.numerics import check_machine, environment
+
+#: Packages whose code makes a profile or a training.
+_DECISIVE = ("tacevo", "torch", "numpy")
+
+#: Variables that hold the key of a provider of answers.
+_KEYS = ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "OPENAI_API_KEY")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Order:
+    """What a run demands of each node; it goes to all of them, and holds no key."""
+
+    #: Of the sandbox.
+    entries: Mapping[str, str]
+    numerics: Numerics
+    device: Device
+    #: The weakest confinement that will do.
+    require: Confinement
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The variables of a candidate's process that decide its results."""
+        return environment(self.numerics, self.device)
+
+    @property
+    def strongest(self) -> Confinement:
+        """The strongest confinement that this device leaves."""
+        return Confinement.kernel if self.device is Device.cpu else Confinement.none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """What decides the results of a node, by name, and how it would confine a candidate."""
+
+    decisive: Mapping[str, str]
+    level: Confinement
+    #: Why it cannot do what is ordered; None where it can.
+    fault: TacevoError | None = None
+
+
+def facts_here(order: Order) -> Facts:
+    """Find out what this process would compute with."""
+    decisive = {
+        "python": ".".join(platform.python_version_tuple()[:2]),
+        **{package: _version(package) for package in _DECISIVE},
+        **{f"rules of {part}": str(number) for part, number in _numbers(to_json(CURRENT)).items()},
+        "rules of study": str(STUDY),
+        **order.environment,
+    }
+    level = min(available(), order.strongest, key=list(Confinement).index)
+    return Facts(decisive=decisive, level=level, fault=_fault(order))
+
+
+def check_alike(found: Facts, wanted: Facts, place: str) -> None:
+    """Check that a node computes what the search would compute itself, and can do what is ordered.
+
+    Raises:
+        SandboxError: it cannot, or something differs; the place is the node.
+    """
+    if found.fault is not None:
+        fault = found.fault
+        raise SandboxError(fault.got, place=f"{place}, {fault.place}", expected=fault.expected, remedy=fault.remedy)
+    names = sorted(found.decisive.keys() | wanted.decisive.keys())
+    differing = [name for name in names if found.decisive.get(name) != wanted.decisive.get(name)]
+    if differing:
+        raise SandboxError(
+            _listed(differing, found.decisive),
+            place=place,
+            expected=_listed(differing, wanted.decisive),
+            remedy="install there what is installed here, or take the node out of the cluster",
+        )
+
+
+def _listed(names: list[str], values: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {values.get(name, 'absent')}" for name in names)
+
+
+def _numbers(rules: object) -> Mapping[str, int]:
+    assert isinstance(rules, dict)
+    return rules
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "absent"
+
+
+def _fault(order: Order) -> TacevoError | None:
+    """Return why this process cannot do what is ordered; None where it can."""
+    held = [name for name in _KEYS if name in os.environ]
+    if held:
+        return SandboxError(
+            f"{', '.join(held)} in the environment of Ray",
+            place="environment",
+            expected="no key of a model where candidates run",
+            remedy="unset it before `ray start`",
+        )
+    try:
+        require(order.require)
+        check_machine(order.numerics, order.device)
+    except TacevoError as error:
+        return error
+    return None

@@ -1,0 +1,88 @@
+"""A node's process: one sandbox for all slots of the node, with the images mapped from a directory of its own."""
+
+import os
+import pickle
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tacevo.cluster import images as files
+from tacevo.cluster.facts import Facts, Order, facts_here
+from tacevo.cluster.images import Images
+from tacevo.errors import SandboxError
+from tacevo.sandbox.client import Sandbox, Zygote
+from tacevo.sandbox.confinement import in_force
+
+
+class Node:
+    """The process of one run on one node; Ray starts it, and starts it again where it was killed.
+
+    `images` is None where nothing is trained.
+    """
+
+    def __init__(self, order: Order, images: Images | None) -> None:
+        self._order, self._images = order, images
+        self._directory = files.directory_here()
+        self._lock = threading.Lock()
+        self._zygote: Zygote | None = None
+        self._opened: Sandbox | None = None
+        #: What confined the candidate that each thread waits for.
+        self._held = threading.local()
+
+    def look(self) -> Facts:
+        """Find out whether this node computes what the search would; nothing is started yet."""
+        return facts_here(self._order)
+
+    def prepare(self) -> bool:
+        """Start the sandbox, and find the images, or make them where that is cheaper; tell whether they are here."""
+        self._zygote = Zygote(self._order.entries, self._order.environment)
+        images = self._images
+        if images is None or files.find(images, self._directory) is not None:
+            return True
+        cores = len(os.sched_getaffinity(0))
+        if not files.is_cheaper_to_make(images, cores):
+            return False
+        return files.make(images, self._directory, cores) is not None
+
+    def receive(self, chunks: Sequence[Any]) -> None:
+        """Fetch the images from Ray's object store, part by part."""
+        import ray
+
+        assert self._images is not None  # `prepare` told that they are missing
+        files.receive(self._images, self._directory, map(ray.get, chunks))
+
+    def run(self, job: bytes) -> bytes:
+        """Run a job, the arguments of `Sandbox.run`; return its answer, and what confined the candidate.
+
+        Raises:
+            SandboxError: as `Sandbox.run`; or the images were removed.
+        """
+        self._held.measures = ()
+        answer = self._sandbox().run(*pickle.loads(job))
+        return pickle.dumps((answer, in_force(self._held.measures) if self._held.measures else None))
+
+    def _sandbox(self) -> Sandbox:
+        """Return the sandbox, made with the first job; where Ray started this process again, nobody prepared it."""
+        with self._lock:
+            if self._opened is None:
+                self._opened = Sandbox(
+                    entries=self._order.entries,
+                    environment=self._order.environment,
+                    arrays=self._arrays(),
+                    strongest=self._order.strongest,
+                    notice=self._note,
+                    zygote=self._zygote,
+                )
+            return self._opened
+
+    def _arrays(self) -> dict[str, Path]:
+        if self._images is None:
+            return {}
+        path = files.find(self._images, self._directory)
+        if path is None:
+            raise SandboxError("none", place=str(self._directory), expected="the images that were brought here")
+        return {"images": path}
+
+    def _note(self, measures: tuple[str, ...]) -> None:
+        self._held.measures = measures
