@@ -4,6 +4,7 @@ Promises: on this machine a job ends with the process that launched it, however 
 as by Ctrl-C, and keep what they have.
 """
 
+import math
 import re
 import subprocess
 import tempfile
@@ -14,6 +15,8 @@ from pathlib import Path
 
 import yaml
 
+from tacevo.choices import ExecutorKind
+from tacevo.config.schema import ExecutorConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
@@ -25,6 +28,9 @@ _LAUNCHER, _OPTION = "hydra/launcher=", "hydra.launcher."
 
 #: What `hydra/launcher=` may name.
 _CLUSTERS = ("submitit_slurm", "submitit_local")
+
+#: The part of a core that a search takes whose candidates are computed elsewhere.
+_DRIVER = 0.25
 
 #: Seconds between two looks at the jobs.
 _TICK = 0.5
@@ -65,14 +71,19 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
     return Launcher(cluster=launchers[0] if launchers else "", options=options), tuple(rest)
 
 
-def fitted(launcher: Launcher, *, jobs: int, workers: int, cores: int) -> Launcher:
+def needed_cores(executor: ExecutorConfig) -> float:
+    """Return how many cores a job needs where it runs: with candidates on a Ray cluster of its own address, hardly one."""
+    return _DRIVER if executor.kind is ExecutorKind.ray and executor.address else executor.workers
+
+
+def fitted(launcher: Launcher, *, jobs: int, needed: float, cores: int) -> Launcher:
     """Return the launcher with what the user left open: as many jobs at once as the cores can take, say.
 
-    Jobs have up to so many workers; `cores` are those that this process may use.
+    Jobs need up to so many cores each; `cores` are those that this process may use.
     """
-    sizes = {"cpus_per_task": workers, "timeout_min": 60}
+    sizes = {"cpus_per_task": math.ceil(needed), "timeout_min": 60}
     if not launcher.cluster:
-        sizes = {"n_jobs": max(1, min(jobs, cores // workers))}
+        sizes = {"n_jobs": max(1, min(jobs, int(cores / needed)))}
     return Launcher(cluster=launcher.cluster, options={**sizes, **launcher.options})
 
 

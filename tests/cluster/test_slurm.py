@@ -6,10 +6,10 @@ The Slurm is a real one (`slurm_cluster`), the searches are as small as they can
 import os
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from cluster_sweeps import ENDLESS, FIXED, NONE, ONE, SWEEP, TACEVO, TWO, digest, has_begun
 from interruptions import PATIENCE, comes, ends, processes_of, unhurried
 from slurm_cluster import Slurm
 from smallest import SMALLEST, UNTRACKED, Once
@@ -19,13 +19,6 @@ from tacevo.sweeps.status import status_of
 
 pytestmark = [pytest.mark.cluster, unhurried]
 
-#: Each job fills a node.
-JOBS = [*SMALLEST, UNTRACKED, "executor.workers=2", "store.root=cache", "search.initial=1", "search.candidates=2"]
-SWEEP = [*JOBS, "search.generations=2"]
-ENDLESS = [*JOBS, "search.generations=999"]
-NONE, FIXED = "none-seed0", "fixed_temperature-seed0"
-#: One job, or two.
-ONE, TWO = "ablation=none", "ablation=none,fixed_temperature"
 SLURM = "hydra/launcher=submitit_slurm"
 #: No key may reach Slurm; this one is looked for wherever it could lie.
 KEY = "sk-never-to-be-seen"
@@ -36,7 +29,7 @@ def start(slurm: Slurm, folder: Path, *overrides: str) -> subprocess.Popen[str]:
     (folder / "tmp").mkdir(exist_ok=True)
     own = {"TMPDIR": str(folder / "tmp"), "OMP_NUM_THREADS": "1", "ANTHROPIC_API_KEY": KEY}
     return subprocess.Popen(
-        [sys.executable, "-P", "-m", "tacevo.cli.app", "search", "-m", *overrides, SLURM, "--into", "all"],
+        [*TACEVO, "search", "-m", *overrides, SLURM, "--into", "all"],
         cwd=folder,
         env={**os.environ, **slurm.environment, **own},
         stdout=subprocess.PIPE,
@@ -53,30 +46,11 @@ def ended(sweep: subprocess.Popen[str], status: int = 0) -> str:
     return out
 
 
-def digest(folder: Path, name: str = NONE) -> str:
-    """Return the digest of a job; empty if it is not finished."""
-    directory = SweepDirectory(folder / "all")
-    job = next(job for job in directory.read()[1] if job.name == name)
-    return status_of(directory, job).digest
-
-
 def interrupted(slurm: Slurm, sweep: subprocess.Popen[str], folder: Path, name: str = NONE) -> str:
     """Wait until a job has decided something and has not ended; return its id in Slurm."""
-    ledger = folder / "all" / name / "ledger.jsonl"
-    assert comes(sweep, lambda: ledger.exists() and ledger.read_bytes().count(b"\n") > 1)
+    assert comes(sweep, lambda: has_begun(folder, name))
     (job,) = slurm.running()
     return job
-
-
-@pytest.fixture(scope="session")
-def alone(once: Once) -> Path:
-    """Return a directory in which the same sweep ran on this machine."""
-    return once("swept alone", _sweep_here)
-
-
-def _sweep_here(folder: Path) -> None:
-    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "search", "-m", *SWEEP, TWO, "--into", "all"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
 
 
 def test_sweep_on_two_nodes_has_the_digests_of_this_machine_and_no_key_reaches_slurm(
