@@ -41,16 +41,21 @@ def record_synthetic(folder: Path, generations: int, view: Progress) -> Result:
         generations: 20 for the paper's size.
         view: shows the progress.
     """
+    config, task, facts = synthetic_setting(folder, generations)
+    run = made_up(profile_of_baseline(config, task, facts), config.training.epochs, facts.outputs)
+    return record(config, task, synthetic_dataset(facts), view, run=run)
+
+
+def synthetic_setting(folder: Path, generations: int) -> tuple[RunConfig, Task, DataFacts]:
+    """Return the configuration, the task and the data facts of such a run."""
     places = [f"run.dir={folder}/run", f"store.root={folder}/cache"]
     size = [f"search.generations={generations}", "search.candidates=50", "executor.workers=1", "tracking=none"]
     config = compose(["experiment=paper_force", "llm=grammar", f"data.images={_IMAGES}", *size, *places])
     facts = replace(facts_without_data(config), fingerprint=_FINGERPRINT, counts=(_TRAINED, _VALIDATED, _VALIDATED))
-    task = load_task(config, facts)
-    run = _sandbox(_profile_of_baseline(config, task, facts), config.training.epochs, facts.outputs)
-    return record(config, task, _dataset(facts), view, run=run)
+    return config, load_task(config, facts), facts
 
 
-def _profile_of_baseline(config: RunConfig, task: Task, facts: DataFacts) -> Profile:
+def profile_of_baseline(config: RunConfig, task: Task, facts: DataFacts) -> Profile:
     """Probe the baseline in a real sandbox, once."""
     with Workbench(config, task, facts, Mode.record) as bench:
         judged = bench.gate(CURRENT).inspect(task.baseline)
@@ -59,7 +64,7 @@ def _profile_of_baseline(config: RunConfig, task: Task, facts: DataFacts) -> Pro
     return judged.profile
 
 
-def _sandbox(baseline: Profile, epochs: int, outputs: int) -> Run:
+def made_up(baseline: Profile, epochs: int, outputs: int) -> Run:
     """Answer probes and trainings with frames that follow from the source alone."""
 
     def run(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
@@ -91,7 +96,7 @@ def _trained(rng: np.random.Generator, epochs: int, outputs: int) -> Iterator[Fr
     yield Frame({"weights_sha256": hashlib.sha256(rng.bytes(32)).hexdigest()}, b"")
 
 
-def _dataset(facts: DataFacts) -> Dataset:
+def synthetic_dataset(facts: DataFacts) -> Dataset:
     """Return labels that are all alike, for images that do not exist."""
     train, validation, test = np.split(np.arange(sum(facts.counts)), np.cumsum(facts.counts)[:2])
     return Dataset(

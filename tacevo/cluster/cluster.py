@@ -23,6 +23,7 @@ from tacevo.cluster.connection import connect, leave
 from tacevo.cluster.facts import Order
 from tacevo.cluster.images import Images
 from tacevo.cluster.members import Described, Member, join, works
+from tacevo.cluster.node import Node
 from tacevo.cluster.slot import run_job
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits
@@ -72,6 +73,7 @@ class Cluster:
         workers: jobs at once, which is the number of slots of a Ray that is started.
         gpu_share: the part of a GPU that a training takes.
         notice: called for every candidate before its answer is returned, by the thread that waits for it.
+        process: what runs on each node.
         say: called with a line for the user.
 
     Raises:
@@ -88,10 +90,11 @@ class Cluster:
         workers: int,
         gpu_share: float = 1.0,
         notice: Notice | None = None,
+        process: type[Node] = Node,
         say: Callable[[str], None] | None = None,
     ) -> None:
         self._order, self._images, self._gpu_share = order, images, gpu_share
-        self._notice, self._say = notice, say
+        self._notice, self._process, self._say = notice, process, say
         self._lock = threading.Lock()
         self._flights: set[_Flight] = set()
         self._members: dict[str, Member] = {}
@@ -216,7 +219,7 @@ class Cluster:
         """Let nodes join that were not looked at before; return why those are refused that are."""
         new = [node for node in nodes if works(node) and node["NodeID"] not in self._known]
         self._known |= {node["NodeID"] for node in new}
-        joined, refused = join(self._ray, new, self._order, self._images)
+        joined, refused = join(self._ray, new, self._process, self._order, self._images)
         with self._lock:
             self._members.update(joined)
         return refused

@@ -44,7 +44,7 @@ def works(node: Described) -> bool:
 
 
 def join(
-    ray: Any, nodes: Sequence[Described], order: Order, images: tuple[Images, Path] | None
+    ray: Any, nodes: Sequence[Described], process: type[Node], order: Order, images: tuple[Images, Path] | None
 ) -> tuple[dict[str, Member], list[SandboxError]]:
     """Start, check and prepare nodes, all at once; a node that fails gets no job.
 
@@ -52,7 +52,8 @@ def join(
         Those that get jobs, by Ray's id of the node, and why the others are refused; the error's place is the node.
     """
     names = {node["NodeID"]: f"node {node['NodeID'][:8]} ({node['NodeManagerAddress']})" for node in nodes}
-    processes = {node["NodeID"]: _start(ray, node, order, None if images is None else images[0]) for node in nodes}
+    described = None if images is None else images[0]
+    processes = {node["NodeID"]: _placed(ray.remote(process), node).remote(order, described) for node in nodes}
     wanted = facts_here(order)
     refused: list[SandboxError] = []
 
@@ -89,20 +90,16 @@ def join(
     }, refused
 
 
-def _start(ray: Any, node: Described, order: Order, images: Images | None) -> Any:
-    """Start the process of a node; it holds no slot, and takes a job of every slot at once."""
+def _placed(process: Any, node: Described) -> Any:
+    """Have a process start on a node; it holds no slot, and takes a job of every slot at once."""
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-    return (
-        ray.remote(Node)
-        .options(
-            name=name_of(node["NodeID"]),
-            num_cpus=0,
-            max_concurrency=int(node["Resources"]["CPU"]) + 1,
-            max_restarts=-1,
-            scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False),
-        )
-        .remote(order, images)
+    return process.options(
+        name=name_of(node["NodeID"]),
+        num_cpus=0,
+        max_concurrency=int(node["Resources"]["CPU"]) + 1,
+        max_restarts=-1,
+        scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from tacevo.cluster import images as files
 from tacevo.cluster.facts import Facts, Order, facts_here
 from tacevo.cluster.images import Images
+from tacevo.environment import machine
 from tacevo.errors import SandboxError
 from tacevo.sandbox.client import Sandbox, Zygote
 from tacevo.sandbox.confinement import in_force
@@ -60,7 +61,17 @@ class Node:
         """
         self._held.measures = ()
         answer = self._sandbox().run(*pickle.loads(job))
-        return pickle.dumps((answer, in_force(self._held.measures) if self._held.measures else None))
+        return pickle.dumps((answer, self._walls()))
+
+    def _walls(self) -> dict[str, str] | None:
+        """Describe what confined the candidate that this thread waited for, and where; None where none was begun."""
+        if not self._held.measures:
+            return None
+        import ray
+
+        here = machine()
+        node = f"{ray.get_runtime_context().get_node_id()[:8]}: {here['cpu']}, {here['system']}"
+        return {"node": node, **in_force(self._held.measures)}
 
     def _sandbox(self) -> Sandbox:
         """Return the sandbox, made with the first job; where Ray started this process again, nobody prepared it."""

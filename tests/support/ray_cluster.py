@@ -40,6 +40,9 @@ _COMMON = [
     "--disable-usage-stats",
 ]
 
+#: The command `ray`.
+_RAY = "from ray.scripts.scripts import main; main()"
+
 #: What a node says when it is there.
 _STARTED = "Ray runtime started"
 
@@ -90,22 +93,31 @@ class RayCluster:
 
     def start_head(self) -> None:
         """Start the head, again perhaps, at the same address."""
-        options = f"--head --port={self.port} --num-cpus=0 --include-dashboard=false --temp-dir={self.temporary}"
-        self.head = self._start("head", options, {})
+        options = f"--head --port={self.port} --num-cpus=0 --include-dashboard=false"
+        self.head = self._start("head", options)
         self.address = re.findall(r"--address='([^']+)'", self.head.wait())[0]
 
-    def add(self, name: str, cpus: int = 1, environment: Mapping[str, str] = MappingProxyType({})) -> RayNode:
-        """Start a node of so many slots, with further variables in its environment; it may not be there yet."""
-        node = self._start(name, f"--address={self.address} --num-cpus={cpus}", environment)
+    def add(self, name: str, environment: Mapping[str, str] = MappingProxyType({}), before: str = "") -> RayNode:
+        """Start a node of one slot; it may not be there yet.
+
+        Args:
+            name: of its folder.
+            environment: further variables.
+            before: code that its first process runs before anything else.
+        """
+        node = self._start(name, f"--address={self.address} --num-cpus=1", environment, before)
         self.nodes.append(node)
         return node
 
-    def _start(self, name: str, options: str, environment: Mapping[str, str]) -> RayNode:
+    def _start(
+        self, name: str, options: str, environment: Mapping[str, str] = MappingProxyType({}), before: str = ""
+    ) -> RayNode:
         folder = self.folder / name
         (folder / "path").mkdir(parents=True, exist_ok=True)
+        own = f"--temp-dir={self.temporary / name}"  # two nodes that start at one moment would share names of sockets
         log = (folder / "log").open("wb")
         process = subprocess.Popen(
-            [sys.executable, "-m", "ray.scripts.scripts", "start", *options.split(), *_COMMON],
+            [sys.executable, "-c", f"{before}\n{_RAY}", "start", *options.split(), *_COMMON, own],
             env={
                 **os.environ,
                 **SETTINGS,

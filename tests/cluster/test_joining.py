@@ -1,0 +1,168 @@
+"""What is asked of a node before it gets work, and how images come there; no Ray is started."""
+
+import pickle
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from refusals import refused
+
+from tacevo.choices import Confinement, Device, Numerics
+from tacevo.cluster import images as files
+from tacevo.cluster.connection import import_ray, kept_environment
+from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
+from tacevo.cluster.images import Images
+from tacevo.config.compose import compose
+from tacevo.errors import ConfigError, DataError, SandboxError
+from tacevo.runs.datasets import source_of
+from tacevo.runs.wiring import check_means
+from tacevo.sandbox.confinement import available
+
+ORDER = Order(entries={}, numerics=Numerics.portable, device=Device.cpu, require=Confinement.process)
+
+NODE = "node 0123abcd (10.0.0.7)"
+
+
+@pytest.mark.parametrize("name", facts_here(ORDER).decisive)
+def test_node_that_differs_is_refused_by_name(name: str) -> None:
+    """The error names the node, what differs and both values; so does one that lacks it."""
+    here = facts_here(ORDER)
+    check_alike(here, here, NODE)
+    others = {name: "9.9"}, {}
+    for other, got in zip(others, ("9.9", "absent"), strict=True):
+        rest = {key: value for key, value in here.decisive.items() if key != name}
+        with refused(SandboxError, place=NODE, got=f"{name} {got}", expected=f"{name} {here.decisive[name]}"):
+            check_alike(replace(here, decisive={**rest, **other}), here, NODE)
+
+
+def test_packages_rules_and_numerics_decide() -> None:
+    """A node is compared by what makes a profile or a training."""
+    decisive = facts_here(ORDER).decisive
+    assert {"python", "tacevo", "torch", "numpy", "rules of training", "rules of probe", "rules of study"} <= set(
+        decisive
+    )
+    assert decisive != facts_here(replace(ORDER, numerics=Numerics.fast)).decisive
+
+
+@pytest.mark.parametrize("name", ["ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "OPENAI_API_KEY"])
+def test_node_with_the_key_of_a_model_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error names the variable, and not the key."""
+    monkeypatch.setenv(name, "sk-secret")
+    found = facts_here(ORDER)
+    with refused(SandboxError, place=NODE, got=name, remedy="ray start"):
+        check_alike(found, facts_here(ORDER), NODE)
+    assert "sk-secret" not in str(found.fault)
+    assert b"sk-secret" not in pickle.dumps(found)
+
+
+def test_node_that_cannot_confine_as_asked_is_refused() -> None:
+    """`sandbox.require` holds on each node; a fault that a node found survives its way here."""
+    fault = SandboxError("process", place="sandbox.require", expected="kernel", remedy="use another")
+    found = Facts(decisive={}, level=Confinement.process, fault=pickle.loads(pickle.dumps(fault)))
+    with refused(
+        SandboxError, place=f"{NODE}, sandbox.require", got="process", expected="kernel", remedy="use another"
+    ):
+        check_alike(found, facts_here(ORDER), NODE)
+    assert facts_here(ORDER).level == available()
+    assert facts_here(replace(ORDER, device=Device.cuda, numerics=Numerics.fast)).level == Confinement.none
+
+
+def test_started_ray_inherits_nothing_that_could_be_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is not known to be harmless is hidden, and is there again afterwards."""
+    import os
+
+    secrets = [
+        "ANTHROPIC_API_KEY",
+        "OPENAI_API_KEY",
+        "MY_TOKEN",
+        "AWS_SECRET_ACCESS_KEY",
+        "http_proxy",
+        "MLFLOW_TRACKING_URI",
+    ]
+    for name in secrets:
+        monkeypatch.setenv(name, "secret")
+    before = dict(os.environ)
+    with kept_environment():
+        assert "secret" not in os.environ.values()
+        assert os.environ["PATH"] == before["PATH"]
+    assert dict(os.environ) == before
+
+
+def test_what_goes_to_a_node_holds_no_address_of_a_model(tmp_path: Path) -> None:
+    """An order and a source are all that a node is sent at its start."""
+    config = compose(["task=force", "llm=openai", "llm.model=m", "llm.base_url='http://me:hunter2@localhost'"])
+    images = describe(tmp_path, np.zeros((1, 3, 16, 16), np.uint8))
+    assert b"hunter2" not in pickle.dumps((ORDER, replace(images, source=source_of(config))))
+
+
+def test_missing_ray_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything is made; and a run on this machine needs no Ray."""
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with refused(ConfigError, place="executor=ray", remedy="pip install 'tacevo[ray]'"):
+        import_ray()
+    with refused(ConfigError, place="executor=ray", remedy="pip install 'tacevo[ray]'"):
+        check_means(compose(["executor=ray"]))
+    check_means(compose([]))
+
+
+def describe(folder: Path, pixels: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]") -> Images:
+    """Write images as a search has them, and describe them."""
+    np.save(folder / "images.npy", pixels)
+    return files.describe(folder / "images.npy", pictures=len(pixels), pixels=pixels.shape[-1], source=None)
+
+
+def test_images_arrive_byte_for_byte_and_once(tmp_path: Path) -> None:
+    """The file of a node is that of the search; a second run finds it and is sent nothing."""
+    ours, node = tmp_path / "ours", tmp_path / "node"
+    ours.mkdir()
+    images = describe(ours, np.arange(3 * 16 * 16, dtype=np.uint8).reshape(1, 3, 16, 16))
+    content = (ours / "images.npy").read_bytes()
+    assert files.find(images, node) is None
+    path = files.receive(images, node, [content[:100], content[100:]])
+    assert path.read_bytes() == content
+    assert files.find(images, node) == path
+    assert files.receive(images, node, []) == path
+
+
+def test_damaged_images_of_a_node_are_brought_again(tmp_path: Path) -> None:
+    """One flipped bit is seen, and the file is replaced."""
+    images = describe(tmp_path, np.zeros((1, 3, 16, 16), np.uint8))
+    content = (tmp_path / "images.npy").read_bytes()
+    path = files.receive(images, tmp_path / "node", [content])
+    path.write_bytes(content[:-1] + b"\1")
+    assert files.find(images, tmp_path / "node") is None
+    assert files.receive(images, tmp_path / "node", [content]).read_bytes() == content
+
+
+@pytest.mark.parametrize("sent", [[], [b"other bytes"]])
+def test_other_bytes_than_the_search_has_are_refused(sent: list[bytes], tmp_path: Path) -> None:
+    """Nothing is mapped that is not what the search has."""
+    images = describe(tmp_path, np.zeros((1, 3, 16, 16), np.uint8))
+    with refused(DataError, place=str(tmp_path / "node"), got="other bytes"):
+        files.receive(images, tmp_path / "node", sent)
+
+
+def test_simulated_images_are_made_again_on_a_node(tmp_path: Path) -> None:
+    """They have the bytes of those of the search; where they have not, none are kept, and those of the search fit."""
+    source = source_of(compose(["task=force", "data=simulated", "data.images=12", "data.image_size=16"]))
+    catalogue = source.catalogue()
+    images = replace(describe(tmp_path, np.stack([make() for make in catalogue.pictures])), source=source)
+    made = files.make(images, tmp_path / "node", 1)
+    assert made is not None
+    assert made.read_bytes() == (tmp_path / "images.npy").read_bytes()
+    other = replace(images, digest="0" * 64)
+    assert files.make(other, tmp_path / "node", 1) is None
+    assert not (tmp_path / "node" / ("0" * 64)).exists()
+
+
+def test_images_are_made_where_that_is_quicker() -> None:
+    """Large pictures on many cores are; small ones, and recorded ones, are sent."""
+    source = source_of(compose(["task=force"]))
+    large = Images(digest="", size=3000 * 3 * 256**2, pictures=3000, pixels=256, source=source)
+    small = Images(digest="", size=3000 * 3 * 32**2, pictures=3000, pixels=32, source=source)
+    assert files.is_cheaper_to_make(large, 64)
+    assert not files.is_cheaper_to_make(large, 1)
+    assert not files.is_cheaper_to_make(small, 1)
+    assert not files.is_cheaper_to_make(replace(large, source=None), 1000)
