@@ -72,7 +72,7 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
 
 
 def needed_cores(executor: ExecutorConfig) -> float:
-    """Return how many cores a job needs where it runs: with candidates on a Ray cluster of its own address, hardly one."""
+    """Return how many cores a job needs where it runs; where its candidates run on a given Ray cluster, hardly one."""
     return _DRIVER if executor.kind is ExecutorKind.ray and executor.address else executor.workers
 
 

@@ -7,13 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from cluster_sweeps import NONE, STUDY, SWEEP, TACEVO, digest
+from cluster_sweeps import NONE, STUDY, SWEEP, TACEVO, digest, study_digest
 from interruptions import PATIENCE, ends, processes_of, unhurried
 from slurm_cluster import Slurm
 from waiting import eventually
 
 import tacevo
-from tacevo.studies.directory import studies_of
 
 pytestmark = [pytest.mark.cluster, unhurried]
 
@@ -23,17 +22,15 @@ RAY = "--min-worker-port=0 --max-worker-port=0 --object-store-memory=80000000"
 KEY, SHELL_KEY = "sk-from-the-file", "sk-of-the-shell"
 
 
-def submit(slurm: Slurm, folder: Path, monkeypatch: pytest.MonkeyPatch, *command: str) -> str:
+def submit(slurm: Slurm, folder: Path, *command: str) -> str:
     """Submit a command on two nodes with a slot each; return the job's id."""
     keys = folder / "keys"
     keys.touch(mode=0o600)
     keys.write_text(f"export ANTHROPIC_API_KEY={KEY}\n")
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     own = {"PATH": path, "TACEVO_RAY": RAY, "TACEVO_KEYS": str(keys), "ANTHROPIC_API_KEY": SHELL_KEY}
-    for name, value in own.items():
-        monkeypatch.setenv(name, value)
     size = ["--nodes=2", "--cpus-per-task=1", f"--chdir={folder}", f"--output={folder / 'out'}"]
-    return slurm.run("sbatch", "--parsable", *size, str(SCRIPT), *TACEVO, *command, "executor=ray")
+    return slurm.run("sbatch", "--parsable", *size, str(SCRIPT), *TACEVO, *command, "executor=ray", **own)
 
 
 def finish(slurm: Slurm, folder: Path, job: str) -> str:
@@ -51,10 +48,10 @@ def has_begun(folder: Path) -> bool:
 
 
 def test_search_on_two_nodes_continues_when_its_time_is_out_and_its_key_stays_in_its_process(
-    slurm: Slurm, tmp_path: Path, alone: Path, monkeypatch: pytest.MonkeyPatch
+    slurm: Slurm, tmp_path: Path, alone: Path
 ) -> None:
     """The warning stops the search and queues the job again; the digest is that of this machine."""
-    job = submit(slurm, tmp_path, monkeypatch, "search", *SWEEP, "ablation=none", "run.dir=run")
+    job = submit(slurm, tmp_path, "search", *SWEEP, "ablation=none", "run.dir=run")
     assert eventually(lambda: has_begun(tmp_path), seconds=PATIENCE), (tmp_path / "out").read_text()
     assert set(slurm.run("scontrol", "show", "hostnames", slurm.node_of(job)).split()) == set(slurm.nodes)
     held = _environments_with(KEY)
@@ -70,13 +67,12 @@ def test_search_on_two_nodes_continues_when_its_time_is_out_and_its_key_stays_in
 
 
 def test_study_on_two_nodes_has_the_digest_of_this_machine(
-    slurm: Slurm, tmp_path: Path, alone: Path, studied_alone: Path, monkeypatch: pytest.MonkeyPatch
+    slurm: Slurm, tmp_path: Path, alone: Path, studied_alone: Path
 ) -> None:
     """As a search; the run and its stores are copied."""
     shutil.copytree(alone, tmp_path, dirs_exist_ok=True)
-    finish(slurm, tmp_path, submit(slurm, tmp_path, monkeypatch, "study", f"run=all/{NONE}", *STUDY))
-    (here,), (there,) = (studies_of(folder / "all" / NONE) for folder in (studied_alone, tmp_path))
-    assert there.read().digest == here.read().digest
+    finish(slurm, tmp_path, submit(slurm, tmp_path, "study", f"run=all/{NONE}", *STUDY))
+    assert study_digest(tmp_path) == study_digest(studied_alone)
 
 
 def _environments_with(text: str) -> list[bytes]:

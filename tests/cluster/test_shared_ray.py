@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cluster_sweeps import FIXED, NONE, STUDY, SWEEP, TACEVO, TWO, digest, has_begun
+from cluster_sweeps import FIXED, NONE, STUDY, SWEEP, TACEVO, TWO, digest, has_begun, study_digest
 from interruptions import PATIENCE, comes, unhurried
 from ray_cluster import SETTINGS, RayCluster, ray_cluster
 from waiting import eventually
-
-from tacevo.studies.directory import studies_of
 
 pytestmark = [pytest.mark.cluster, unhurried]
 
@@ -65,5 +63,4 @@ def test_study_on_a_cluster_has_the_digest_of_this_machine(
     study = on(cluster, tmp_path, "study", f"run=all/{NONE}", *STUDY, "executor.workers=2")
     out, errors = study.communicate(timeout=PATIENCE)
     assert study.returncode == 0, out + errors
-    (here,), (there,) = (studies_of(folder / "all" / NONE) for folder in (studied_alone, tmp_path))
-    assert there.read().digest == here.read().digest
+    assert study_digest(tmp_path) == study_digest(studied_alone)

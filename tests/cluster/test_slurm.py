@@ -12,10 +12,6 @@ import pytest
 from cluster_sweeps import ENDLESS, FIXED, NONE, ONE, SWEEP, TACEVO, TWO, digest, has_begun
 from interruptions import PATIENCE, comes, ends, processes_of, unhurried
 from slurm_cluster import Slurm
-from smallest import SMALLEST, UNTRACKED, Once
-
-from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.sweeps.status import status_of
 
 pytestmark = [pytest.mark.cluster, unhurried]
 

@@ -1,5 +1,6 @@
 """A sweep that runs on clusters in tests, and what it gives on this machine alone."""
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.studies.directory import studies_of
 from tacevo.sweeps.status import status_of
 
 #: On a cluster, each job fills a node of two processors.
@@ -25,6 +27,18 @@ STUDY = ["elites=1", "seeds=2", "epochs=1"]
 def sweep_here(folder: Path) -> None:
     """Run both jobs on this machine."""
     subprocess.run([*TACEVO, "search", "-m", *SWEEP, TWO, "--into", "all"], cwd=folder, check=True, capture_output=True)
+
+
+def study_here(swept: Path, folder: Path) -> None:
+    """Copy that sweep, and study a job of it on this machine."""
+    shutil.copytree(swept, folder, dirs_exist_ok=True)
+    subprocess.run([*TACEVO, "study", f"run=all/{NONE}", *STUDY], cwd=folder, check=True, capture_output=True)
+
+
+def study_digest(folder: Path, name: str = NONE) -> str | None:
+    """Return the digest of the only study of a job; None if it is not finished."""
+    (found,) = studies_of(folder / "all" / name)
+    return found.read().digest
 
 
 def digest(folder: Path, name: str = NONE) -> str:

@@ -67,10 +67,10 @@ class Slurm:
         #: What a process needs in its environment to submit to this cluster.
         self.environment = {"SLURM_CONF": str(self._configuration)}
 
-    def run(self, *command: str) -> str:
-        """Run one of Slurm's commands; return what it prints."""
-        environment = {**os.environ, **self.environment}
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.strip()
+    def run(self, *command: str, **environment: str) -> str:
+        """Run one of Slurm's commands, with further variables in its environment; return what it prints."""
+        every = {**os.environ, **self.environment, **environment}
+        return subprocess.run(command, env=every, capture_output=True, text=True, check=True).stdout.strip()
 
     def jobs(self) -> dict[str, str]:
         """Return the state of each job that Slurm remembers, by its id; each of an array's by its own."""
