@@ -54,6 +54,7 @@ def test_search_on_two_nodes_continues_when_its_time_is_out_and_its_key_stays_in
     job = submit(slurm, tmp_path, "search", *SWEEP, "ablation=none", "run.dir=run")
     assert eventually(lambda: has_begun(tmp_path), seconds=PATIENCE), (tmp_path / "out").read_text()
     assert set(slurm.run("scontrol", "show", "hostnames", slurm.node_of(job)).split()) == set(slurm.nodes)
+    assert "cluster: 2 nodes, 2 slots" in (tmp_path / "out").read_text()
     held = _environments_with(KEY)
     assert held
     assert not any(b"raylet" in command or b"ray::" in command for command in held), held

@@ -6,6 +6,7 @@ Each node claims the processors of this machine for itself, so two nodes run as 
 import contextlib
 import getpass
 import os
+import random
 import secrets
 import shutil
 import signal
@@ -182,11 +183,14 @@ def missing_programs() -> list[str]:
 
 
 def _free_ports(count: int) -> list[int]:
-    with contextlib.ExitStack() as held:
-        sockets = [held.enter_context(socket.socket()) for _ in range(count)]
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [each.getsockname()[1] for each in sockets]
+    """Find ports below those that the kernel gives to connections, which may take one before a daemon does."""
+    found: set[int] = set()
+    while len(found) < count:
+        port = random.randrange(11000, 19000)
+        with socket.socket() as unbound, contextlib.suppress(OSError):
+            unbound.bind(("127.0.0.1", port))
+            found.add(port)
+    return list(found)
 
 
 def _processes_of(node: str, configuration: Path) -> list[int]:
