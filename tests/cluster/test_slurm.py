@@ -104,13 +104,21 @@ def test_requeued_job_continues_by_itself(slurm: Slurm, tmp_path: Path, alone: P
 
 
 def test_job_that_is_warned_of_its_end_queues_itself_again(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
-    """With `max_num_timeout`; the warning reaches submitit, and ends neither the search nor its candidates badly."""
+    """With `max_num_timeout`; the warning reaches submitit, and the search resumes."""
     again = ["hydra.launcher.timeout_min=9", "hydra.launcher.max_num_timeout=1"]
     sweep = start(slurm, tmp_path, *SWEEP, ONE, *again)
     slurm.run("scancel", "--signal=USR2", interrupted(slurm, sweep, tmp_path))
     ended(sweep)
     assert "resumed after" in (tmp_path / "all" / "launch" / f"{NONE}.log").read_text()
     assert digest(tmp_path) == digest(alone)
+
+
+def test_warning_stops_a_search_as_ctrl_c_does(slurm: Slurm, tmp_path: Path) -> None:
+    """Slurm sends it to every process of the job; it kills none, and the job is listed as out of time."""
+    sweep = start(slurm, tmp_path, *ENDLESS, ONE, "hydra.launcher.timeout_min=9")
+    slurm.run("scancel", "--signal=USR2", interrupted(slurm, sweep, tmp_path))
+    assert "out of time" in ended(sweep, status=1)
+    assert "interrupted; what was computed is kept" in (tmp_path / "all" / "launch" / f"{NONE}.log").read_text()
 
 
 def test_job_out_of_time_is_stopped_and_the_same_command_resumes_it(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
