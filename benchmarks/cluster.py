@@ -9,7 +9,7 @@ import pickle
 import tempfile
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,7 @@ class SleepingNode(Node):
         """Start nothing."""
         return True
 
-    def run(self, job: bytes) -> bytes:
+    def run(self, job: bytes, gpus: Sequence[str] = ()) -> bytes:
         """Sleep as long as the job would take; return a made-up answer, and the times."""
         began = time.monotonic()
         entry, header, payload, limits = pickle.loads(job)
@@ -67,7 +67,7 @@ class SleepingNode(Node):
         probe = self._answers("probe", header, b"", Limits(seconds=1, memory_mib=64))
         assert isinstance(probe, Finished)
         flops = probe.frames[0].header["profile"]["flops"]  # type: ignore[index, call-overload]
-        return float(flops / self._sleeping.baseline.flops)  # type: ignore[operator, arg-type]
+        return float(flops / self._sleeping.baseline.flops)  # type: ignore[operator]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,8 @@ class Watched:
         assert self.cluster is not None
         asked = time.monotonic()
         answer = self.cluster.run(entry, header, payload, limits)
-        self.spans.append(Span(entry, asked, *self._times.of_node, time.monotonic()))
+        began, ended = self._times.of_node
+        self.spans.append(Span(entry, asked, began, ended, time.monotonic()))
         return answer
 
 
@@ -107,13 +108,17 @@ def measure(slots: int, candidates: int, generations: int, seconds: float) -> st
     watched = Watched()
     with tempfile.TemporaryDirectory() as folder:
         config, task, facts = synthetic_setting(Path(folder), generations)
+        baseline = profile_of_baseline(config, task, facts)
         config = _sized(config, slots, candidates)
         order = SleepingOrder(
             entries={},
+            equip=None,
+            gpu=None,
+            per_gpu=1,
             numerics=config.numerics.kind,
             device=config.training.device,
             require=config.sandbox.require,
-            baseline=profile_of_baseline(config, task, facts),
+            baseline=baseline,
             epochs=config.training.epochs,
             outputs=facts.outputs,
             seconds=seconds,

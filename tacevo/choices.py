@@ -151,6 +151,14 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
+class Precision(StrEnum):
+    """How a GPU multiplies: in float32; in TF32, which cuts inputs to 10 bits of mantissa; or by autocast to bf16."""
+
+    float32 = "float32"
+    tf32 = "tf32"
+    bf16 = "bf16"
+
+
 class ExecutorKind(StrEnum):
     """Where candidates are evaluated: in processes of this machine, or on the nodes of a Ray cluster."""
 

@@ -80,14 +80,15 @@ def machine() -> dict[str, Json]:
         "architecture": platform.machine(),
         "system": f"{platform.system()} {platform.release()}",
         "libc": " ".join(platform.libc_ver()),
-        "gpu": gpu(Path("/proc/driver/nvidia/gpus")),
+        "gpu": next(iter(gpus()), None),
     }
 
 
-def gpu(drivers: Path) -> str | None:
-    """Return the name of the first NVIDIA GPU that the driver lists in this directory; None where there is none."""
-    for file in sorted(drivers.glob("*/information")):
-        for line in file.read_text(encoding="utf-8").splitlines():
-            if line.startswith("Model:"):
-                return line.partition(":")[2].strip()
-    return None
+def gpus(drivers: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:
+    """Return the models of the NVIDIA GPUs that the driver lists in this directory."""
+    return [
+        line.partition(":")[2].strip()
+        for file in sorted(drivers.glob("*/information"))
+        for line in file.read_text(encoding="utf-8").splitlines()
+        if line.startswith("Model:")
+    ]

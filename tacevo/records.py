@@ -13,6 +13,8 @@ from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
+from tacevo.choices import Precision
+
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
@@ -286,6 +288,22 @@ class Limits(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Gpu(Record):
+    """What a candidate trains on, where that is a GPU: all that decides its bits, or where its memory ends."""
+
+    #: As CUDA names it, e.g. `NVIDIA H200`.
+    model: str
+    precision: Precision
+    #: Most memory of the GPU that a training may have, with its images, in MiB.
+    memory_mib: int
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Self:
+        """Read what `to_json` wrote."""
+        return cls(**{**value, "precision": Precision(value["precision"])})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Recipe(Record):
     """How a candidate is trained; part of an evaluation's key."""
 
@@ -295,11 +313,14 @@ class Recipe(Record):
     #: The only optimiser so far.
     optimiser: Literal["adam"]
     limits: Limits
+    #: None on a CPU.
+    gpu: Gpu | None = None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:
-        """Read what `to_json` wrote."""
-        return cls(**{**value, "limits": Limits(**value["limits"])})
+        """Read what `to_json` or `written` wrote."""
+        gpu = value.get("gpu")
+        return cls(**{**value, "limits": Limits(**value["limits"]), "gpu": None if gpu is None else Gpu.from_json(gpu)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

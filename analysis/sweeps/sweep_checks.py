@@ -73,6 +73,10 @@ def _check_temperatures(sweep: Sweep, one: Finished, two: Finished) -> None:
         )
 
 
+#: What a candidate trains on.
+_DEVICE = ("device", "gpu", "precision", "gpu_memory_mib")
+
+
 def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
     """List what must be equal in all jobs: what it belongs to, its name, its value."""
     config = one.run.config
@@ -85,7 +89,7 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
     yield "budget", "search.training_flops", bound
     for key in ("candidates", "initial"):
         yield "budget", f"search.{key}", getattr(config.search, key)
-    for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", "device"):
+    for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", *_DEVICE):
         yield "budget", f"training.{key}", getattr(config.training, key)
     yield "versions", "rules", eras_in_words(one.run.eras)
     yield "versions", "numerics.kind", config.numerics.kind

@@ -31,7 +31,7 @@ def add_search(parser: Parser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.fromfile_prefix_chars = "@"
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
-    parser.add_argument("--estimate", action="store_true", help="print requests, tokens and cost, and send nothing")
+    parser.add_argument("--estimate", action="store_true", help="print requests, tokens, cost and hours; send nothing")
     add_multirun(parser)
     parser.set_defaults(command=_search)
 

@@ -30,6 +30,7 @@ from tacevo.records import Json, Limits
 from tacevo.sandbox.client import Died, Finished
 from tacevo.sandbox.protocol import describe
 from tacevo.text import counted
+from tacevo.training.leases import gpu_share
 
 #: How often Ray runs a job again that was lost.
 _RETRIES = 5
@@ -71,7 +72,6 @@ class Cluster:
         images: of the data set, and the file that they lie in; None where nothing is trained.
         address: of the cluster's head, as HOST:PORT, or `auto`; None to start a Ray here, which ends with this process.
         workers: jobs at once, which is the number of slots of a Ray that is started.
-        gpu_share: the part of a GPU that a training takes.
         notice: called for every candidate before its answer is returned, by the thread that waits for it.
         process: what runs on each node.
         say: called with a line for the user.
@@ -88,12 +88,11 @@ class Cluster:
         *,
         address: str | None,
         workers: int,
-        gpu_share: float = 1.0,
         notice: Notice | None = None,
         process: type[Node] = Node,
         say: Callable[[str], None] | None = None,
     ) -> None:
-        self._order, self._images, self._gpu_share = order, images, gpu_share
+        self._order, self._images = order, images
         self._notice, self._process, self._say = notice, process, say
         self._lock = threading.Lock()
         self._flights: set[_Flight] = set()
@@ -134,7 +133,7 @@ class Cluster:
         """
         needs = {"CPU": 1.0, "memory": limits.memory_mib * 2.0**20}
         if isinstance(header, Mapping) and "device" in header:
-            needs["GPU"] = self._gpu_share
+            needs["GPU"] = gpu_share(self._order.device, self._order.per_gpu)
         flight = _Flight(job=pickle.dumps((entry, header, payload, limits)), needs=needs)
         with self._lock:
             if self._end is not None:
@@ -297,4 +296,4 @@ def _words(amounts: Mapping[str, float]) -> str:
 
 def _head_seconds() -> float:
     """Return after how many seconds a silent head counts as lost: before Ray ends this process for it."""
-    return 0.7 * float(os.environ.get(_PATIENCE_OF_RAY, "60"))
+    return 0.5 * float(os.environ.get(_PATIENCE_OF_RAY, "60"))

@@ -1,5 +1,6 @@
 """Ray itself: imported only here and below, connected to or started, and kept quiet."""
 
+import atexit
 import contextlib
 import logging
 import os
@@ -24,7 +25,6 @@ _STORE = 256 * 2**20
 _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
-    "RAY_BACKEND_LOG_LEVEL": "fatal",
     "RAY_raylet_start_wait_time_s": "120",
 }
 
@@ -94,6 +94,7 @@ def kept_environment() -> Iterator[None]:
 def leave(ray: Any, processes: Sequence[Any], *, is_lost: bool) -> None:
     """End the processes of this run and the connection; of a cluster whose head is gone, nothing can be asked."""
     if is_lost:
+        atexit.unregister(ray.shutdown)  # it would wait for the head, until Ray ends this process for that
         return
     with contextlib.suppress(Exception):  # Ray ends them too, later, when it sees that their owner is gone
         for process in processes:

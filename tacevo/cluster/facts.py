@@ -26,8 +26,13 @@ class Order:
 
     #: Of the sandbox.
     entries: Mapping[str, str]
+    equip: str | None
     numerics: Numerics
     device: Device
+    #: The model of the GPU; None for any, or on a CPU.
+    gpu: str | None
+    #: Most trainings on one GPU at once.
+    per_gpu: int
     #: The weakest confinement that will do.
     require: Confinement
 
@@ -113,7 +118,7 @@ def _fault(order: Order) -> TacevoError | None:
         )
     try:
         require(order.require)
-        check_machine(order.numerics, order.device)
+        check_machine(order.numerics, order.device, order.gpu)
     except TacevoError as error:
         return error
     return None

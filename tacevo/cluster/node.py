@@ -14,6 +14,7 @@ from tacevo.environment import machine
 from tacevo.errors import SandboxError
 from tacevo.sandbox.client import Sandbox, Zygote
 from tacevo.sandbox.confinement import in_force
+from tacevo.training.leases import leased
 
 
 class Node:
@@ -37,7 +38,8 @@ class Node:
 
     def prepare(self) -> bool:
         """Start the sandbox, and find the images, or make them where that is cheaper; tell whether they are here."""
-        self._zygote = Zygote(self._order.entries, self._order.environment)
+        order = self._order
+        self._zygote = Zygote(order.entries, order.environment, equip=order.equip)
         images = self._images
         if images is None or files.find(images, self._directory) is not None:
             return True
@@ -53,14 +55,19 @@ class Node:
         assert self._images is not None  # `prepare` told that they are missing
         files.receive(self._images, self._directory, map(ray.get, chunks))
 
-    def run(self, job: bytes) -> bytes:
+    def run(self, job: bytes, gpus: Sequence[str] = ()) -> bytes:
         """Run a job, the arguments of `Sandbox.run`; return its answer, and what confined the candidate.
+
+        `gpus` are those that Ray gave to the job: one, or none.
 
         Raises:
             SandboxError: as `Sandbox.run`; or the images were removed.
         """
         self._held.measures = ()
-        answer = self._sandbox().run(*pickle.loads(job))
+        entry, header, payload, limits = pickle.loads(job)
+        if gpus:
+            header = leased(header, gpus[0], self._order.per_gpu)
+        answer = self._sandbox().run(entry, header, payload, limits)
         return pickle.dumps((answer, self._walls()))
 
     def _walls(self) -> dict[str, str] | None:
@@ -84,6 +91,7 @@ class Node:
                     strongest=self._order.strongest,
                     notice=self._note,
                     zygote=self._zygote,
+                    equip=self._order.equip,
                 )
             return self._opened
 

@@ -16,7 +16,8 @@ def run_job(job: bytes) -> bytes:
     """Have the process of this node run a job."""
     import ray
 
-    answer: bytes = ray.get(_process(ray.get_runtime_context().get_node_id()).run.remote(job))
+    gpus = [str(gpu) for gpu in ray.get_gpu_ids()]
+    answer: bytes = ray.get(_process(ray.get_runtime_context().get_node_id()).run.remote(job, gpus))
     return answer
 
 

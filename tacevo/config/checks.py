@@ -15,6 +15,7 @@ from tacevo.choices import (
     Numerics,
     OperatorScope,
     ParentPolicy,
+    Precision,
     Provider,
     Scale,
 )
@@ -45,12 +46,23 @@ def check_together(config: RunConfig) -> None:
     _check_reevaluations(config)
     _check_proposals(config.proposals)
     _check_parents(config)
-    if config.training.device is Device.cuda:
-        walls, numerics = config.sandbox.require, config.numerics.kind
-        why = "with training.device=cuda, whose driver does not work in a sandbox"
-        _require(walls is Confinement.none, "sandbox.require", f"none {why}", walls)
-        why = "with training.device=cuda, where equal bits are promised on one GPU only"
-        _require(numerics is Numerics.fast, "numerics.kind", f"fast {why}", numerics)
+    _check_gpu(config)
+
+
+def _check_gpu(config: RunConfig) -> None:
+    training, walls, numerics = config.training, config.sandbox.require, config.numerics.kind
+    if training.device is Device.cpu:
+        why = "with training.device=cpu"
+        _require(training.gpu is None, "training.gpu", f"null {why}", training.gpu)
+        known = training.precision is Precision.float32
+        _require(known, "training.precision", f"float32 {why}", training.precision)
+        return
+    why = "with training.device=cuda, whose driver does not work in a sandbox"
+    _require(walls is Confinement.none, "sandbox.require", f"none {why}", walls)
+    why = "with training.device=cuda, where equal bits are promised on one GPU only"
+    _require(numerics is Numerics.fast, "numerics.kind", f"fast {why}", numerics)
+    why = "with training.device=cuda, whose bits depend on it; `tacevo doctor` names it"
+    _require(training.gpu is not None, "training.gpu", f"the GPU's model, e.g. 'NVIDIA H200', {why}", training.gpu)
 
 
 def _require(holds: bool, key: str, expected: str, got: object) -> None:

@@ -9,7 +9,7 @@ from typing import Self
 
 from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.compose import from_plain
-from tacevo.config.schema import ExecutorConfig, RunConfig, StoreConfig
+from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.records import DataFacts, Task
 from tacevo.search.budget import trained_networks, training_flops
@@ -97,7 +97,8 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
             remedy="restore it",
         )
     root = config.store.root if store is None else store
-    here = ExecutorConfig(kind=ExecutorKind.local, workers=min(config.executor.workers, os.cpu_count() or 1))
+    workers = min(config.executor.workers, os.cpu_count() or 1)
+    here = replace(config.executor, kind=ExecutorKind.local, workers=workers)
     return replace(config, store=StoreConfig(root=root), executor=here)
 
 

@@ -23,6 +23,7 @@ from tacevo.choices import (
     Numerics,
     OperatorScope,
     ParentPolicy,
+    Precision,
     PromptPolicy,
     Provider,
     Scale,
@@ -221,6 +222,11 @@ class TrainingConfig(Record):
     seconds: Positive
     memory_mib: Memory
     device: Device = Device.cpu
+    #: With `device=cuda`: the GPU's model, as `tacevo doctor` names it; how it multiplies; and what one candidate's
+    #: training may use of its memory.
+    gpu: Text | None = None
+    precision: Precision = Precision.float32
+    gpu_memory_mib: Memory = 8192
     #: Trainings of each candidate; its fitness is the median of their losses.
     seeds: Annotated[int, Ge(1), is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
@@ -254,6 +260,8 @@ class ExecutorConfig(Record):
     #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
     #: to start a Ray of `workers` slots here, which ends with the search.
     address: Text | None = None
+    #: With `training.device=cuda`: most candidates that train on one GPU at once.
+    per_gpu: Count = 1
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -110,7 +110,7 @@ def _retrain(
     """
     config = run.config
     require(config.sandbox.require)
-    check_machine(config.numerics.kind, config.training.device)
+    check_machine(config.numerics.kind, config.training.device, config.training.gpu)
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")

@@ -1,4 +1,4 @@
-"""`tacevo search --estimate`: requests, tokens and cost of a search, before any call and without a key.
+"""`tacevo search --estimate`: requests, tokens, cost and hours of a search, before any call and without a key.
 
 The requests of generation 0 are those that a search would send. Later ones depend on what the search finds: a mutation
 quotes one network, a crossover two, and their length is a guess. `llm.budget_usd` is the limit.
@@ -11,14 +11,16 @@ from pathlib import Path
 from tacevo.config.schema import RunConfig, deliveries
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
+from tacevo.errors import TacevoError
 from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
+from tacevo.runs.pace import Measure, growth, measure, training_images, trainings
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import Settings, crossover_text, plan_initial
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
-from tacevo.text import table
+from tacevo.text import counted, table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,8 +73,8 @@ def estimate(config: RunConfig) -> Estimate:
     return Estimate(requests=search.initial + later, recorded=recorded, samples=spent.answers, likely=likely)
 
 
-def describe(config: RunConfig) -> str:
-    """Write an estimate down: requests, tokens, and the cost by model and delivery."""
+def describe(config: RunConfig, measure: Measure = measure) -> str:
+    """Write an estimate down: requests, tokens, the cost by model and delivery, and the hours by a measured pace."""
     found = estimate(config)
     prices = load_prices(config.llm.prices)
     basis = "networks are as long as the baseline, and a token has four characters"
@@ -92,8 +94,35 @@ def describe(config: RunConfig) -> str:
             table(header, [row]),
             "",
             *_remarks(config, prices),
+            "",
+            *_time(config, measure),
         ]
     )
+
+
+def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
+    """Say how long the trainings take on this machine, and what that assumes; or why it is not known."""
+    try:
+        images, pace = training_images(config), measure(config)
+    except TacevoError as error:
+        return [f"hours: not measured ({error})"]
+    training, workers = config.training, config.executor.workers
+    size = f"{images:,} images of {config.data.image_size} px"
+    rate = f"{pace.images_per_second:,.{0 if pace.images_per_second >= 100 else 1}f}"
+    return [
+        f"hours: {_hours(pace.seconds(config, images))} for {trainings(config):,} trainings of "
+        f"{counted(training.epochs, 'epoch')} of {size}, with executor.workers={workers} on this machine.",
+        f"Measured now, on noise: {counted(workers, 'baseline')} at once, {rate} images/s in all; "
+        f"{pace.start:.2g} s to start a training, {pace.gate:.2g} s in the gate.",
+        f"The hours assume that a candidate takes {growth(config):.2g} times the baseline's time, as the published "
+        "searches suggest; that each is admitted and trained; and that the machine stays as busy as it is.",
+        "Waiting for answers is not counted, nor is making the data set.",
+    ]
+
+
+def _hours(seconds: float) -> str:
+    hours = seconds / 3600
+    return f"about {hours:.2g}" if hours < 10 else f"about {hours:,.0f}"
 
 
 def _first_requests(task: Task, settings: Settings, mutations: int, temperature: float) -> list[Request]:

@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn, Self
 
-from tacevo.choices import ArchiveKind, Axis, BoundsRule, DataSource, ExecutorKind
+from tacevo.choices import ArchiveKind, Axis, BoundsRule, DataSource, Device, ExecutorKind
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import import_ray
 from tacevo.cluster.facts import Order
@@ -18,7 +18,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
-from tacevo.records import DataFacts, Json, Limits, Mode, Recipe, Task
+from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.datasets import source_of
 from tacevo.runs.providers import build_llm, provider_settings
@@ -36,7 +36,8 @@ from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
-from tacevo.training.numerics import check_machine, environment
+from tacevo.training.leases import Leases, visible_gpus
+from tacevo.training.numerics import check_machine
 from tacevo.typed import convert
 
 #: What a sandbox runs: entry names to functions.
@@ -138,7 +139,8 @@ def start_zygote(config: RunConfig) -> AbstractContextManager[Zygote | None]:
     """
     if config.executor.kind is ExecutorKind.ray:
         return contextlib.nullcontext()
-    return Zygote(ENTRIES, environment(config.numerics.kind, config.training.device))
+    order = _order(config)
+    return Zygote(order.entries, order.environment, equip=order.equip)
 
 
 def check_means(config: RunConfig) -> None:
@@ -151,7 +153,7 @@ def check_means(config: RunConfig) -> None:
     match config.executor.kind:
         case ExecutorKind.local:
             require(config.sandbox.require)
-            check_machine(config.numerics.kind, config.training.device)
+            check_machine(config.numerics.kind, config.training.device, config.training.gpu)
         case ExecutorKind.ray:
             import_ray()
 
@@ -271,12 +273,14 @@ class Workbench:
             match self.config.executor.kind:
                 case ExecutorKind.local:
                     self.run = self._stack.enter_context(self._here()).run
+                    if self.config.training.device is Device.cuda:
+                        self.run = Leases(self.run, visible_gpus(), self.config.executor.per_gpu).run
                 case ExecutorKind.ray:
                     self.run = self._stack.enter_context(self._elsewhere()).run
         return self.run
 
     def _here(self) -> Sandbox:
-        notice, order = self.notice, self._order()
+        notice, order = self.notice, _order(self.config)
         return Sandbox(
             entries=order.entries,
             environment=order.environment,
@@ -284,6 +288,7 @@ class Workbench:
             strongest=order.strongest,
             notice=None if notice is None else lambda measures: notice(in_force(measures)),
             zygote=self.zygote,
+            equip=order.equip,
         )
 
     def _elsewhere(self) -> Cluster:
@@ -294,16 +299,12 @@ class Workbench:
             pictures, pixels = sum(data.facts.counts), data.facts.image_size
             images = describe(data.images, pictures=pictures, pixels=pixels, source=source), data.images
         return Cluster(
-            self._order(), images, address=executor.address, workers=executor.workers, notice=self.notice, say=self.say
-        )
-
-    def _order(self) -> Order:
-        config = self.config
-        return Order(
-            entries=ENTRIES,
-            numerics=config.numerics.kind,
-            device=config.training.device,
-            require=config.sandbox.require,
+            _order(self.config),
+            images,
+            address=executor.address,
+            workers=executor.workers,
+            notice=self.notice,
+            say=self.say,
         )
 
     def _store(self, kind: str, mode: Mode) -> Store:
@@ -319,6 +320,20 @@ class Workbench:
         )
 
 
+def _order(config: RunConfig) -> Order:
+    """Return what a sandbox must do, here or on a node."""
+    device = config.training.device
+    return Order(
+        entries=ENTRIES,
+        equip=None if device is Device.cpu else evaluation.EQUIP,
+        numerics=config.numerics.kind,
+        device=device,
+        gpu=config.training.gpu,
+        per_gpu=config.executor.per_gpu,
+        require=config.sandbox.require,
+    )
+
+
 def _refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> NoReturn:
     raise SandboxError(
         f"a job for a sandbox ({entry})", expected="a replay that runs no candidate", remedy="record the run again"
@@ -327,13 +342,16 @@ def _refuse_to_run(entry: str, header: Json, payload: bytes, limits: Limits) -> 
 
 def recipe_of(config: RunConfig) -> Recipe:
     """Turn the training of a configuration into a recipe."""
-    training = config.training
+    training, gpu = config.training, None
+    if training.gpu is not None:
+        gpu = Gpu(model=training.gpu, precision=training.precision, memory_mib=training.gpu_memory_mib)
     return Recipe(
         epochs=training.epochs,
         batch_size=training.batch_size,
         learning_rate=training.learning_rate,
         optimiser="adam",
         limits=Limits(seconds=training.seconds, memory_mib=training.memory_mib),
+        gpu=gpu,
     )
 
 

@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import torch
 from torch import nn
 
@@ -21,6 +20,14 @@ from tacevo.sandbox.network import leaves, state
 from tacevo.sandbox.protocol import describe
 
 torch.zeros(1).half()  # at first use torch reads the CPU's features from a file, which no candidate could
+
+#: What errors of failed allocations say: on a CPU, of CUDA's driver, of cuBLAS and cuDNN.
+_FAILED_ALLOCATIONS = (
+    "can't allocate memory",
+    "CUDA error: out of memory",
+    "CUBLAS_STATUS_ALLOC_FAILED",
+    "CUDNN_STATUS_ALLOC_FAILED",
+)
 
 #: Name of the module that a candidate's text becomes; its classes carry it.
 NAME = "candidate"
@@ -39,7 +46,7 @@ _ADAM_STEP = _ADAM_STEP.__wrapped__
 
 
 class Adam(torch.optim.Adam):
-    """Adam, fused, with a step that needs no compiler to switch gradients off."""
+    """Adam, fused, with a step that needs no compiler to switch gradients off, and does not ask for a GPU."""
 
     def __init__(self, parameters: Iterable[nn.Parameter], learning_rate: float) -> None:
         # The other forms take their square root from a library whose last bit depends on the CPU.
@@ -49,6 +56,11 @@ class Adam(torch.optim.Adam):
     def step(self) -> None:  # type: ignore[override]
         """Take one step."""
         _ADAM_STEP(self)
+
+    def _accelerator_graph_capture_health_check(self) -> None:
+        """Look for no GPU: a process that has asked the driver once cannot be forked into one that uses it."""
+
+    _cuda_graph_capture_health_check = _accelerator_graph_capture_health_check  # its name before torch 2.9
 
 
 def _warm_up() -> None:
@@ -96,12 +108,12 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     return network
 
 
-def standardise(images: np.ndarray[Any, Any], mean: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:
+def standardise(images: torch.Tensor, mean: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:
     """Turn stored images, uint8, into network input, float32: (images - mean) / deviation, shape (n, C, S, S).
 
     Mean and deviation, which is positive, are float32 of shape (C, 1, 1), in units of the stored values.
     """
-    return torch.from_numpy(images).to(torch.float32).sub_(mean).div_(deviation)
+    return images.to(torch.float32).sub_(mean).div_(deviation)
 
 
 def fault(output: object, shape: tuple[int, ...]) -> str | None:
@@ -161,5 +173,7 @@ def digest(model: nn.Module) -> str:
 
 def _reason_for(error: Exception, otherwise: Reason) -> Reason:
     """Return an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
-    failed_allocation = isinstance(error, RuntimeError) and "can't allocate memory" in str(error)
-    return Reason.out_of_memory if isinstance(error, MemoryError) or failed_allocation else otherwise
+    if isinstance(error, MemoryError | torch.OutOfMemoryError):
+        return Reason.out_of_memory
+    failed_allocation = isinstance(error, RuntimeError) and any(words in str(error) for words in _FAILED_ALLOCATIONS)
+    return Reason.out_of_memory if failed_allocation else otherwise

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from importlib.machinery import BuiltinImporter, FrozenImporter
 from typing import Any, NoReturn
 
-import numpy as np
-
 from tacevo.choices import Confinement
 from tacevo.records import Json, Limits
 from tacevo.sandbox.confinement import confine
@@ -16,8 +14,8 @@ from tacevo.sandbox.kernel import end_with
 from tacevo.sandbox.processes import close_all_but
 from tacevo.sandbox.protocol import Header, Message, Sort, describe
 
-#: What an entry gets: the arrays of the sandbox by name, mapped read-only.
-Arrays = Mapping[str, np.ndarray[Any, Any]]
+#: What an entry gets: the arrays of the sandbox by name, mapped read-only, or what was made of them (`Equip`).
+Arrays = Mapping[str, Any]
 
 #: Sends one frame of the answer: a JSON header and raw bytes.
 Send = Callable[[Json, bytes], None]
@@ -25,6 +23,10 @@ Send = Callable[[Json, bytes], None]
 #: A job's code: `run(header, payload, arrays, send)`. What it returns is kept until the process ends, so that a
 #: finaliser of the candidate's (an endless `__del__`) cannot delay the answer.
 Entry = Callable[[Header, bytes, Arrays, Send], object]
+
+#: Gets a device ready for a job, before its process is confined: `equip(header, payload, arrays)` returns the arrays
+#: that the entry gets. No code of the candidate has run then, so what it raises is the sandbox's failure, no verdict.
+Equip = Callable[[Header, bytes, Arrays], Arrays]
 
 
 class _Last:
@@ -34,7 +36,9 @@ class _Last:
         self.find_spec = find_spec
 
 
-def run(entry: Entry, job: Header, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int) -> NoReturn:
+def run(
+    entry: Entry, job: Header, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int, equip: Equip | None
+) -> NoReturn:
     """Turn this fresh fork into a candidate's process, run the entry, and end without clean-up.
 
     Args:
@@ -47,6 +51,7 @@ def run(entry: Entry, job: Header, payload: bytes, arrays: Arrays, pipe: int, *,
         pipe: file descriptor for answers; the only one that stays open besides the standard streams, which are
             /dev/null.
         supervisor: the process that forked this one; this one ends with it.
+        equip: what is called first.
     """
 
     def say(sort: Sort, header: Json, data: bytes = b"") -> None:
@@ -63,6 +68,8 @@ def run(entry: Entry, job: Header, payload: bytes, arrays: Arrays, pipe: int, *,
         os.setsid()
         os.chdir("/")
         close_all_but(pipe)
+        if equip is not None:
+            arrays = equip(job["header"], payload, arrays)
         # No file can be read; without finders of files an import fails at once, and alike everywhere.
         sys.meta_path[:] = [BuiltinImporter, FrozenImporter, *(() if job["prepared"] else (_Last(lack),))]
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))

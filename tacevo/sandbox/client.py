@@ -120,7 +120,8 @@ class Sandbox:
         arrays: name to an `.npy` file, mapped read-only for the entries.
         strongest: measures above this level are left out, so that tests run as on a weaker machine.
         notice: called for every candidate before its answer is returned, by the thread that waits for it.
-        zygote: one that was started with these entries and this environment; the sandbox ends it.
+        zygote: one that was started with these entries, this environment and `equip`; the sandbox ends it.
+        equip: `module:function` of what gets a device ready for each job; see `tacevo.sandbox.child.Equip`.
     """
 
     def __init__(
@@ -132,11 +133,12 @@ class Sandbox:
         strongest: Confinement = Confinement.kernel,
         notice: Notice | None = None,
         zygote: "Zygote | None" = None,
+        equip: str | None = None,
     ) -> None:
         require(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
         self._entries, self._environment, self._arrays = entries, environment, arrays
-        self._strongest = strongest
+        self._strongest, self._equip = strongest, equip
         self._notice = notice
         self._lock = threading.Lock()
         #: By whether it is the one with all imports.
@@ -211,7 +213,7 @@ class Sandbox:
                 with contextlib.suppress(_LostError):  # it is dying, which may not show yet
                     return self._submit_to(prepared, job)
             imports = _LATE_IMPORTS if prepared else ()
-            self._zygotes[prepared] = Zygote(self._entries, self._environment, imports=imports)
+            self._zygotes[prepared] = Zygote(self._entries, self._environment, imports=imports, equip=self._equip)
             return self._submit_to(prepared, job)
 
     def _submit_to(self, prepared: bool, job: socket.socket) -> "Zygote":
@@ -232,7 +234,12 @@ class Zygote:
     """
 
     def __init__(
-        self, entries: Mapping[str, str], environment: Mapping[str, str], *, imports: Sequence[str] = ()
+        self,
+        entries: Mapping[str, str],
+        environment: Mapping[str, str],
+        *,
+        imports: Sequence[str] = (),
+        equip: str | None = None,
     ) -> None:
         self._stream, theirs = socket.socketpair()
         #: What it writes until it has started; unlike a pipe this cannot fill up and block it.
@@ -249,7 +256,8 @@ class Zygote:
                 start_new_session=True,  # Ctrl-C is the search's to handle
             )
         with contextlib.suppress(OSError):  # who waits for its start is told that it died
-            Channel(self._stream).send(Message.of(Sort.setup, {"entries": dict(entries), "imports": list(imports)}))
+            setup = {"entries": dict(entries), "imports": list(imports), "equip": equip}
+            Channel(self._stream).send(Message.of(Sort.setup, setup))
 
     def __enter__(self) -> Self:
         return self

@@ -25,7 +25,9 @@ _PIPE_SIZE = 2**20  # bytes; the most that an unprivileged process can make a pi
 _LONGEST_REASON = 2**16  # bytes that are read of a child's last message, of which `one_line` keeps fewer
 
 
-def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays: child.Arrays) -> None:
+def supervise(
+    search: socket.socket, entries: Mapping[str, child.Entry], arrays: child.Arrays, equip: child.Equip | None
+) -> None:
     """Serve one job that comes over `search`, and leave no process behind.
 
     Raises:
@@ -35,7 +37,7 @@ def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays:
     try:
         become_subreaper()
         channel.send(Message.of(Sort.hello, {"pid": os.getpid()}))
-        answer = _serve(channel, entries, arrays)
+        answer = _serve(channel, entries, arrays, equip)
     except EOFError:
         return  # the search no longer waits
     except Exception as error:
@@ -46,7 +48,9 @@ def supervise(search: socket.socket, entries: Mapping[str, child.Entry], arrays:
         channel.send(message)
 
 
-def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.Arrays) -> list[Message]:
+def _serve(
+    channel: Channel, entries: Mapping[str, child.Entry], arrays: child.Arrays, equip: child.Equip | None
+) -> list[Message]:
     """Start the candidate and watch it until it ends; return its frames and the verdict.
 
     Raises:
@@ -58,7 +62,8 @@ def _serve(channel: Channel, entries: Mapping[str, child.Entry], arrays: child.A
     supervisor = os.getpid()
     pid = os.fork()
     if pid == 0:
-        child.run(entries[job["entry"]], job, message.payload, arrays, theirs, supervisor=supervisor)
+        entry = entries[job["entry"]]
+        child.run(entry, job, message.payload, arrays, theirs, supervisor=supervisor, equip=equip)
     os.close(theirs)
     os.set_blocking(pipe, False)
     watch = _Watch(pid, pipe, channel.stream.fileno(), Limits(**job["limits"]), prepared=job["prepared"])
@@ -135,7 +140,10 @@ class _Watch:
                 reason = Reason.out_of_memory if message.sort is Sort.starved else Reason.crashed
                 return _died(reason, _last_words(message))
             case Sort.starved | Sort.raised:
-                return {"ended": "broken", "detail": f"a child could not be confined: {_last_words(message)}"}
+                return {
+                    "ended": "broken",
+                    "detail": f"a child could not be equipped or confined: {_last_words(message)}",
+                }
             case _:
                 return _died(Reason.crashed, f"it sent a message of sort {message.sort.name}")
         return None

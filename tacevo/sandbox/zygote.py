@@ -10,11 +10,12 @@ import os
 import select
 import socket
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tacevo.errors import SandboxError
-from tacevo.sandbox.child import Arrays, Entry
+from tacevo.sandbox.child import Arrays, Entry, Equip
 from tacevo.sandbox.kernel import become_subreaper, protect_memory
 from tacevo.sandbox.processes import close_all_but, end_own_descendants
 from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe
@@ -31,7 +32,7 @@ def main(descriptor: int) -> None:
     search = Channel(socket.socket(fileno=descriptor))
     try:
         try:
-            entries = _prepare(search.receive().read_header())
+            entries, equip = _prepare(search.receive().read_header())
         finally:  # the search, which sends them when it has them, reads no answer before
             files = search.receive().read_header()
         arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in files.items()}
@@ -40,17 +41,18 @@ def main(descriptor: int) -> None:
         return
     search.send(Message.of(Sort.setup, {"error": None}))
     os.dup2(_OUTPUT, _ERRORS)  # what a candidate writes goes to /dev/null
-    _serve(search.stream, entries, arrays)
+    _serve(search.stream, entries, arrays, equip)
     os._exit(0)  # freeing torch object by object would take half a second
 
 
-def _prepare(setup: Header) -> dict[str, Entry]:
-    """Import the entries that the search names.
+def _prepare(setup: Header) -> tuple[dict[str, Entry], Equip | None]:
+    """Import the entries that the search names, and what equips their processes.
 
     Raises:
         SandboxError: an import started threads, which a fork would lose.
     """
-    entries = {name: _import(place) for name, place in setup["entries"].items()}
+    entries: dict[str, Entry] = {name: _import(place) for name, place in setup["entries"].items()}
+    equip: Equip | None = None if setup["equip"] is None else _import(setup["equip"])
     for name in setup["imports"]:
         importlib.import_module(name)
     threads = len(os.listdir("/proc/self/task"))
@@ -61,17 +63,16 @@ def _prepare(setup: Header) -> dict[str, Entry]:
     gc.collect()
     gc.enable()
     gc.freeze()  # so that no garbage collection in a child writes to these shared pages
-    return entries
+    return entries, equip
 
 
-def _import(place: str) -> Entry:
-    """Import an entry named `module:function`."""
+def _import(place: str) -> Any:
+    """Import a function named `module:function`."""
     module, _, function = place.partition(":")
-    entry: Entry = getattr(importlib.import_module(module), function)
-    return entry
+    return getattr(importlib.import_module(module), function)
 
 
-def _serve(search: socket.socket, entries: dict[str, Entry], arrays: Arrays) -> None:
+def _serve(search: socket.socket, entries: dict[str, Entry], arrays: Arrays, equip: Equip | None) -> None:
     """Fork a supervisor for each socket that arrives, reap those that end, and in the end kill all."""
     supervisors: dict[int, int] = {}  # descriptor that shows its end -> process id
     poll = select.poll()
@@ -87,7 +88,7 @@ def _serve(search: socket.socket, entries: dict[str, Entry], arrays: Arrays) -> 
             data, jobs, *_ = socket.recv_fds(search, 1, 1)
             if not data:
                 break
-            pid = _fork_supervisor(jobs[0], entries, arrays)
+            pid = _fork_supervisor(jobs[0], entries, arrays, equip)
             os.close(jobs[0])
             descriptor = os.pidfd_open(pid)
             supervisors[descriptor] = pid
@@ -95,13 +96,13 @@ def _serve(search: socket.socket, entries: dict[str, Entry], arrays: Arrays) -> 
     end_own_descendants()
 
 
-def _fork_supervisor(job: int, entries: dict[str, Entry], arrays: Arrays) -> int:
+def _fork_supervisor(job: int, entries: dict[str, Entry], arrays: Arrays, equip: Equip | None) -> int:
     """Start the trusted process of one job; return its process id."""
     pid = os.fork()
     if pid == 0:
         try:
             close_all_but(job)
-            supervise(socket.socket(fileno=job), entries, arrays)
+            supervise(socket.socket(fileno=job), entries, arrays, equip)
         finally:
             os._exit(0)  # the zygote's code further up the stack must not run here
     return pid

@@ -149,7 +149,7 @@ class StudyDirectory:
             raise
 
     def _write(self, study: StudyRecord) -> None:
-        write_durably(self.path / "study.json", readable(to_json(study)))
+        write_durably(self.path / "study.json", readable({**to_json(study), "recipe": written(study.recipe)}))
 
 
 def name_study(header: StudyHeader) -> str:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tacevo.choices import Device, Numerics
 from tacevo.errors import DataError
-from tacevo.records import Contract, Json, Recipe, Rejection, Training, to_json
+from tacevo.records import Contract, Json, Recipe, Rejection, Training, to_json, written
 from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
@@ -22,6 +22,9 @@ from tacevo.training.answers import read_answer, training_of
 
 #: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
+
+#: What it needs besides, on a GPU.
+EQUIP = "tacevo.training.gpu:equip"
 
 _LOAD = "load the data set to train it"
 
@@ -70,7 +73,7 @@ class Setting:
             "source": source,
             "data": self.fingerprint,
             "contract": to_json(self.contract),
-            "recipe": to_json(self.recipe),
+            "recipe": written(self.recipe),
             "seed": seed,
             "numerics": self.numerics.value,
             **self._sent_device(),
@@ -95,7 +98,7 @@ class Setting:
         header: dict[str, Json] = {
             "source": source,
             "contract": to_json(self.contract),
-            "recipe": to_json(self.recipe),
+            "recipe": written(self.recipe),
             "seed": seed,
             "mean": list(examples.mean),
             "deviation": list(examples.deviation),

@@ -1,10 +1,12 @@
 """Environment variables of the sandbox that decide how results depend on the machine (docs/determinism.md)."""
 
 import platform
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 from tacevo.choices import Device, Numerics
+from tacevo.environment import gpus
 from tacevo.errors import ConfigError
 
 #: One thread: sums depend on the number of threads, and a zygote with threads cannot fork safely.
@@ -31,11 +33,12 @@ def environment(numerics: Numerics, device: Device = Device.cpu) -> dict[str, st
     return _ONE_THREAD | _KEPT_MEMORY | instructions | (_CUBLAS if device is Device.cuda else {})
 
 
-def check_machine(numerics: Numerics, device: Device = Device.cpu) -> None:
-    """Check that this machine can compute with these numerics on this device.
+def check_machine(numerics: Numerics, device: Device = Device.cpu, model: str | None = None) -> None:
+    """Check that this machine can compute with these numerics on this device, a GPU of this model.
 
     Raises:
-        ConfigError: portable numerics without an x86-64 CPU with AVX2, or CUDA without a GPU or a torch built for it.
+        ConfigError: portable numerics without an x86-64 CPU with AVX2; or CUDA without such a GPU, or without a torch
+            that is built for it.
     """
     table = Path("/proc/cpuinfo")
     check_cpu(numerics, platform.machine(), table.read_text(errors="replace") if table.exists() else "")
@@ -50,6 +53,17 @@ def check_machine(numerics: Numerics, device: Device = Device.cpu) -> None:
                     expected="cpu, or an NVIDIA GPU with a torch built for it",
                     remedy="set training.device=cpu",
                 )
+        check_gpus(model, gpus())
+
+
+def check_gpus(model: str | None, models: Sequence[str]) -> None:
+    """Compare the model of a run with the GPUs that a machine's driver lists; each training compares it with its own.
+
+    Raises:
+        ConfigError: none of them is of that model, nor is it a part (MIG) of one.
+    """
+    if model is not None and models and not model.startswith(tuple(models)):
+        raise ConfigError(model, place="training.gpu", expected=" or ".join(dict.fromkeys(models)))
 
 
 def check_cpu(numerics: Numerics, machine: str, cpuinfo: str) -> None:

@@ -8,6 +8,7 @@ this process.
 """
 
 import math
+from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import cross_entropy, mse_loss
 
+from tacevo.choices import Precision
 from tacevo.randomness import stream
 from tacevo.records import Contract, Loss, Reason, Recipe
 from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, check_leaves, digest, fault, standardise
@@ -36,7 +38,8 @@ class _Job(NamedTuple):
     contract: Contract
     recipe: Recipe
     seed: int
-    images: NDArray[np.uint8]
+    #: By rows of the data set, uint8: an array, or `tacevo.training.gpu.Resident`.
+    images: Any
     mean: torch.Tensor
     deviation: torch.Tensor
     train: NDArray[np.int64]
@@ -49,7 +52,13 @@ class _Job(NamedTuple):
 
     def inputs(self, rows: NDArray[np.int64]) -> torch.Tensor:
         """Return the network's input for some images, float32 of shape (len(rows), C, S, S)."""
-        return standardise(self.images[rows], self.mean, self.deviation).to(self.device, memory_format=self.layout)
+        stored = torch.as_tensor(self.images[rows]).to(self.device)
+        return standardise(stored, self.mean, self.deviation).to(memory_format=self.layout)
+
+    @property
+    def is_cast(self) -> bool:
+        """Whether forward passes compute in bfloat16 where torch's autocast does."""
+        return self.recipe.gpu is not None and self.recipe.gpu.precision is Precision.bf16
 
 
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
@@ -62,7 +71,7 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
             images keep torch's default layout, as before number 3 of the rules.
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
-        arrays: `images`, uint8 of shape (N, C, S, S).
+        arrays: `images`, uint8 of shape (N, C, S, S), or what `tacevo.training.gpu.equip` made of them.
         send: gets `{"epoch", "train_loss"}` with the float32 predictions of the validation images, shape (n, K),
             row-major, for each epoch; then `{"weights_sha256"}`, with the names of
             operations without a deterministic form under `not_deterministic`, where any ran; or
@@ -92,8 +101,8 @@ def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
         recipe=Recipe.from_json(header["recipe"]),
         seed=header["seed"],
         images=arrays["images"],
-        mean=torch.tensor(header["mean"])[:, None, None],
-        deviation=torch.tensor(header["deviation"])[:, None, None],
+        mean=torch.tensor(header["mean"], device=device)[:, None, None],
+        deviation=torch.tensor(header["deviation"], device=device)[:, None, None],
         train=rows[:count],
         predicted=tuple(np.split(rows[count:], np.cumsum(header.get("groups", [header["validation"]]))[:-1])),
         targets=torch.from_numpy(targets.copy()).to(device),
@@ -190,8 +199,11 @@ def _predict(job: _Job, model: nn.Module) -> bytes:
 
 def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:
     """Run the network on some images and check its output: float32 of shape (len(rows), K)."""
-    with blaming(Reason.forward_failed):
+    casting = torch.autocast(job.device.type, torch.bfloat16) if job.is_cast else nullcontext()
+    with blaming(Reason.forward_failed), casting:
         output: Any = model(job.inputs(rows))
+    if job.is_cast and type(output) is torch.Tensor and output.dtype is torch.bfloat16:
+        output = output.to(torch.float32)
     problem = fault(output, (len(rows), job.contract.outputs))
     if problem is not None:
         raise CandidateError(Reason.bad_output, problem)

@@ -63,7 +63,7 @@ def test_arms_may_differ_in_how_they_search() -> None:
         ({"search": {"initial": 9}}, "search.initial", ("1", "9"), "budget"),
         ({"training": {"epochs": 9}}, "training.epochs", ("1", "9"), "budget"),
         (
-            {"training": {"device": "cuda"}, "sandbox": {"require": "none"}, "numerics": {"kind": "fast"}},
+            {"training": {"device": "cuda", "gpu": "X"}, "sandbox": {"require": "none"}, "numerics": {"kind": "fast"}},
             *("training.device", ('"cpu"', '"cuda"'), "budget"),
         ),
         ({"task": {"name": "grating"}}, "task.name", ('"force"', '"grating"'), "data"),

@@ -20,7 +20,15 @@ from tacevo.runs.datasets import source_of
 from tacevo.runs.wiring import check_means
 from tacevo.sandbox.confinement import available
 
-ORDER = Order(entries={}, numerics=Numerics.portable, device=Device.cpu, require=Confinement.process)
+ORDER = Order(
+    entries={},
+    equip=None,
+    numerics=Numerics.portable,
+    device=Device.cpu,
+    gpu=None,
+    per_gpu=1,
+    require=Confinement.process,
+)
 
 NODE = "node 0123abcd (10.0.0.7)"
 
@@ -30,7 +38,7 @@ def test_node_that_differs_is_refused_by_name(name: str) -> None:
     """The error names the node, what differs and both values; so does one that lacks it."""
     here = facts_here(ORDER)
     check_alike(here, here, NODE)
-    others = {name: "9.9"}, {}
+    others: tuple[dict[str, str], ...] = {name: "9.9"}, {}
     for other, got in zip(others, ("9.9", "absent"), strict=True):
         rest = {key: value for key, value in here.decisive.items() if key != name}
         with refused(SandboxError, place=NODE, got=f"{name} {got}", expected=f"{name} {here.decisive[name]}"):

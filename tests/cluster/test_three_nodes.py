@@ -105,10 +105,13 @@ def test_processes_of_ray_that_are_killed_are_no_verdict(
     assert results(tmp_path) == results(whole_search[0])
 
 
-def test_head_that_goes_and_comes_back_loses_nothing(
+def test_head_and_last_node_that_go_and_come_back_lose_nothing(
     cluster: RayCluster, whole_search: tuple[Path, str], tmp_path: Path
 ) -> None:
-    """The search ends with an error that names the head; with a new one the same command ends in the same bytes."""
+    """A search ends with an error that names a lost head; with a new one the same command continues.
+
+    It waits for a node where the last one is lost, and the new one does the rest.
+    """
     stopped = search(cluster, tmp_path)
     assert eventually(lambda: bool(running(cluster)), seconds=PATIENCE)
     assert cluster.head is not None
@@ -120,6 +123,12 @@ def test_head_that_goes_and_comes_back_loses_nothing(
     assert eventually(lambda: is_quiet(cluster), seconds=PATIENCE), [node.jobs() for node in cluster.nodes]
     cluster.kill()
     cluster.start_head()
-    cluster.add("e").wait()
-    assert finish(search(cluster, tmp_path)) == whole_search[1]
+    last = cluster.add("e")
+    last.wait()
+    continued = search(cluster, tmp_path)
+    assert eventually(lambda: bool(running(cluster)), seconds=PATIENCE)
+    last.kill()
+    cluster.nodes.remove(last)
+    cluster.add("f").wait()
+    assert finish(continued) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])

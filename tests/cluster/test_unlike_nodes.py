@@ -82,15 +82,15 @@ def test_unlike_nodes_get_no_job_and_are_named(cluster: RayCluster, tmp_path: Pa
     """Each is told with what differs; the others do the work, and the weakest walls among them are named."""
     ended = search(cluster, tmp_path)
     assert ended.returncode == 0, ended.stderr
-    told = refusals(ended.stdout)
+    told = refusals(ended.stderr)
     assert told.count("\n") == 2
     assert "got torch 9.9.9" in told
     assert "got rules of training 99" in told
     assert "OPENAI_API_KEY" in told
     assert "sk-on-a-node" not in ended.stdout + ended.stderr
-    assert "cluster: 2 nodes, 2 slots" in ended.stdout
+    assert "cluster: 2 nodes, 2 slots" in ended.stderr
     if available() is Confinement.kernel:
-        assert "confinement: process, the weakest, on node" in ended.stdout
+        assert "confinement: process, the weakest, on node" in ended.stderr
     for name in ("torch", "rules", "key"):
         assert not (cluster.folder / name / "data").exists()  # where images would lie
     held = json.loads((tmp_path / "run" / "run.json").read_text())["confinement"]
@@ -102,7 +102,7 @@ def test_demanded_confinement_holds_on_each_node(cluster: RayCluster, tmp_path: 
     """A node without them is refused where the walls of the kernel are demanded, and the other one has them."""
     ended = search(cluster, tmp_path, "sandbox.require=kernel")
     assert ended.returncode == 0, ended.stderr
-    assert "sandbox.require" in refusals(ended.stdout)
+    assert "sandbox.require" in refusals(ended.stderr)
     held = json.loads((tmp_path / "run" / "run.json").read_text())["confinement"]
     assert [walls["level"] for walls in held] == ["kernel"]
 

@@ -1,18 +1,24 @@
-"""Promise: an estimate sends no request, needs no key and makes no file."""
+"""Promise: an estimate sends no request, needs no key and makes no file; its hours follow from a measured pace."""
 
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from refusals import refused
 
+from tacevo.choices import SplitRule
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
+from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars
-from tacevo.errors import StoreError
+from tacevo.errors import ConfigError, RunError, SandboxError, StoreError, TacevoError
 from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.runs.estimate import describe, estimate
+from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import plan_initial
@@ -27,6 +33,16 @@ Estimating = Callable[..., list[str]]
 def overrides(tmp_path: Path) -> Estimating:
     """Return the overrides of a search with an empty store."""
     return lambda *more: [*SMALL, f"store.root={tmp_path}/cache", *more]
+
+
+def paced(config: RunConfig) -> Pace:
+    """Measure nothing: 100 images a second, and a quarter of a second to start."""
+    return Pace(images_per_second=100.0, start=0.25, gate=1.5)
+
+
+def described(config: RunConfig) -> str:
+    """Write an estimate down without measuring."""
+    return describe(config, paced)
 
 
 def first_requests(overrides: list[str]) -> list[Request]:
@@ -58,6 +74,7 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     assert "24 requests to claude-haiku-4-5-20251001; the answers to 0 of generation 0 are recorded already." in out
     assert "USD direct" in out
     assert "llm.budget_usd: no limit" in out
+    assert re.search(r"hours: about [\d.]+ for 25 trainings of 5 epochs of 480 images of 32 px, with", out)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -84,7 +101,7 @@ def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     """Both columns of the table, from the price table and the tokens."""
     found = estimate(compose(overrides()))
     prices = load_prices("prices.yaml")
-    shown = describe(compose(overrides())).splitlines()
+    shown = described(compose(overrides())).splitlines()
     costs = []
     for delivery in Delivery:
         price = prices.price("claude-haiku-4-5", delivery)
@@ -96,13 +113,13 @@ def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
 def test_retired_model_is_told(overrides: Estimating) -> None:
     """Its cost is still known, and nobody can be asked for it."""
     told = "claude-3-haiku-20240307 is not served from 2026-04-20 on; set llm.model to another"
-    assert told in describe(compose(overrides("llm.model=claude-3-haiku-20240307")))
-    assert "is not served" not in describe(compose(overrides()))
+    assert told in described(compose(overrides("llm.model=claude-3-haiku-20240307")))
+    assert "is not served" not in described(compose(overrides()))
 
 
 def test_delivery_that_the_provider_refuses_has_no_cost(overrides: Estimating) -> None:
     """A chat-completions server takes no batches, so no price of one is shown."""
-    shown = describe(compose(overrides("llm=openai", "llm.model=claude-3-haiku")))
+    shown = described(compose(overrides("llm=openai", "llm.model=claude-3-haiku")))
     assert "USD direct |" in shown
     assert "USD batch" not in shown
     assert shown.splitlines()[5].count("|") == 4
@@ -118,14 +135,64 @@ def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating
 
 def test_trainings_that_change_a_search_are_said(overrides: Estimating) -> None:
     """Several seeds cost time and no dollars; slots that train an elite again send no request."""
-    shown = describe(compose(overrides("training.seeds=3", "archive.kind=extract", "search.candidates=8")))
+    shown = described(compose(overrides("training.seeds=3", "archive.kind=extract", "search.candidates=8")))
     assert "trained 3 times" in shown
     assert "up to 2 slots of each generation" in shown
-    assert "train" not in describe(compose(overrides())).splitlines()[-1]
+    assert "not priced" not in described(compose(overrides()))
 
 
 def test_unknown_price_is_said(overrides: Estimating) -> None:
     """Tokens can be told without a price; dollars cannot."""
-    shown = describe(compose(overrides("llm.model=llama")))
+    shown = described(compose(overrides("llm.model=llama")))
     assert "prices.yaml lacks the price of this model" in shown
     assert shown.count("unknown") == 2
+
+
+def test_hours_follow_from_the_pace(overrides: Estimating) -> None:
+    """By hand: 75 trainings of 5 epochs of 480 images at 100 a second, and what they wait for, shared by 2 workers."""
+    config = compose(overrides("training.seeds=3"))
+    assert (trainings(config), training_images(config)) == (75, 480)
+    seconds = 75 * ((1 + GROWTH / 10) * 5 * 480 / 100 + (0.25 + 1.5 / 3) / 2)
+    assert paced(config).seconds(config, 480) == pytest.approx(seconds)
+    told = described(config)
+    assert f"hours: about {seconds / 3600:.2g} for 75 trainings of 5 epochs of 480 images of 32 px" in told
+    assert "2 baselines at once, 100 images/s in all; 0.25 s to start a training, 1.5 s in the gate" in told
+
+
+def test_candidates_grow_until_the_searches_end_that_were_measured(overrides: Estimating) -> None:
+    """Half of the growth after half of their generations, and no more after twice as many."""
+    found = [growth(compose(overrides(f"search.generations={number}"))) for number in (0, 10, 20, 40)]
+    assert found == [1.0, 1 + GROWTH / 2, 1 + GROWTH, 1 + GROWTH]
+
+
+def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp_path: Path) -> None:
+    """Eight tenths of a random split, six of a release's; of recorded images as many as there are."""
+    config = compose(overrides())
+    assert training_images(config) == 480
+    assert training_images(replace(config, data=replace(config.data, split=SplitRule.release))) == 360
+    np.savez(tmp_path / "own.npz", images=np.zeros((23, 16, 16, 3), np.uint8), labels=np.zeros((23, 3), np.float32))
+    own = ["data=numpy", f"data.root={tmp_path}/own.npz"]
+    assert training_images(compose(overrides(*own))) == 19
+    assert "19 images" in described(compose(overrides(*own)))
+
+
+@pytest.mark.parametrize("error", [SandboxError("broken"), RunError("out_of_time"), ConfigError("no GPU")])
+def test_hours_that_cannot_be_measured_are_said_to_be_so(error: TacevoError, overrides: Estimating) -> None:
+    """Tokens and dollars need no sandbox and no data."""
+
+    def fail(config: RunConfig) -> Pace:
+        raise error
+
+    told = describe(compose(overrides()), fail)
+    assert told.endswith(f"hours: not measured ({error})")
+    assert "USD direct" in told
+    absent = compose(overrides("data=csv", "data.root=/nowhere", "data.target_columns=[a,b,c]"))
+    assert "hours: not measured (data.root" in described(absent)
+
+
+def test_baseline_that_does_not_train_has_no_pace(overrides: Estimating, tmp_path: Path) -> None:
+    """A rejection takes no time, and would promise a search in seconds."""
+    broken = tmp_path / "broken.py"
+    broken.write_text("class ImageRegressionCNN(nn.Module):\n    pass\n", encoding="utf-8")
+    with refused(RunError, place="the baseline", expected="one that trains", got="construction_failed"):
+        measure(compose(overrides(f"task.baseline={broken}")))

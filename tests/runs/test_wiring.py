@@ -117,7 +117,7 @@ def test_archive_of_the_other_kind_is_refused(
 
 def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     """On a GPU the walls are left out, which is told as it is; a search on a CPU tells those of the machine."""
-    overrides = ["training.device=cuda", "sandbox.require=none", "numerics=fast"]
+    overrides = ["training.device=cuda", "training.gpu=NVIDIA H200", "sandbox.require=none", "numerics=fast"]
     config = compose([f"store.root={tmp_path}", "archive.samples=100", *overrides])
     facts = facts_without_data(config)
     task = load_task(config, facts)

@@ -15,7 +15,7 @@ from ledger_lines import run_record
 from refusals import refused
 
 from tacevo.costs import Spending
-from tacevo.environment import PACKAGES, gpu, machine, versions
+from tacevo.environment import PACKAGES, gpus, machine, versions
 from tacevo.errors import RunError
 from tacevo.records import Reason, Rejection, Stage, to_json, written
 from tacevo.storage.run_directory import RunDirectory
@@ -199,11 +199,11 @@ def test_machine_is_described_without_its_name() -> None:
 
 def test_gpu_is_named_as_its_driver_does(tmp_path: Path) -> None:
     """The first card's model, without its serial number; none where no driver lists any."""
-    assert gpu(tmp_path / "absent") is None
+    assert gpus(tmp_path / "absent") == []
     card = tmp_path / "0000:01:00.0" / "information"
     card.parent.mkdir()
     card.write_text("Model: \t\t NVIDIA H100 80GB HBM3\nIRQ:   \t\t 17\nGPU UUID: \t GPU-1234\n", encoding="utf-8")
-    assert gpu(tmp_path) == "NVIDIA H100 80GB HBM3"
+    assert gpus(tmp_path) == ["NVIDIA H100 80GB HBM3"]
 
 
 def test_spending_is_read_by_candidate_and_the_last_line_counts(directory: RunDirectory) -> None:

@@ -1,20 +1,28 @@
 """Promise: an operation without a deterministic form is refused on a CPU, named on a GPU, never passed in silence."""
 
+import contextlib
 import hashlib
+import os
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
-from training_jobs import examples, header_of, payload_of
+from refusals import refused
+from training_jobs import RECIPE, examples, header_of, payload_of
 
+from tacevo.choices import Precision
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity
 from tacevo.errors import ConfigError
-from tacevo.records import written
+from tacevo.records import Gpu, written
+from tacevo.runs.wiring import recipe_of
 from tacevo.storage.canonical import value_at
 from tacevo.training.determinism import note_warnings, noting_nondeterminism
+from tacevo.training.gpu import equip
+from tacevo.training.numerics import check_gpus
 from tacevo.training.trainer import run
 
 CPU = torch.device("cpu")
@@ -81,12 +89,16 @@ def test_warning_without_a_name_becomes_one() -> None:
     ("overrides", "key"),
     [
         (
-            ["sandbox.require=process", "numerics=fast"],
+            ["sandbox.require=process", "numerics=fast", "training.gpu=X"],
             'sandbox.require: expected none with training.device=cuda.*; got "process"$',
         ),
         (
-            ["sandbox.require=none", "numerics=portable"],
+            ["sandbox.require=none", "numerics=portable", "training.gpu=X"],
             'numerics.kind: expected fast with training.device=cuda.*; got "portable"$',
+        ),
+        (
+            ["sandbox.require=none", "numerics=fast"],
+            "training.gpu: expected the GPU's model, e.g. 'NVIDIA H200', with training.device=cuda.*; got null$",
         ),
     ],
 )
@@ -97,33 +109,60 @@ def test_cuda_promises_no_more_than_it_keeps(overrides: list[str], key: str) -> 
 
 
 def test_device_enters_the_identity_only_where_it_is_set() -> None:
-    """Runs on a CPU stay the runs that they were."""
-    assert "device" not in written(compose([]).training)
-    gpu = compose(["training.device=cuda", "sandbox.require=none", "numerics=fast"])
+    """Runs on a CPU stay the runs that they were; on a GPU its model is part of the run, and of each key."""
+    assert not {"device", "gpu", "precision", "gpu_memory_mib"} & written(compose([]).training).keys()
+    gpu = compose(["training.device=cuda", "training.gpu=NVIDIA H200", "sandbox.require=none", "numerics=fast"])
     assert value_at(identity(gpu), ("training", "device")) == "cuda"
+    assert value_at(identity(gpu), ("training", "gpu")) == "NVIDIA H200"
+    assert recipe_of(gpu).gpu == Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192)
+    assert recipe_of(compose([])).gpu is None
 
 
-def trained_on_gpu(source: str) -> list[tuple[Any, str]]:
+@pytest.mark.parametrize(("key", "value"), [("gpu", "NVIDIA H200"), ("precision", "tf32")])
+def test_settings_of_a_gpu_are_refused_on_a_cpu(key: str, value: str) -> None:
+    """They would look as if they had an effect."""
+    with refused(ConfigError, place=f"training.{key}", expected="with training.device=cpu", got=value):
+        compose([f"training.{key}={value}"])
+
+
+@pytest.mark.parametrize(
+    ("model", "fits"),
+    [("NVIDIA H200", True), ("NVIDIA H200 MIG 1g.18gb", True), ("NVIDIA A100", False), ("NVIDIA H20", False)],
+)
+def test_run_is_told_before_it_starts_that_its_gpu_is_not_here(model: str, fits: bool) -> None:
+    """A part of a GPU has its name, and more words; where the driver lists none, each training finds out."""
+    expected = contextlib.nullcontext() if fits else refused(ConfigError, place="training.gpu", expected="NVIDIA H200")
+    with expected:
+        check_gpus(model, ["NVIDIA H200", "NVIDIA H200"])
+    check_gpus(model, [])
+
+
+def trained_on_gpu(source: str, precision: Precision = Precision.float32) -> list[tuple[Any, str]]:
     """Train on a GPU in this process; give each frame with the hash of its bytes."""
     data = examples()
     frames: list[tuple[Any, str]] = []
-    header = {**header_of(source, data), "device": "cuda"}
+    gpu = Gpu(model=torch.cuda.get_device_name(0), precision=precision, memory_mib=1024)
+    lease = {"visible": os.environ.get("CUDA_VISIBLE_DEVICES", "0"), "per_gpu": 1}
+    changes = {"device": "cuda", "recipe": written(replace(RECIPE, gpu=gpu)), "lease": lease}
+    header = {**header_of(source, data), **changes}
+    arrays = equip(header, payload_of(data), {"images": data.images})
 
     def keep(head: Any, payload: bytes) -> None:
         frames.append((head, hashlib.sha256(payload).hexdigest()))
 
-    run(header, payload_of(data), {"images": data.images}, keep)
+    run(header, payload_of(data), arrays, keep)
     return frames
 
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no CUDA device")
-def test_gpu_repeats_what_has_a_deterministic_form(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("precision", Precision)
+def test_gpu_repeats_what_has_a_deterministic_form(precision: Precision, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two trainings give equal bits, and nothing is noted."""
     monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
-    first = trained_on_gpu(PLAIN)
+    first = trained_on_gpu(PLAIN, precision)
     assert "not_deterministic" not in first[-1][0]
-    assert trained_on_gpu(PLAIN) == first
+    assert trained_on_gpu(PLAIN, precision) == first
 
 
 @pytest.mark.gpu

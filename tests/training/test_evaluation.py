@@ -15,9 +15,9 @@ import pytest
 from refusals import refused
 from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 
-from tacevo.choices import Device, Numerics
+from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
-from tacevo.records import Limits, Loss, Mode, Reason, Rejection, Stage, Training
+from tacevo.records import Gpu, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.storage.store import Store
@@ -29,6 +29,16 @@ pytestmark = pytest.mark.timeout(120)
 DATA = examples()
 EXAMPLES = labelled(DATA)
 WEIGHTS = "0" * 64
+
+
+#: Each differs from the first in one thing.
+GPUS = [
+    Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192),
+    Gpu(model="NVIDIA A100", precision=Precision.float32, memory_mib=8192),
+    Gpu(model="NVIDIA H200", precision=Precision.tf32, memory_mib=8192),
+    Gpu(model="NVIDIA H200", precision=Precision.bf16, memory_mib=8192),
+    Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=4096),
+]
 
 
 def evaluator(run: Run, root: Path, **changes: Any) -> Evaluator:
@@ -166,8 +176,12 @@ def test_everything_that_matters_enters_the_key(tmp_path: Path) -> None:
         evaluator(never, tmp_path, recipe=replace(RECIPE, epochs=9)).key(SOURCE, 0),
         evaluator(never, tmp_path, numerics=Numerics.fast).key(SOURCE, 0),
         evaluator(never, tmp_path, device=Device.cuda).key(SOURCE, 0),
+        *(
+            evaluator(never, tmp_path, device=Device.cuda, recipe=replace(RECIPE, gpu=gpu)).key(SOURCE, 0)
+            for gpu in GPUS
+        ),
     }
-    assert len(keys) == 8
+    assert len(keys) == 8 + len(GPUS)
     assert evaluator(never, tmp_path, device=Device.cpu).key(SOURCE, 0) == base.key(SOURCE, 0)
 
 

@@ -38,7 +38,7 @@ def test_batch_order_is_pinned() -> None:
 
 def test_standardise_takes_the_mean_off_and_divides() -> None:
     """Each channel by its own figures, in float32."""
-    images = np.array([[[[10]], [[30]]]], np.uint8)
+    images = torch.tensor([[[[10]], [[30]]]], dtype=torch.uint8)
     got = standardise(images, torch.tensor([0.0, 10.0])[:, None, None], torch.tensor([10.0, 5.0])[:, None, None])
     assert got.dtype is torch.float32
     assert got.flatten().tolist() == [1.0, 4.0]
@@ -92,6 +92,10 @@ def test_output_must_be_a_plain_float32_tensor_of_the_shape(output: object, prob
         (ValueError("bad\nmore"), Reason.forward_failed, "ValueError: bad"),
         (MemoryError(), Reason.out_of_memory, "MemoryError"),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory"), Reason.out_of_memory, "RuntimeError: Default"),
+        (torch.OutOfMemoryError("CUDA out of memory."), Reason.out_of_memory, "OutOfMemoryError: CUDA out of memory"),
+        (RuntimeError("CUDA error: out of memory"), Reason.out_of_memory, "RuntimeError: CUDA error"),
+        (RuntimeError("CUDA error: CUBLAS_STATUS_ALLOC_FAILED when"), Reason.out_of_memory, "RuntimeError: CUDA error"),
+        (RuntimeError("CUDA error: device-side assert triggered"), Reason.forward_failed, "RuntimeError: CUDA error"),
         (CandidateError(Reason.not_finite, "weights"), Reason.not_finite, "weights"),
     ],
 )

@@ -1,0 +1,215 @@
+"""What a GPU makes of the paper's setting: images a second beside what the device can do, and candidates an hour.
+
+    python -m benchmarks.gpu
+
+For the baseline and four networks of the published force run, at 256 px, in each precision: images/s of the trainer's
+own loop, in one process. Beside it the two limits that the device has for that network: its arithmetic, by the rate of
+a large matrix product, and its memory, by the rate of a large copy. And baselines an hour through the whole sandbox,
+with one, two and four on the GPU at once. Without CUDA it says so and measures nothing; **nobody has run it on a GPU
+yet**.
+"""
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
+
+from analysis.runs.run import load_run
+from tacevo.bundles.open import opened
+from tacevo.choices import Precision
+from tacevo.cli.inspect import task_without_data
+from tacevo.config.compose import compose
+from tacevo.records import Contract, Gpu, written
+from tacevo.runs.pace import measure
+from tacevo.runs.wiring import recipe_of
+from tacevo.sandbox.candidate import build
+from tacevo.text import table
+from tacevo.training.gpu import Resident, multiply_in
+from tacevo.training.trainer import run
+
+PUBLISHED = Path("cache/published/force-grammar.zip")
+
+#: Of the paper's searches.
+SIZE, BATCH, EPOCHS, IMAGES = 256, 32, 10, 2400
+
+#: Steps of a timed training, beyond those of the short one that it is compared with.
+STEPS = 40
+
+#: An activation is written and read going forward and read going back; its gradient is written and read: at least.
+_PASSES = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What a device can do."""
+
+    #: FLOP/s of a matrix product, a multiplication and an addition counted as two.
+    arithmetic: float
+    #: Bytes a second that are read and written by a copy.
+    traffic: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Work:
+    """What an image asks for, forward and backward."""
+
+    flops: float
+    #: Bytes of activations, if each is moved as seldom as possible and no two layers are computed as one.
+    traffic: float
+
+    def bound(self, limits: Limits) -> tuple[float, str]:
+        """Return the most images a second, and what sets the limit."""
+        return min((limits.arithmetic / self.flops, "arithmetic"), (limits.traffic / self.traffic, "memory"))
+
+
+def networks(count: int = 4) -> Iterator[tuple[str, str]]:
+    """Yield name and source of the baseline, and of candidates from the fewest FLOPs to the most."""
+    with opened(PUBLISHED) as found:
+        (path,) = found.runs
+        trained = sorted(load_run(path).trained, key=lambda line: line.flops or 0)
+        chosen = [trained[round(place * (len(trained) - 1) / (count - 1))] for place in range(count)]
+        for name, line in [("baseline", None), *((line.id, line) for line in chosen)]:
+            file = "g00s00" if line is None else line.id
+            yield name, (path / "candidates" / f"{file}.py").read_text(encoding="utf-8")
+
+
+def work_of(source: str, contract: Contract) -> Work:
+    """Count what a network computes and moves, on a CPU, for one image."""
+    model, moved = build(source, contract, 0).eval(), 0
+
+    def note(module: nn.Module, inputs: Any, output: Any) -> None:
+        nonlocal moved
+        if isinstance(output, torch.Tensor) and not list(module.children()):
+            moved += output.numel() * output.element_size()
+
+    for module in model.modules():
+        module.register_forward_hook(note)
+    images = torch.zeros(1, contract.in_channels, contract.image_size, contract.image_size)
+    with FlopCounterMode(display=False) as counted:
+        model(images).sum().backward()
+    return Work(flops=float(counted.get_total_flops()), traffic=float(_PASSES * moved))
+
+
+def limits(device: torch.device, precision: Precision, *, side: int = 8192, rounds: int = 10) -> Limits:
+    """Time a matrix product and a copy, each of `side` x `side` values."""
+    multiply_in(precision)
+    kind = torch.bfloat16 if precision is Precision.bf16 else torch.float32
+    one, two = (torch.rand(side, side, device=device).to(kind) for _ in range(2))
+    product = _timed(lambda: torch.mm(one, two), device, rounds)
+    copied = torch.empty_like(one)
+    copy = _timed(lambda: copied.copy_(one), device, rounds)
+    return Limits(arithmetic=2 * side**3 / product, traffic=2 * one.numel() * one.element_size() / copy)
+
+
+def images_per_second(
+    source: str,
+    contract: Contract,
+    device: torch.device,
+    precision: Precision,
+    *,
+    steps: int = STEPS,
+    batch: int = BATCH,
+) -> float:
+    """Time the trainer's loop, images resident on the device, without its start."""
+    gpu = Gpu(model="any", precision=precision, memory_mib=8192)
+    multiply_in(precision)
+    rng, rows = np.random.default_rng(0), np.arange(2 * batch)
+    size = (2 * batch, contract.in_channels, contract.image_size, contract.image_size)
+    images = Resident(rng.integers(0, 256, size, dtype=np.uint8), rows, device)
+    payload = rows.tobytes() + rng.random((batch, contract.outputs), dtype=np.float32).tobytes()
+
+    def train(epochs: int) -> None:
+        recipe = replace(recipe_of(compose([])), epochs=epochs, batch_size=batch, gpu=gpu)
+        header = {
+            "source": source,
+            "contract": written(contract),
+            "recipe": written(recipe),
+            "seed": 0,
+            "mean": [127.5] * contract.in_channels,
+            "deviation": [74.0] * contract.in_channels,
+            "train": batch,
+            "validation": batch,
+            "device": device.type,
+        }
+        ends: list[Any] = []
+        run(header, payload, {"images": images}, lambda head, _: ends.append(head))
+        if "rejection" in ends[-1]:
+            raise RuntimeError(f"expected a training; got {ends[-1]['rejection']}")
+
+    train(1)  # so that kernels are chosen and memory is taken
+    short, long = (_timed(lambda epochs=epochs: train(epochs), device, 1) for epochs in (1, 1 + steps))  # type: ignore[misc]
+    return steps * batch / (long - short)
+
+
+def one_process(
+    device: torch.device,
+    sources: Mapping[str, str],
+    *,
+    size: int = SIZE,
+    side: int = 8192,
+    steps: int = STEPS,
+    batch: int = BATCH,
+) -> str:
+    """Measure each network, by name and source, in each precision; return a table."""
+    _, task = task_without_data("force", size)
+    rows = []
+    for precision in Precision:
+        can = limits(device, precision, side=side)
+        for name, source in sources.items():
+            work = work_of(source, task.contract)
+            bound, what = work.bound(can)
+            rate = images_per_second(source, task.contract, device, precision, steps=steps, batch=batch)
+            shares = [f"{bound:,.0f}", what, f"{rate / bound:.0%}"]
+            rows.append([name, precision.value, f"{work.flops / 1e9:.2f}", f"{rate:,.0f}", *shares])
+    return table(["network", "precision", "GFLOP/image", "images/s", "limit", "set by", "reached"], rows)
+
+
+def whole_sandbox(overrides: Sequence[str], *, at_once: Sequence[int] = (1, 2, 4)) -> str:
+    """Measure baselines an hour as a search trains them; return a table."""
+    rows = []
+    for count in at_once:
+        pace = measure(compose([*overrides, f"executor.workers={count}", f"executor.per_gpu={count}"]))
+        seconds = EPOCHS * IMAGES / pace.images_per_second + (pace.start + pace.gate) / count
+        rows.append([str(count), f"{pace.images_per_second:,.0f}", f"{pace.start:.1f}", f"{3600 / seconds:,.0f}"])
+    return table(["candidates on the GPU", "images/s in all", "s to start one", "baselines/h"], rows)
+
+
+def _timed(work: Callable[[], object], device: torch.device, rounds: int) -> float:
+    """Return the seconds of one of several rounds, after one that does not count."""
+    if rounds > 1:
+        work()
+    _wait(device)
+    began = time.perf_counter()
+    for _ in range(rounds):
+        work()
+    _wait(device)
+    return (time.perf_counter() - began) / rounds
+
+
+def _wait(device: torch.device) -> None:
+    if device.type == "cuda":
+        torch.cuda.synchronize()
+
+
+def main() -> int:
+    """Measure, where there is a GPU."""
+    if not torch.cuda.is_available():
+        print("no CUDA device that torch can use; nothing was measured", file=sys.stderr)
+        return 2
+    model = torch.cuda.get_device_name(0)
+    print(f"{model}, torch {torch.__version__}, {SIZE} px, batches of {BATCH}\n", flush=True)
+    setting = ["experiment=paper_force", "training.device=cuda", f"training.gpu={model}"]
+    print(whole_sandbox([*setting, "sandbox.require=none", "numerics=fast"]), flush=True)
+    print(f"\n{one_process(torch.device('cuda'), dict(networks()))}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
