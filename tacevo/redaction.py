@@ -1,5 +1,8 @@
 """Keep passwords and keys out of what is recorded and shown."""
 
+import re
+from collections.abc import Mapping
+
 from tacevo.errors import ConfigError
 
 #: Addresses of these schemes are paths, which hold no password.
@@ -7,6 +10,21 @@ _PATH_SCHEMES = frozenset({"sqlite", "file"})
 
 #: In the query of an address, a name with one of these is a password's.
 _SECRET_NAMES = ("passw", "pwd", "secret", "token")
+
+#: What a variable of the environment is called that holds a secret.
+_SECRET_VARIABLE = re.compile(r"(^|_)(API)?(KEYS?|TOKEN|SECRET|CREDENTIALS?)(_|$)|PASSW", re.IGNORECASE)
+
+
+def is_secret_variable(name: str) -> bool:
+    """Return whether a variable of the environment is, by its name, a password or a key."""
+    return _SECRET_VARIABLE.search(name) is not None
+
+
+def secret_variables(environment: Mapping[str, str]) -> tuple[str, ...]:
+    """List the variables that hold a password or a key, by their names, or as an address with a password in it."""
+    return tuple(
+        sorted(name for name, value in environment.items() if is_secret_variable(name) or _holds_password(value))
+    )
 
 
 def check_address(address: str, place: str) -> None:

@@ -21,6 +21,7 @@ from smallest import SMALLEST, UNTRACKED, Once
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
+    from slurm_cluster import Slurm
 
 settings.register_profile("tacevo", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", settings.get_profile("tacevo"), max_examples=400)  # `make test-all`
@@ -209,3 +210,33 @@ def browser() -> "Iterator[Browser]":
         started = playwright.chromium.launch(executable_path=path)
         yield started
         started.close()
+
+
+@pytest.fixture(scope="module")
+def slurm() -> "Iterator[Slurm]":
+    """Start a Slurm, once a module; without it tests are skipped, unless TACEVO_SLURM=1 insists, as in the gate."""
+    from slurm_cluster import missing_programs, slurm_cluster
+
+    missing = ", ".join(missing_programs())
+    if missing:
+        if os.environ.get("TACEVO_SLURM") == "1":
+            pytest.fail(f"TACEVO_SLURM=1, but there is no {missing}: `apt-get install slurm-wlm munge`")
+        pytest.skip(f"no {missing}: `apt-get install slurm-wlm munge`")
+    with slurm_cluster() as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="session")
+def alone(once: Once) -> Path:
+    """Return a directory with the sweep of `cluster_sweeps`, which ran on this machine; no test may change it."""
+    from cluster_sweeps import sweep_here
+
+    return once("swept alone", sweep_here)
+
+
+@pytest.fixture(scope="session")
+def studied_alone(once: Once, alone: Path) -> Path:
+    """Return a copy of it with a study of a job; no test may change it."""
+    from cluster_sweeps import study_here
+
+    return once("studied alone", lambda folder: study_here(alone, folder))

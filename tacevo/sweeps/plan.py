@@ -19,14 +19,14 @@ from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
-from tacevo.redaction import check_address
+from tacevo.redaction import check_address, secret_variables
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import require_temperature
 from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import require_means
 from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
-from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
+from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of
 from tacevo.sweeps.terms import Asked, check_varied, is_planned_by_primary, settled, varied, with_reference
 from tacevo.text import counted
@@ -129,10 +129,16 @@ def _run(
     left = [status.job for status in statuses if status.standing not in {Standing.finished, Standing.running}]
     if not left:
         return
-    workers, cores = max(entry.config.executor.workers for entry in planned), len(os.sched_getaffinity(0))
-    chosen = fitted(launcher, jobs=len(left), workers=workers, cores=cores)
+    needed, cores = max(needed_cores(entry.config.executor) for entry in planned), len(os.sched_getaffinity(0))
+    chosen = fitted(launcher, jobs=len(left), needed=needed, cores=cores)
     options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
     view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")
+    hidden = secret_variables(os.environ) if chosen.cluster else ()
+    if hidden:
+        names = ", ".join(hidden)
+        view.say(
+            f"not sent to the cluster: {names}; where jobs need them, hydra.launcher.setup sets them (docs/slurm.md)"
+        )
     finished = sum(status.standing is Standing.finished for status in statuses)
     view.advance("jobs", finished, len(statuses))
 

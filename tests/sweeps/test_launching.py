@@ -20,11 +20,13 @@ from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 from sweeps import files_of
 
+from tacevo.choices import ExecutorKind
 from tacevo.cli.app import main
+from tacevo.config.schema import ExecutorConfig
 from tacevo.errors import ConfigError
 from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, split_launcher
+from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.status import Standing, Status, status_of
 
 pytestmark = unhurried
@@ -94,6 +96,7 @@ def test_launcher_that_is_not_known_is_rejected(names: tuple[str, ...]) -> None:
         (Launcher(options={"n_jobs": 0}), "hydra.launcher"),
         (Launcher(cluster="submitit_local", options={"partition": "gpu"}), "hydra/launcher=submitit_local"),
         (Launcher(cluster="submitit_local", options={"timeout_min": "x"}), "hydra/launcher=submitit_local"),
+        (Launcher(cluster="submitit_local", options={"max_num_timeout": "x"}), "hydra/launcher=submitit_local"),
     ],
 )
 def test_option_that_a_launcher_does_not_have_is_rejected(launcher: Launcher, place: str) -> None:
@@ -102,19 +105,38 @@ def test_option_that_a_launcher_does_not_have_is_rejected(launcher: Launcher, pl
         check_launcher(launcher)
 
 
+def test_key_among_the_options_is_rejected_and_not_repeated() -> None:
+    """Options become the script of a job, which Slurm and the sweep's directory keep."""
+    setup = {"setup": ["export ANTHROPIC_API_KEY=sk-secret"]}
+    with pytest.raises(ConfigError, match=r"ANTHROPIC_API_KEY=\.\.\.; ") as caught:
+        check_launcher(Launcher(cluster="submitit_slurm", options=setup))
+    assert "sk-secret" not in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("jobs", "workers", "cores", "n_jobs"), [(10, 2, 8, 4), (10, 3, 8, 2), (3, 2, 8, 3), (10, 4, 2, 1), (10, 1, 1, 1)]
 )
 def test_jobs_times_workers_fit_the_cores(jobs: int, workers: int, cores: int, n_jobs: int) -> None:
     """At most as many jobs as there are, and as cores for their workers, and always one job."""
-    assert fitted(Launcher(options={}), jobs=jobs, workers=workers, cores=cores).options == {"n_jobs": n_jobs}
+    assert fitted(Launcher(options={}), jobs=jobs, needed=workers, cores=cores).options == {"n_jobs": n_jobs}
+
+
+@pytest.mark.parametrize(("address", "n_jobs", "cpus"), [("head:6379", 10, 1), ("auto", 10, 1), (None, 1, 64)])
+def test_jobs_that_share_a_ray_cluster_are_not_bounded_by_the_cores_here(
+    address: str | None, n_jobs: int, cpus: int
+) -> None:
+    """Only their searches run here; a Ray that each starts for itself runs here as well."""
+    needed = needed_cores(ExecutorConfig(kind=ExecutorKind.ray, workers=64, address=address))
+    assert fitted(Launcher(options={}), jobs=10, needed=needed, cores=4).options == {"n_jobs": n_jobs}
+    slurm = Launcher(cluster="submitit_slurm", options={})
+    assert fitted(slurm, jobs=10, needed=needed, cores=4).options == {"cpus_per_task": cpus, "timeout_min": 60}
 
 
 def test_user_has_the_last_word_on_the_launcher() -> None:
     """What the user set stays; a cluster is told how many cores a job needs."""
-    assert fitted(Launcher(options={"n_jobs": 7}), jobs=4, workers=2, cores=8).options == {"n_jobs": 7}
+    assert fitted(Launcher(options={"n_jobs": 7}), jobs=4, needed=2, cores=8).options == {"n_jobs": 7}
     slurm = Launcher(cluster="submitit_slurm", options={"timeout_min": 9})
-    assert fitted(slurm, jobs=4, workers=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
+    assert fitted(slurm, jobs=4, needed=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
 
 
 def test_view_that_fails_stops_the_other_jobs_and_is_raised(place: Path) -> None:

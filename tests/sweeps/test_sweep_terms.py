@@ -18,8 +18,8 @@ from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.storage.plan import Measure, Plan, plan_text
 from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms, sweep_text
 from tacevo.sweeps.check import check_jobs
-from tacevo.sweeps.launch import overrides_of
 from tacevo.sweeps.plan import sweep
+from tacevo.sweeps.searches import overrides_of
 from tacevo.sweeps.terms import Asked, read_primary, read_varied
 
 ALL = Path("all")

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from tacevo.errors import ConfigError
-from tacevo.redaction import check_address, without_password
+from tacevo.redaction import check_address, secret_variables, without_password
 
 
 @pytest.mark.parametrize(
@@ -63,3 +63,25 @@ def test_password_of_an_address_is_hidden(address: str, shown: str) -> None:
 def test_no_part_of_the_user_info_is_shown(user_info: str, place: str) -> None:
     """Whatever stands before the last @ of an address makes no difference to what is shown of it."""
     assert without_password(f"postgresql://{user_info}@{place}") == without_password(f"postgresql://u@{place}")
+
+
+def test_variables_with_a_secret_are_known_by_name_or_by_the_address_in_them() -> None:
+    """Keys, tokens and passwords; what a job needs otherwise stays."""
+    secrets = {
+        "ANTHROPIC_API_KEY": "a",
+        "ANTHROPIC_AUTH_TOKEN": "b",
+        "OPENAI_API_KEY": "c",
+        "AWS_SECRET_ACCESS_KEY": "d",
+        "MLFLOW_TRACKING_PASSWORD": "e",
+        "PGPASSWORD": "f",
+        "MLFLOW_TRACKING_URI": "postgresql://user:hunter2@host/db",
+    }
+    kept = {
+        "PATH": "/bin",
+        "PWD": "/home",
+        "KEYBOARD": "us",
+        "SSH_AUTH_SOCK": "/tmp/agent",
+        "XDG_DATA_HOME": "/data",
+        "HTTP_PROXY": "http://proxy:3128",
+    }
+    assert set(secret_variables({**secrets, **kept})) == set(secrets)

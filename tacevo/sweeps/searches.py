@@ -1,0 +1,82 @@
+"""The search of a job, as a process.
+
+It is the command that a user would type, `tacevo search ... run.dir=SWEEP/NAME`, in a process and a session of its own.
+So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches the launching process only.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+from tacevo.sandbox.kernel import end_with
+from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
+
+#: Seconds that a search has to stop.
+GRACE = 60.0
+
+#: The exit status of a search that was told to stop.
+_INTERRUPTED = 130
+
+#: How the last line of a failed command begins.
+_ERROR = "error: "
+
+
+def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
+    """Return the settings of a job: what all share, its own, and what follows from its seed."""
+    return (*directory.read()[0], *job.overrides, *seeded(directory.read_terms().vary, job.seed))
+
+
+def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
+    """Start the search of a job; it ends with this process."""
+    place = str(directory.run(job).path).replace("'", "\\'")
+    overrides = [*overrides_of(directory, job), f"run.dir='{place}'"]
+    with directory.log(job).open("wb") as output:
+        return subprocess.Popen(
+            [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *overrides],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
+        )
+
+
+def stop(searches: Iterable[subprocess.Popen[bytes]]) -> None:
+    """End searches as Ctrl-C does, or kill them if that takes too long."""
+    for search in searches:
+        search.terminate()
+    deadline = time.monotonic() + GRACE
+    for search in searches:
+        try:
+            search.wait(max(0.0, deadline - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            search.kill()
+            search.wait()
+
+
+def keep_ending(directory: SweepDirectory, job: Job, status: int) -> None:
+    """Keep how a search ended, by its exit status; one that was told to stop neither succeeded nor failed."""
+    if status == 0:
+        directory.succeed(job)
+    elif status != _INTERRUPTED:
+        directory.fail(job, _reason(status, directory.log(job)))
+
+
+def _obey(parent: int) -> None:
+    """End with the parent, which alone hears the signal of a scheduler that every process of a job gets."""
+    signal.signal(signal.SIGUSR2, signal.SIG_IGN)  # submitit's: the time is nearly out, or the node is wanted
+    end_with(parent)
+
+
+def _reason(status: int, log: Path) -> str:
+    """Say why a search failed."""
+    if status < 0:
+        return f"killed by signal {-status} ({signal.strsignal(-status)}); memory may have run out"
+    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    errors = [line for line in lines if line.startswith(_ERROR)] or lines
+    return errors[-1].removeprefix(_ERROR) if errors else f"exit status {status}, without any output"

@@ -1,0 +1,173 @@
+"""The jobs of a sweep on a cluster, by submitit; imported only where a cluster was chosen, because it is an extra.
+
+Promises: a job that is requeued continues where it stopped; asked to stop, all jobs are cancelled, queued and running;
+a job is waited for until Slurm itself has done with it, with or without Slurm's accounting; no password or key of this
+process enters what is submitted.
+What it does not: a job outlives a launching process that is killed.
+"""
+
+import contextlib
+import os
+import subprocess
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import submitit
+from submitit.core.utils import UncompletedJobError
+from submitit.helpers import Checkpointable
+
+from tacevo.errors import RunError
+from tacevo.records import Json
+from tacevo.redaction import secret_variables
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.searches import GRACE, keep_ending, start, stop
+from tacevo.sweeps.status import Standing, status_of
+
+#: Executors of submitit, by what `hydra/launcher=` calls them.
+_EXECUTORS = {"submitit_slurm": "slurm", "submitit_local": "local"}
+
+#: Parameters that all executors of submitit share; any other one belongs to its executor.
+_SHARED = frozenset(
+    {"name", "timeout_min", "mem_gb", "nodes", "cpus_per_task", "gpus_per_node", "tasks_per_node", "stderr_to_stdout"}
+)
+
+#: How often a job whose time is out is queued again; a parameter of the executor itself.
+_RESUMED = "max_num_timeout"
+
+#: Every job of this user that Slurm still remembers, each of an array on a line of its own.
+_QUEUE = ["squeue", "--me", "--all", "--noheader", "--array", "--states=all", "--format=%i %T"]
+
+#: States that a job does not leave.
+_OVER = frozenset(
+    {
+        "BOOT_FAIL",
+        "CANCELLED",
+        "COMPLETED",
+        "DEADLINE",
+        "FAILED",
+        "NODE_FAIL",
+        "OUT_OF_MEMORY",
+        "PREEMPTED",
+        "REVOKED",
+        "TIMEOUT",
+    }
+)
+
+#: Seconds between two looks at the jobs: one controller answers all users.
+_TICK = 5.0
+
+_Task = submitit.Job[None]
+
+
+class SearchJob(Checkpointable):
+    """Runs the search of a job on a node; after a requeue again, because the same command continues."""
+
+    def __call__(self, sweep: Path, name: str) -> None:
+        """Run it to its end, or until the scheduler wants the node back."""
+        directory = SweepDirectory(sweep)
+        job = next(job for job in directory.read()[1] if job.name == name)
+        search = start(directory, job)
+        try:
+            keep_ending(directory, job, search.wait())
+        except UncompletedJobError:  # out of submitit's signal handler
+            directory.fail(job, "out of time (hydra.launcher.timeout_min); the same command resumes it")
+        finally:
+            stop([search])
+
+
+def executor_of(cluster: str, options: Mapping[str, Json], directory: Path) -> submitit.AutoExecutor:
+    """Return the executor of a cluster, with its parameters.
+
+    Raises:
+        Exception: of a class of submitit's for each mistake.
+    """
+    resumed = options.get(_RESUMED, 0)
+    if type(resumed) is not int or resumed < 0:
+        raise ValueError(f"{_RESUMED}={resumed} is not an integer of at least 0")
+    executor = _EXECUTORS[cluster]
+    own = {key if key in _SHARED else f"{executor}_{key}": value for key, value in options.items() if key != _RESUMED}
+    found = submitit.AutoExecutor(directory, cluster=executor, **{f"{executor}_{_RESUMED}": resumed})
+    found.update_parameters(**own)
+    return found
+
+
+def launch_on_cluster(
+    directory: SweepDirectory,
+    jobs: Sequence[Job],
+    cluster: str,
+    options: Mapping[str, Json],
+    show: Callable[[Job], None],
+) -> None:
+    """Submit jobs, and wait until the cluster is done with them; as `tacevo.sweeps.launch.launch`."""
+    executor = executor_of(cluster, options, directory.launch / "submitit")
+    try:
+        with _without_secrets():
+            search = SearchJob()  # type: ignore[no-untyped-call]  # submitit's
+            tasks = executor.map_array(search, [directory.path] * len(jobs), [job.name for job in jobs])
+    except Exception as error:  # submitit's, the scheduler's or the file system's
+        raise RunError(in_short(error), place=cluster, expected="the cluster to take the jobs") from error
+    ended = _ended_on_slurm if _EXECUTORS[cluster] == "slurm" else _ended_here
+    running = {task.job_id: (job, task) for job, task in zip(jobs, tasks, strict=True)}
+    try:
+        while running:
+            time.sleep(_TICK)
+            for number, reason in ended([task for _, task in running.values()]).items():
+                job, _ = running.pop(number)
+                if reason and status_of(directory, job).standing not in {Standing.finished, Standing.running}:
+                    directory.fail(job, reason)
+                show(job)
+    finally:
+        _cancel([task for _, task in running.values()], ended)
+
+
+def _cancel(tasks: Sequence[_Task], ended: Callable[[Collection[_Task]], Mapping[str, str]]) -> None:
+    """Cancel jobs, and wait until they have stopped, so that the same command, given next, finds none running."""
+    for task in tasks:
+        task.cancel(check=False)
+    deadline = time.monotonic() + GRACE
+    while len(ended(tasks)) < len(tasks) and time.monotonic() < deadline:
+        time.sleep(_TICK)
+
+
+def _ended_here(tasks: Collection[_Task]) -> dict[str, str]:
+    """Return the jobs that have ended, by their ids, each with what went wrong outside its search."""
+    over = [task for task in tasks if task.done()]
+    return {task.job_id: "" if (failure := task.exception()) is None else in_short(failure) for task in over}
+
+
+def _ended_on_slurm(tasks: Collection[_Task]) -> dict[str, str]:
+    """Return the same as `_ended_here`, as Slurm has it: a result may be there, and the job in the queue again."""
+    queue = subprocess.run(_QUEUE, capture_output=True, text=True, check=False)
+    if queue.returncode != 0:  # the controller does not answer, which jobs survive
+        return {}
+    states = dict(line.split() for line in queue.stdout.splitlines())
+    over = ((task, states.get(task.job_id, "forgotten")) for task in tasks)
+    return {
+        task.job_id: "" if state == "COMPLETED" else f"Slurm: {state}{_last_line(task.paths.stderr)}"
+        for task, state in over
+        if state in _OVER or task.job_id not in states
+    }
+
+
+def _last_line(log: Path) -> str:
+    """Return what a job said last, in parentheses; srun repeats how it ended."""
+    text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("srun: ")]
+    return f" ({lines[-1]})" if lines else ""
+
+
+@contextlib.contextmanager
+def _without_secrets() -> Iterator[None]:
+    """Hide passwords and keys: a scheduler keeps the environment of who submits a job on the controller's disk."""
+    hidden = {name: os.environ.pop(name) for name in secret_variables(os.environ)}
+    try:
+        yield
+    finally:
+        os.environ.update(hidden)
+
+
+def in_short(error: BaseException) -> str:
+    """Return the first line of an error."""
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[0].strip() if lines else type(error).__name__
