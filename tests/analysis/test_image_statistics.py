@@ -98,6 +98,13 @@ def test_resampled_means_by_hand() -> None:
     assert resampled_means(np.full((3, 7), 0.1), weights, rng=rng) == pytest.approx(0.1)
 
 
+def test_networks_without_an_error_have_means_of_0() -> None:
+    """No score is divided by the largest one."""
+    rng = np.random.default_rng(0)
+    weights = image_weights(3, rng=rng, resamples=39)
+    assert resampled_means([[0.0] * 3] * 2, weights, rng=rng).tolist() == [0.0] * 39
+
+
 def test_both_images_and_seeds_are_resampled() -> None:
     """Where images alone differ, or seeds alone, the means spread as the standard error."""
     rng = np.random.default_rng(0)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hand_runs import closed, elite, trained
 from hand_runs import run as made
+from ledger_lines import candidate
 from motif_cases import baseline
 from refusals import refused
 
@@ -76,6 +77,12 @@ def family() -> Run:
         if slot.fitness is not None
     ]
     return made(slots, [closed(0), closed(1), closed(2)], elites=elites)
+
+
+def test_network_that_was_not_measured_has_no_descriptors() -> None:
+    """The gate rejected it before."""
+    with pytest.raises(ValueError, match="g00s01 was not measured"):
+        descriptors_of(candidate("g00s01"), Scale.linear)
 
 
 def test_best_networks_are_those_of_a_study() -> None:
