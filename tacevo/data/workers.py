@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -28,7 +29,7 @@ Progress = Callable[[int, int], None]
 def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]]:
     """Offer `map`: the plain one, or one over fresh processes (spawned, so that they share no state with us).
 
-    Up to `FEW_PICTURES` are made in this process. Only a main thread may ask, to which Ctrl-C comes.
+    Up to `FEW_PICTURES` are made in this process.
     """
     if workers <= 1 or pictures <= FEW_PICTURES:
         yield map
@@ -58,6 +59,9 @@ def _interrupted_later() -> Iterator[None]:
     To block the signal in this thread is not enough: a thread of NumPy's may take it, and Python then interrupts
     the main thread all the same.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python never interrupts another thread
+        return
     came: list[int] = []
     handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
     try:

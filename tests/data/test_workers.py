@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -23,3 +24,14 @@ def test_ctrl_c_waits_until_the_workers_have_started() -> None:
         run(abs, numbers())
     assert len(given) == FEW_PICTURES + 1
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_another_thread_may_ask_for_workers() -> None:
+    """On a node of a cluster a thread makes the images; Ctrl-C never comes to it."""
+
+    def make() -> list[int]:
+        with mapper(2, FEW_PICTURES + 1) as run:
+            return list(run(abs, range(-3, 0)))
+
+    with ThreadPoolExecutor(1) as threads:
+        assert threads.submit(make).result() == [3, 2, 1]
