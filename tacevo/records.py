@@ -125,16 +125,6 @@ class Reason(StrEnum):
     crashed = "crashed"
 
 
-#: Reasons of candidates that are not what they say: they misreport their size, mode or optimiser.
-MISREPORTING = (
-    Reason.redefines_module,
-    Reason.changes_its_weights,
-    Reason.changes_its_mode,
-    Reason.hidden_parameters,
-    Reason.depends_on_batch,
-)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rejection(Record):
     """A candidate's failure: a value, never an exception."""
@@ -343,16 +333,6 @@ class Training(Record):
     def fitness(self) -> float:
         """The final validation loss (paper, Algorithm 1): lower is better."""
         return self.validation_losses[-1]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Kept(Record):
-    """Where the test predictions of a full training are, among the arrays of the store: their SHA-256."""
-
-    #: Of the chosen epoch, float32, shape (t, K), in the scaled units of training, or logits.
-    predictions: str
-    #: Of the test images, float32 of shape (t, K) in the same units, or int64 classes of shape (t,).
-    labels: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

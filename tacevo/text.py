@@ -5,7 +5,16 @@ import threading
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 
-from tacevo.records import MISREPORTING
+from tacevo.records import Reason
+
+#: Reasons of candidates that are not what they say: they misreport their size, mode or optimiser.
+MISREPORTING = (
+    Reason.redefines_module,
+    Reason.changes_its_weights,
+    Reason.changes_its_mode,
+    Reason.hidden_parameters,
+    Reason.depends_on_batch,
+)
 
 #: Filters of warnings belong to all threads; and so does, in CPython up to 3.11, the depth that its parser counts (its
 #: issue 106905): two threads that parse at once can end in a SystemError.

@@ -10,10 +10,11 @@ from typing import Annotated, Final, Literal
 from annotated_types import Ge
 
 from tacevo.choices import Device, Numerics
-from tacevo.records import DataFacts, Json, Kept, Reason, Recipe, Record, Stage
+from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rules import FIRST_STUDY
 from tacevo.storage.plan import Plan
 from tacevo.studies.terms import Terms
+from tacevo.training.full import Kept
 from tacevo.typed import FreeJson
 
 #: Layout of both files.

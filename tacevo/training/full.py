@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.errors import CacheMissError, DivergenceError, StoreError
-from tacevo.records import DataFacts, Kept, Kind, Record, Rejection, Training
+from tacevo.records import DataFacts, Kind, Record, Rejection, Training
 from tacevo.rules import KEPT_SINCE
 from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.arrays import ArrayStore, digest_of
@@ -38,6 +38,16 @@ class HeldOut:
     names: tuple[str, ...]
     #: Units of the recording for one unit of training, K; empty for classification.
     scale: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept(Record):
+    """Where the test predictions of a full training are, among the arrays of the store: their SHA-256."""
+
+    #: Of the chosen epoch, float32, shape (t, K), in the scaled units of training, or logits.
+    predictions: str
+    #: Of the test images, float32 of shape (t, K) in the same units, or int64 classes of shape (t,).
+    labels: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

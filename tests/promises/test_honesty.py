@@ -17,8 +17,9 @@ from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import check
 from tacevo.gate.probe import run
-from tacevo.records import MISREPORTING, Reason, to_json
+from tacevo.records import Reason, to_json
 from tacevo.sandbox.candidate import check_leaves
+from tacevo.text import MISREPORTING
 
 #: Reasons that lies have, too, and that are older than these rules.
 OTHERS = {Reason.forbidden_construct, Reason.forbidden_name, Reason.construction_failed}

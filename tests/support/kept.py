@@ -11,10 +11,10 @@ from studies import study_of
 
 from analysis.studies.predictions import Predictions
 from analysis.studies.scores import PRIMARY, Study
-from tacevo.records import Kept, Kind
+from tacevo.records import Kind
 from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
-from tacevo.training.full import score
+from tacevo.training.full import Kept, score
 
 #: Predictions of each network, by name, float32, shape (S, t, K).
 Networks = Mapping[str, NDArray[np.float32]]

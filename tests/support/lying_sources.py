@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from gate_cases import VALID, candidate
 
-from tacevo.records import MISREPORTING, Reason
+from tacevo.records import Reason
+from tacevo.text import MISREPORTING
 
 NAMES, WEIGHTS, MODE, HIDDEN, BATCH = MISREPORTING
 HOOK = Reason.forbidden_name

@@ -13,14 +13,14 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 
 from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, DivergenceError, StoreError
-from tacevo.records import DataFacts, Json, Kept, Kind, Loss, Mode, Reason, Rejection, to_json
+from tacevo.records import DataFacts, Json, Kind, Loss, Mode, Reason, Rejection, to_json
 from tacevo.rules import STUDY
 from tacevo.sandbox.client import Finished, Frame, Run
 from tacevo.storage.arrays import ArrayStore
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
 from tacevo.training.evaluation import Evaluator, Examples, Setting
-from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, assess, read_kept
+from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, Kept, assess, read_kept
 
 DATA = examples()
 #: Of the eight images that are not trained on, five to validate and three to test on.
