@@ -1,6 +1,5 @@
 """Ray itself: imported only here and below, connected to or started, and kept quiet."""
 
-import atexit
 import contextlib
 import logging
 import os
@@ -92,11 +91,9 @@ def kept_environment() -> Iterator[None]:
 
 
 def leave(ray: Any, processes: Sequence[Any], *, is_lost: bool) -> None:
-    """End the processes of this run and the connection; of a cluster whose head is gone, nothing can be asked."""
-    if is_lost:
-        atexit.unregister(ray.shutdown)  # it would wait for the head, until Ray ends this process for that
-        return
-    with contextlib.suppress(Exception):  # Ray ends them too, later, when it sees that their owner is gone
-        for process in processes:
-            ray.kill(process)
+    """End the processes of this run and the connection; where the head is gone, its nodes end them."""
+    if not is_lost:
+        with contextlib.suppress(Exception):  # Ray ends them too, later, when it sees that their owner is gone
+            for process in processes:
+                ray.kill(process)
     ray.shutdown()
