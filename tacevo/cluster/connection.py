@@ -28,6 +28,9 @@ _SETTINGS = {
 }
 
 
+_WRITES = "see that TMPDIR, where Ray writes, has room and a short name"
+
+
 def import_ray() -> Any:
     """Return the module `ray`.
 
@@ -72,7 +75,7 @@ def connect(address: str | None, workers: int) -> Any:
             str(error).strip().splitlines()[0][:300],
             place="executor.address" if address else "executor=ray",
             expected="a Ray cluster that answers" if address else "Ray to start",
-            remedy="start it by `ray start --head`, or leave executor.address out" if address else "",
+            remedy="start it by `ray start --head`, or leave executor.address out" if address else _WRITES,
         ) from error
     finally:
         signal.signal(signal.SIGTERM, handler)  # Ray puts its own there

@@ -117,7 +117,7 @@ def test_cluster_without_one_node_that_will_do_is_an_error(cluster: RayCluster, 
 def test_ray_that_a_search_starts_holds_no_key(whole_search: tuple[Path, str], tmp_path: Path) -> None:
     """On one node, without a cluster: no process below the search has the key, the bytes are equal, and all end."""
     key = "sk-ant-only-for-the-search"
-    own = {"ANTHROPIC_API_KEY": key, "TACEVO_NODE_DATA": str(tmp_path / "data"), "HOME": str(tmp_path / "home")}
+    own = {"ANTHROPIC_API_KEY": key, "TACEVO_NODE_DATA": str(tmp_path / "data"), "TMPDIR": "/tmp"}
     searching = start(tmp_path, UNTRACKED, "executor=ray", environment={**SETTINGS, **own})
     seen: dict[int, tuple[str, bool]] = {}
     while searching.poll() is None:
