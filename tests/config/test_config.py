@@ -258,13 +258,8 @@ DECIDES_NOTHING: dict[str, Any] = {
     "sandbox.require": "kernel",
     "executor.kind": "ray",
     "executor.workers": 16,
-<<<<<<< HEAD
     "executor.per_gpu": 4,
     "executor.address": "head:6379",
-=======
-    "executor.address": "head:6379",
-    "executor.per_gpu": 4,
->>>>>>> w_ray
     "tracking.kind": "none",
     "tracking.uri": "sqlite:///other.db",
     "tracking.experiment": "other",
