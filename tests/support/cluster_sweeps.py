@@ -20,7 +20,7 @@ NONE, FIXED = "none-seed0", "fixed_temperature-seed0"
 ONE, TWO = "ablation=none", "ablation=none,fixed_temperature"
 #: The command, before its arguments.
 TACEVO = [sys.executable, "-P", "-m", "tacevo.cli.app"]
-#: Of a study of a job.
+#: Of a study of a job; in that of a sweep, the first goes without saying.
 STUDY = ["elites=1", "seeds=2", "epochs=1"]
 
 
