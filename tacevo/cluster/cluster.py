@@ -115,8 +115,8 @@ class Cluster:
         except BaseException:
             self.close()
             raise
-        self._watcher = threading.Thread(target=self._watch, name="cluster", daemon=True)
-        self._watcher.start()
+        for duty in (self._watch, self._listen):
+            threading.Thread(target=duty, name="cluster", daemon=True).start()
 
     def __enter__(self) -> Self:
         return self
@@ -245,22 +245,22 @@ class Cluster:
 
     def _watch(self) -> None:
         """Look after the nodes until the cluster is closed."""
-        unheard = 0.0
         while not self._stop.wait(_TICK):
-            began = time.monotonic()
+            with contextlib.suppress(Exception):  # the head is gone, or the cluster is being closed
+                self._look_after(self._ray.nodes())
+
+    def _listen(self) -> None:
+        """End all jobs when the head has been silent for too long; a thread of its own, for Ray waits for the head."""
+        heard = time.monotonic()
+        while not self._stop.wait(_TICK):
             if self._head_answers():
-                unheard = 0.0
-                with contextlib.suppress(Exception):  # the head went meanwhile, or the cluster is being closed
-                    self._look_after(self._ray.nodes())
-            else:
-                unheard += _TICK + time.monotonic() - began
-            if unheard > _head_seconds():
+                heard = time.monotonic()
+            silent = time.monotonic() - heard
+            if silent > _head_seconds():
                 self._is_lost = True
-                error = f"no answer for {unheard:.0f} s"
-                remedy = f"start it again, and {_AGAIN}"
-                self._finish(
-                    SandboxError(error, place=self._head, expected="the head of the Ray cluster", remedy=remedy)
-                )
+                expected, remedy = "the head of the Ray cluster", f"start it again, and {_AGAIN}"
+                got = f"no answer for {silent:.0f} s"
+                self._finish(SandboxError(got, place=self._head, expected=expected, remedy=remedy))
                 return
 
     def _head_answers(self) -> bool:
