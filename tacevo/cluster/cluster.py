@@ -172,14 +172,18 @@ class Cluster:
             _land(flight, error=self._no_room(flight))
             return
         flight.nodes = nodes
-        flight.ref = self._task.options(
+        flight.ref = self._submit(flight)
+        flight.ref.future().add_done_callback(partial(self._take, flight, flight.ref))
+
+    def _submit(self, flight: _Flight) -> Any:
+        """Make a job a task of Ray; return Ray's name for its answer."""
+        return self._task.options(
             num_cpus=flight.needs["CPU"],
             memory=flight.needs["memory"],
             num_gpus=flight.needs.get("GPU", 0),
             scheduling_strategy="SPREAD",
-            label_selector={"ray.io/node-id": f"in({','.join(sorted(nodes))})"},
+            label_selector={"ray.io/node-id": f"in({','.join(sorted(flight.nodes))})"},
         ).remote(flight.job)
-        flight.ref.future().add_done_callback(partial(self._take, flight, flight.ref))
 
     def _take(self, flight: _Flight, ref: Any, answer: "Future[bytes]") -> None:
         """Pass on what came of a job, unless it was handed to Ray again since; a thread of Ray's calls this."""
@@ -188,6 +192,8 @@ class Cluster:
         error = answer.exception()
         if error is None:
             _land(flight, answer=answer.result())
+        elif isinstance(error, self._ray.exceptions.TaskUnschedulableError):
+            flight.nodes = frozenset()  # all that it might run on are gone: the watcher hands it to others
         else:
             _land(flight, error=self._translated(error))
 

@@ -1,6 +1,5 @@
 """Ray itself: imported only here and below, connected to or started, and kept quiet."""
 
-import atexit
 import contextlib
 import logging
 import os
@@ -27,6 +26,9 @@ _SETTINGS = {
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_raylet_start_wait_time_s": "120",
 }
+
+
+_WRITES = "see that TMPDIR, where Ray writes, has room and a short name"
 
 
 def import_ray() -> Any:
@@ -73,7 +75,7 @@ def connect(address: str | None, workers: int) -> Any:
             str(error).strip().splitlines()[0][:300],
             place="executor.address" if address else "executor=ray",
             expected="a Ray cluster that answers" if address else "Ray to start",
-            remedy="start it by `ray start --head`, or leave executor.address out" if address else "",
+            remedy="start it by `ray start --head`, or leave executor.address out" if address else _WRITES,
         ) from error
     finally:
         signal.signal(signal.SIGTERM, handler)  # Ray puts its own there
@@ -92,11 +94,9 @@ def kept_environment() -> Iterator[None]:
 
 
 def leave(ray: Any, processes: Sequence[Any], *, is_lost: bool) -> None:
-    """End the processes of this run and the connection; of a cluster whose head is gone, nothing can be asked."""
-    if is_lost:
-        atexit.unregister(ray.shutdown)  # it would wait for the head, until Ray ends this process for that
-        return
-    with contextlib.suppress(Exception):  # Ray ends them too, later, when it sees that their owner is gone
-        for process in processes:
-            ray.kill(process)
+    """End the processes of this run and the connection; where the head is gone, its nodes end them."""
+    if not is_lost:
+        with contextlib.suppress(Exception):  # Ray ends them too, later, when it sees that their owner is gone
+            for process in processes:
+                ray.kill(process)
     ray.shutdown()

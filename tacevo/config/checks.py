@@ -15,7 +15,6 @@ from tacevo.choices import (
     Numerics,
     OperatorScope,
     ParentPolicy,
-    Precision,
     Provider,
     Scale,
 )
@@ -26,6 +25,7 @@ from tacevo.config.schema import (
     ProposalsConfig,
     RunConfig,
     TaskConfig,
+    TrainingConfig,
     deliveries,
 )
 from tacevo.errors import ConfigError
@@ -52,10 +52,10 @@ def check_together(config: RunConfig) -> None:
 def _check_gpu(config: RunConfig) -> None:
     training, walls, numerics = config.training, config.sandbox.require, config.numerics.kind
     if training.device is Device.cpu:
-        why = "with training.device=cpu"
-        _require(training.gpu is None, "training.gpu", f"null {why}", training.gpu)
-        known = training.precision is Precision.float32
-        _require(known, "training.precision", f"float32 {why}", training.precision)
+        for name in ("gpu", "precision", "gpu_memory_mib"):
+            value, default = getattr(training, name), getattr(TrainingConfig, name)
+            expected = f"{json.dumps(to_json(default))} with training.device=cpu"
+            _require(value == default, f"training.{name}", expected, value)
         return
     why = "with training.device=cuda, whose driver does not work in a sandbox"
     _require(walls is Confinement.none, "sandbox.require", f"none {why}", walls)

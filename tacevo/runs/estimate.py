@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from tacevo.choices import ExecutorKind
 from tacevo.config.schema import RunConfig, deliveries
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
@@ -107,16 +108,21 @@ def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
     except TacevoError as error:
         return [f"hours: not measured ({error})"]
     training, workers = config.training, config.executor.workers
+    where = "this machine" if config.executor.kind is ExecutorKind.local else "machines like this one"
     size = f"{images:,} images of {config.data.image_size} px"
     rate = f"{pace.images_per_second:,.{0 if pace.images_per_second >= 100 else 1}f}"
     return [
         f"hours: {_hours(pace.seconds(config, images))} for {trainings(config):,} trainings of "
-        f"{counted(training.epochs, 'epoch')} of {size}, with executor.workers={workers} on this machine.",
-        f"Measured now, on noise: {counted(workers, 'baseline')} at once, {rate} images/s in all; "
+        f"{counted(training.epochs, 'epoch')} of {size}, with executor.workers={workers} on {where}.",
+        f"Measured now, on noise: {counted(pace.at_once, 'baseline')} at once, {rate} images/s in all; "
         f"{pace.start:.2g} s to start a training, {pace.gate:.2g} s in the gate.",
         f"The hours assume that a candidate takes {growth(config):.2g} times the baseline's time, as the published "
         "searches suggest; that each is admitted and trained; and that the machine stays as busy as it is.",
         "Waiting for answers is not counted, nor is making the data set.",
+        *(
+            [f"The machine was busy: {pace.load:.1f} processes wanted each core. Idle, it is faster."]
+            * (pace.load >= 1)
+        ),
     ]
 
 

@@ -4,6 +4,7 @@ It is an estimate: candidates are other networks, the machine may be busier or l
 long answers take. docs/scale.md compares it with searches that were run.
 """
 
+import os
 import tempfile
 import time
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.choices import DataSource, SplitRule
+from tacevo.choices import DataSource, Device, ExecutorKind, SplitRule
 from tacevo.config.schema import OutputConfig, RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
@@ -38,19 +39,27 @@ _PER_PREDICTED = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast a machine trains the baseline, with as many trainings at once as a search has workers."""
+    """How fast a machine trains the baseline, with several trainings at once."""
 
-    #: Trained on by all workers together, with the predictions of the validation images between.
+    #: Trainings: the workers of a search, but on a CPU no more than there are cores.
+    at_once: int
+    #: Trained on by all of them together, with the predictions of the validation images between.
     images_per_second: float
     #: What a training takes besides its epochs, and what the gate takes for a network, in seconds.
     start: float
     gate: float
+    #: Processes that wanted each core before: from 1 on, the trainings had to share.
+    load: float = 0.0
 
     def seconds(self, config: RunConfig, images: int) -> float:
-        """Return how long the trainings of a search take that has so many training images, without the answers."""
+        """Return how long the trainings of a search take that has so many training images, without the answers.
+
+        A cluster is taken to have as many such machines as its workers need.
+        """
         trained = growth(config) * config.training.epochs * images / self.images_per_second
-        waited = (self.start + self.gate / config.training.seeds) / config.executor.workers
-        return trainings(config) * (trained + waited)
+        waited = (self.start + self.gate / config.training.seeds) / self.at_once
+        machines = 1.0 if config.executor.kind is ExecutorKind.local else config.executor.workers / self.at_once
+        return trainings(config) * (trained + waited) / machines
 
 
 #: Measures the pace of a configuration on this machine.
@@ -81,7 +90,7 @@ def training_images(config: RunConfig) -> int:
 
 
 def measure(config: RunConfig) -> Pace:
-    """Train baselines as a search trains candidates, until that took some seconds; nothing is kept.
+    """Train baselines on this machine as a search trains candidates, until that took some seconds; nothing is kept.
 
     Raises:
         ConfigError: this machine cannot compute as the configuration asks.
@@ -90,9 +99,11 @@ def measure(config: RunConfig) -> Pace:
     """
     require(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device, config.training.gpu)
+    load = os.getloadavg()[0] / (os.cpu_count() or 1)
     with tempfile.TemporaryDirectory() as folder:
-        here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder))
-        task, data = load_task(here, facts_without_data(here)), _noise(here, Path(folder))
+        executor = replace(config.executor, kind=ExecutorKind.local, workers=_at_once(config))
+        here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder), executor=executor)
+        task, data = load_task(here, facts_without_data(here)), noise(here, Path(folder))
         with Workbench(here, task, data.facts, Mode.live, data=data) as bench:
             gate = bench.gate(CURRENT)
             gate.measure(task.baseline)  # starts the process that all others are forked from
@@ -112,10 +123,17 @@ def measure(config: RunConfig) -> Pace:
                 epochs *= 2
     of_epoch = took / (epochs - 1)
     return Pace(
+        at_once=here.executor.workers,
         images_per_second=here.executor.workers * len(data.train) / of_epoch,
         start=max(0.0, least - of_epoch),
         gate=judged,
+        load=load,
     )
+
+
+def _at_once(config: RunConfig) -> int:
+    workers, cores = config.executor.workers, len(os.sched_getaffinity(0))
+    return min(workers, cores) if config.training.device is Device.cpu else workers
 
 
 def _timed(work: Callable[[], object]) -> float:
@@ -130,7 +148,7 @@ def _check(verdicts: list[object]) -> None:
             raise RunError(f"{verdict.reason}: {verdict.detail}", place="the baseline", expected="one that trains")
 
 
-def _noise(config: RunConfig, folder: Path) -> Dataset:
+def noise(config: RunConfig, folder: Path) -> Dataset:
     """Make a batch of images of noise to train on, and some to predict, with labels that mean nothing."""
     batch, facts = config.training.batch_size, facts_without_data(config)
     count, draws = batch + max(1, batch // _PER_PREDICTED), stream(0, "pace")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from interruptions import PATIENCE, finish, processes_of, results, start, unhurried
+from interruptions import PATIENCE, ends, finish, results, start, unhurried
 from ray_cluster import SETTINGS, RayCluster, RayNode, ray_cluster
 from smallest import UNTRACKED
 from waiting import eventually
@@ -74,7 +74,7 @@ def test_search_that_ends_in_the_middle_is_continued(
     _, errors = stopped.communicate(timeout=PATIENCE)
     assert stopped.returncode == (130 if signal_ is signal.SIGINT else -signal.SIGKILL), errors
     assert eventually(lambda: is_quiet(cluster), seconds=PATIENCE), [node.jobs() for node in cluster.nodes]
-    assert not processes_of(tmp_path)
+    assert ends(tmp_path)
     assert finish(search(cluster, tmp_path)) == whole_search[1]
     assert results(tmp_path) == results(whole_search[0])
 
@@ -119,7 +119,7 @@ def test_head_and_last_node_that_go_and_come_back_lose_nothing(
     _, errors = stopped.communicate(timeout=PATIENCE)
     assert stopped.returncode == 2, errors
     assert cluster.address in errors
-    assert not processes_of(tmp_path)
+    assert ends(tmp_path)
     assert eventually(lambda: is_quiet(cluster), seconds=PATIENCE), [node.jobs() for node in cluster.nodes]
     cluster.kill()
     cluster.start_head()

@@ -117,20 +117,20 @@ def test_cluster_without_one_node_that_will_do_is_an_error(cluster: RayCluster, 
 def test_ray_that_a_search_starts_holds_no_key(whole_search: tuple[Path, str], tmp_path: Path) -> None:
     """On one node, without a cluster: no process below the search has the key, the bytes are equal, and all end."""
     key = "sk-ant-only-for-the-search"
-    own = {"ANTHROPIC_API_KEY": key, "TACEVO_NODE_DATA": str(tmp_path / "data"), "HOME": str(tmp_path / "home")}
+    own = {"ANTHROPIC_API_KEY": key, "TACEVO_NODE_DATA": str(tmp_path / "data"), "TMPDIR": "/tmp"}
     searching = start(tmp_path, UNTRACKED, "executor=ray", environment={**SETTINGS, **own})
-    seen: dict[int, tuple[str, bool]] = {}
+    seen: set[tuple[str, bool]] = set()
     while searching.poll() is None:
         for pid in descendants(searching.pid):
             with contextlib.suppress(OSError):
                 command = (Path("/proc") / str(pid) / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                seen[pid] = command, key.encode() in (Path("/proc") / str(pid) / "environ").read_bytes()
+                seen.add((command, key.encode() in (Path("/proc") / str(pid) / "environ").read_bytes()))
         time.sleep(0.05)
     assert finish(searching) == whole_search[1]
-    commands = " ".join(command for command, _ in seen.values())
+    commands = " ".join(command for command, _ in seen)
     assert "raylet" in commands
     assert "ray::Node" in commands
     assert "ray::run_job" in commands
-    assert not [command for command, holds_key in seen.values() if holds_key]
+    assert not [command for command, holds_key in seen if holds_key]
     assert results(tmp_path) == results(whole_search[0])
     assert ends(tmp_path)

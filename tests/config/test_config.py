@@ -259,6 +259,7 @@ DECIDES_NOTHING: dict[str, Any] = {
     "executor.kind": "ray",
     "executor.workers": 16,
     "executor.address": "head:6379",
+    "executor.per_gpu": 4,
     "tracking.kind": "none",
     "tracking.uri": "sqlite:///other.db",
     "tracking.experiment": "other",
@@ -273,7 +274,8 @@ def test_every_setting_decides_or_does_not() -> None:
     listed |= {"llm.delivery"}  # of which the default provider has one choice
     listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
     listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
-    listed |= {"training.device"}  # which needs other settings beside it: tests/training/test_determinism.py
+    # Of which each needs other settings beside it: tests/training/test_determinism.py.
+    listed |= {"training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"}
     groups = {key.partition(".")[0] for key in keys() if "." in key}
     assert {key for key in keys() if key not in groups and not key.startswith(("task.", "data."))} == listed
 

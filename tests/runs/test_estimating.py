@@ -4,12 +4,13 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 from refusals import refused
 
-from tacevo.choices import SplitRule
+from tacevo.choices import ExecutorKind, SplitRule
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
@@ -37,7 +38,7 @@ def overrides(tmp_path: Path) -> Estimating:
 
 def paced(config: RunConfig) -> Pace:
     """Measure nothing: 100 images a second, and a quarter of a second to start."""
-    return Pace(images_per_second=100.0, start=0.25, gate=1.5)
+    return Pace(at_once=2, images_per_second=100.0, start=0.25, gate=1.5)
 
 
 def described(config: RunConfig) -> str:
@@ -163,6 +164,24 @@ def test_candidates_grow_until_the_searches_end_that_were_measured(overrides: Es
     """Half of the growth after half of their generations, and no more after twice as many."""
     found = [growth(compose(overrides(f"search.generations={number}"))) for number in (0, 10, 20, 40)]
     assert found == [1.0, 1 + GROWTH / 2, 1 + GROWTH, 1 + GROWTH]
+
+
+def test_cluster_is_so_many_machines_and_a_machine_is_one(overrides: Estimating) -> None:
+    """Two measured at once: 64 workers of a cluster are 32 times as fast, and on two cores no faster than two."""
+    config = compose(overrides("executor.workers=64"))
+    elsewhere = replace(config, executor=replace(config.executor, kind=cast(ExecutorKind, "ray")))
+    here = paced(config).seconds(config, 480)
+    assert here == paced(config).seconds(compose(overrides("executor.workers=2")), 480)
+    assert paced(config).seconds(elsewhere, 480) == pytest.approx(here / 32)
+    assert "executor.workers=64 on machines like this one" in described(elsewhere)
+    assert "executor.workers=64 on this machine" in described(config)
+
+
+def test_busy_machine_is_told(overrides: Estimating) -> None:
+    """Hours that were measured beside other work are no promise, and the reader learns why."""
+    config = compose(overrides())
+    assert "The machine was busy: 8.5 processes" in describe(config, lambda config: replace(paced(config), load=8.5))
+    assert "busy: " not in described(config)
 
 
 def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp_path: Path) -> None:

@@ -13,11 +13,13 @@ from tacevo.choices import Confinement
 from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
-from tacevo.errors import ConfigError, DataError
+from tacevo.environment import gpus
+from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Completion, Mode, Request, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
+from tacevo.runs.pace import noise
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import provider_settings, require_temperature
 from tacevo.runs.wiring import Workbench
@@ -125,6 +127,21 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     with Workbench(config, task, facts, Mode.record, notice=told.append) as bench:
         bench.gate(CURRENT).inspect(task.baseline)
     assert [measures["level"] for measures in told] == [Confinement.none]
+
+
+@pytest.mark.parametrize(("visible", "said"), [("", "none"), ("0", "equipped or confined")])
+def test_gpu_that_fails_is_no_verdict(visible: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a GPU, or with a torch without CUDA, no candidate is rejected: the search stops, and stores nothing."""
+    if gpus():
+        pytest.skip("there is a GPU")
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
+    overrides = ["training.device=cuda", "training.gpu=NVIDIA H200", "sandbox.require=none", "numerics=fast"]
+    config = compose(["experiment=demo", "data.image_size=16", f"store.root={tmp_path}/store", *overrides])
+    data = noise(config, tmp_path)
+    task = load_task(config, data.facts)
+    with Workbench(config, task, data.facts, Mode.record, data=data) as bench, refused(SandboxError, got=said):
+        bench.evaluator(CURRENT).evaluate(task.baseline, 0)
+    assert not (tmp_path / "store").exists()
 
 
 def test_model_is_not_built_in_a_replay_nor_twice_in_a_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

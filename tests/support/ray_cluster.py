@@ -43,8 +43,8 @@ _COMMON = [
 #: The command `ray`.
 _RAY = "from ray.scripts.scripts import main; main()"
 
-#: What a node says when it is there.
-_STARTED = "Ray runtime started"
+#: What a node says last when it is there.
+_STARTED = "will now block"
 
 
 @dataclass(frozen=True, eq=False)

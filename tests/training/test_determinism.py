@@ -116,9 +116,12 @@ def test_device_enters_the_identity_only_where_it_is_set() -> None:
     assert value_at(identity(gpu), ("training", "gpu")) == "NVIDIA H200"
     assert recipe_of(gpu).gpu == Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192)
     assert recipe_of(compose([])).gpu is None
+    changes: list[dict[str, Any]] = [{"gpu": "X"}, {"precision": Precision.bf16}, {"gpu_memory_mib": 4096}]
+    for change in changes:
+        assert identity(replace(gpu, training=replace(gpu.training, **change))) != identity(gpu)
 
 
-@pytest.mark.parametrize(("key", "value"), [("gpu", "NVIDIA H200"), ("precision", "tf32")])
+@pytest.mark.parametrize(("key", "value"), [("gpu", "NVIDIA H200"), ("precision", "tf32"), ("gpu_memory_mib", "4096")])
 def test_settings_of_a_gpu_are_refused_on_a_cpu(key: str, value: str) -> None:
     """They would look as if they had an effect."""
     with refused(ConfigError, place=f"training.{key}", expected="with training.device=cpu", got=value):

@@ -18,7 +18,7 @@ from refusals import refused
 from training_jobs import RECIPE, SOURCE, examples, header_of, payload_of
 
 from tacevo.choices import Precision
-from tacevo.errors import SandboxError
+from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Gpu, Reason, Recipe, to_json, written
 from tacevo.training.gpu import CONTEXT_MIB, Resident, equip, multiply_in
 from tacevo.training.trainer import run
@@ -185,7 +185,7 @@ def test_recipe_is_read_back_as_it_was_written() -> None:
     """By the trainer, which has no pydantic, and by whoever reads a study; a recipe of a CPU says nothing of GPUs."""
     recipe = replace(RECIPE, gpu=replace(GPU, precision=Precision.tf32))
     assert Recipe.from_json(written(recipe)) == Recipe.from_json(to_json(recipe)) == recipe
-    assert convert(Recipe, written(recipe), place="", error=ValueError) == recipe
+    assert convert(Recipe, written(recipe), place="", error=ConfigError) == recipe
     assert "gpu" not in written(RECIPE)
     assert Recipe.from_json(written(RECIPE)) == RECIPE
 

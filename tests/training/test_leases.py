@@ -11,11 +11,11 @@ from training_jobs import RECIPE
 
 from tacevo.choices import Device
 from tacevo.errors import SandboxError
-from tacevo.records import Limits
+from tacevo.records import Json, Limits
 from tacevo.sandbox.client import Died, Finished
 from tacevo.training.leases import Leases, gpu_share, visible_gpus
 
-JOB = {"device": "cuda", "seed": 0}
+JOB: Json = {"device": "cuda", "seed": 0}
 
 
 class Busy:

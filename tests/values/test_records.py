@@ -1,12 +1,14 @@
 """Promise: records never change, compare by value, and come back from JSON as they were."""
 
 import json
+from dataclasses import replace
 from enum import StrEnum
 from typing import Any
 
 import pytest
 
 from tacevo import records
+from tacevo.choices import Precision
 from tacevo.config import schema
 from tacevo.errors import StoreError
 from tacevo.profile import Graph, Node, Profile, Step
@@ -15,6 +17,7 @@ from tacevo.records import (
     Contract,
     DataFacts,
     Delivery,
+    Gpu,
     Kind,
     Limits,
     Loss,
@@ -75,6 +78,7 @@ READ_BACK = [
         output_argument="num_outputs",
     ),
     RECIPE,
+    replace(RECIPE, gpu=Gpu(model="NVIDIA H200", precision=Precision.tf32, memory_mib=8192)),
     DataFacts(
         fingerprint="ef",
         kind=Kind.regression,
@@ -127,6 +131,7 @@ def test_to_json_gives_plain_values() -> None:
                 "learning_rate": 0.001,
                 "optimiser": "adam",
                 "limits": {"seconds": 5.0, "memory_mib": 64},
+                "gpu": None,
             },
             None,
             True,
