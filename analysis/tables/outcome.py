@@ -138,7 +138,7 @@ def _alone(is_alone: bool) -> tuple[str, ...]:
 
 def _fitness(again: Reestimates | None) -> str:
     if again is None:
-        return "The fitness is not re-estimated here; tacevo noise RUN does that."
+        return "The fitness is not re-estimated here; tacevo noise RUN does that, and tacevo show RUN prints it."
     seeds, epochs = counted(again.noise.seeds, "other seed"), counted(again.epochs, "epoch")
     return f"Fitness: the loss after {epochs}; the record is {again.record}, the re-estimate a median of {seeds}."
 

@@ -58,6 +58,7 @@ SETTINGS = {
     "plan": "the plan.json that it follows, which is kept in it (none)",
     "executor": "local or ray: on this machine, or on the nodes of a Ray cluster; the first unless set",
     "executor.workers": "trainings at once (2)",
+    "executor.per_gpu": "with a GPU: most trainings on it at once (1)",
     "executor.address": "of that cluster, as HOST:PORT or auto; none starts a Ray here",
     "store.root": "the directory of the stores (that of the run)",
 }
@@ -68,7 +69,7 @@ NOISE_SETTINGS = {
     "sweep": "that of a sweep: a noise run of each finished job",
     "elites": "how many elites, best validation loss first, beside the baseline (all)",
     "seeds": "training seeds of each network (5)",
-    **{key: SETTINGS[key] for key in ("executor", "executor.workers", "executor.address")},
+    **{key: SETTINGS[key] for key in ("executor", "executor.workers", "executor.per_gpu", "executor.address")},
     "store.root": SETTINGS["store.root"],
 }
 
@@ -303,7 +304,10 @@ def _plan(options: argparse.Namespace) -> int:
     directory = output_directory(options.output)
     show([plan_table(planned)], directory)
     if planned.plan is None:
-        (directory / "plan.json").unlink(missing_ok=True)  # of an earlier wish
+        stood = directory / "plan.json"
+        if stood.exists():
+            stood.unlink()  # else a study would follow another wish than the last
+            print(f"removed: {stood}, of an earlier wish")
         print("no plan: wish for a larger effect or a lower power, or compare fewer")
         return DIFFERENT
     made = replace(planned.plan, made=datetime.now(UTC).date().isoformat())

@@ -12,6 +12,7 @@ from tacevo.choices import (
     Confinement,
     DataSource,
     Device,
+    ExecutorKind,
     Numerics,
     OperatorScope,
     ParentPolicy,
@@ -46,7 +47,16 @@ def check_together(config: RunConfig) -> None:
     _check_reevaluations(config)
     _check_proposals(config.proposals)
     _check_parents(config)
+    _check_executor(config)
     _check_gpu(config)
+
+
+def _check_executor(config: RunConfig) -> None:
+    executor = config.executor
+    if executor.kind is ExecutorKind.local:
+        _require(executor.address is None, "executor.address", "null without executor=ray", executor.address)
+    if config.training.device is Device.cpu:
+        _require(executor.per_gpu == 1, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
 
 
 def _check_gpu(config: RunConfig) -> None:

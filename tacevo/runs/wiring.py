@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NoReturn, Self
 
 from tacevo.choices import ArchiveKind, Axis, BoundsRule, DataSource, Device, ExecutorKind
+from tacevo.cluster.address import check_address
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import import_ray
 from tacevo.cluster.facts import Order
@@ -146,7 +147,7 @@ def check_means(config: RunConfig) -> None:
 
     Raises:
         SandboxError: they cannot be confined so here.
-        ConfigError: this machine cannot compute so; or Ray is asked for and not installed.
+        ConfigError: this machine cannot compute so; or Ray is asked for and not installed, or not at its address.
     """
     match config.executor.kind:
         case ExecutorKind.local:
@@ -154,6 +155,8 @@ def check_means(config: RunConfig) -> None:
             check_machine(config.numerics.kind, config.training.device, config.training.gpu)
         case ExecutorKind.ray:
             import_ray()
+            if config.executor.address is not None:
+                check_address(config.executor.address)
 
 
 @dataclass(eq=False)

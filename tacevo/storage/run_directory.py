@@ -32,6 +32,8 @@ from tacevo.typed import FreeJson, parse
 #: A candidate's file holds its source, or the answer that was rejected.
 _ENDINGS = {".py", ".rejected.txt"}
 
+_MAKES = "`tacevo search` makes one, and prints its name"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord(Record):
@@ -140,7 +142,7 @@ class RunDirectory:
                 got if self.path.exists() else "a path that does not exist",
                 place=str(self.path),
                 expected="the directory of a run",
-                remedy="unpack a published run, and use its run/" if is_file else "",
+                remedy="unzip a published run, and name the directory in its run/" if is_file else _MAKES,
             ) from error
         remedy = "restore it, or delete it: the `tacevo search` command that began the run writes it again"
         return parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)

@@ -145,7 +145,13 @@ class SweepDirectory:
     def _read(self) -> _Sweep:
         path = self.path / "sweep.json"
         if not path.exists():
-            raise RunError("a directory without sweep.json", place=str(self.path), expected="the directory of a sweep")
+            is_run = (self.path / "run.json").exists()
+            raise RunError(
+                "one without sweep.json" if self.path.exists() else "a path that does not exist",
+                place=str(self.path),
+                expected="the directory of a sweep",
+                remedy="this is a run, which the other commands take" if is_run else "`tacevo search -m` makes one",
+            )
         remedy = "restore it, or delete it and repeat the `tacevo search -m` command that began the sweep"
         found = parse(_Sweep, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
         for job in found.jobs:

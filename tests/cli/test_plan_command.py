@@ -154,5 +154,5 @@ def test_wish_without_a_plan_leaves_no_earlier_one(folder: Path, capsys: pytest.
     assert main(["plan", "study", "run", "--effect", "0.9", "--comparisons", "1"]) == 0
     assert PLAN.exists()
     assert main(["plan", "study", "run", "--effect", "0.0001", "--comparisons", "1"]) == 1
-    assert "no plan" in capsys.readouterr().out
+    assert f"removed: {PLAN}, of an earlier wish\nno plan" in capsys.readouterr().out
     assert not PLAN.exists()

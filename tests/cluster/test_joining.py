@@ -1,6 +1,7 @@
 """What is asked of a node before it gets work, and how images come there; no Ray is started."""
 
 import pickle
+import socket
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ from refusals import refused
 
 from tacevo.choices import Confinement, Device, Numerics
 from tacevo.cluster import images as files
+from tacevo.cluster.address import check_address
 from tacevo.cluster.connection import import_ray, kept_environment
 from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
 from tacevo.cluster.images import Images
@@ -174,3 +176,31 @@ def test_images_are_made_where_that_is_quicker() -> None:
     assert not files.is_cheaper_to_make(large, 1)
     assert not files.is_cheaper_to_make(small, 1)
     assert not files.is_cheaper_to_make(replace(large, source=None), 1000)
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "host", "host:0", "host:99999", "ray://host:10001", "http://host:6379"]
+)
+def test_address_of_another_form_is_refused_at_once(address: str) -> None:
+    """Ray itself would wait for minutes, or ask for another of its packages."""
+    with refused(ConfigError, place="executor.address", got=address, expected="HOST:PORT"):
+        check_address(address)
+
+
+def test_address_where_nothing_listens_is_refused() -> None:
+    """A port that was just given back; one that listens is accepted, whatever it is."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+        check_address(address)
+    with refused(ConfigError, place="executor.address", got=address, remedy="ray start --head"):
+        check_means(compose(["executor=ray", f"executor.address={address}"]))
+
+
+def test_settings_of_a_cluster_and_of_a_gpu_need_one() -> None:
+    """Who forgets executor=ray would believe that the cluster is used."""
+    for setting, place in (
+        ("executor.address=head:6379", "executor.address"),
+        ("executor.per_gpu=2", "executor.per_gpu"),
+    ):
+        with refused(ConfigError, place=place):
+            compose([setting])

@@ -237,7 +237,7 @@ def test_directory_without_timings_has_no_spending(directory: RunDirectory) -> N
 def test_file_is_not_the_directory_of_a_run(tmp_path: Path) -> None:
     """A published run is not called damaged; the message says what to give instead."""
     (tmp_path / "run.zip").write_bytes(b"PK")
-    with refused(RunError, place="run.zip", got="a file", remedy="unpack a published run"):
+    with refused(RunError, place="run.zip", got="a file", remedy="unzip a published run"):
         RunDirectory(tmp_path / "run.zip").read_run()
 
 

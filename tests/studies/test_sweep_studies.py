@@ -162,7 +162,7 @@ def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
 ) -> None:
     """Recorded beside re-estimated, of the elites alone; where a job has none there is no table, and a note says so."""
     assert main(["noise", "sweep=sweep", "seeds=2", "store.root=cache"]) == 0
-    assert "compare: tacevo ablations sweep" in capsys.readouterr().out
+    assert "tacevo ablations sweep" in capsys.readouterr().out
     assert main(["ablations", "sweep", "--store", "cache", "-o", "all"]) == 0
     with Path("all/ablation_corrected_force.csv").open(encoding="utf-8", newline="") as file:
         (row,) = (row for row in csv.DictReader(file) if row["arm"] == "fixed_temperature")
