@@ -133,29 +133,35 @@ class _Watch:
         """Take one message of the child; return the verdict if it is the last."""
         match message.sort:
             case Sort.ready if self.measures is None:
-                if self._equips:
-                    if self._has_too_much_memory():  # the peak of what came before counts in every later check
-                        return self._out_of_memory()
-                    self._deadline = time.monotonic() + self._limits.seconds
-                    self._channel.send(message)
-                self.measures = message.read_header()
+                return self._begin(message)
             case Sort.frame:
                 self.frames.append(message)
             case Sort.done:
                 return {"ended": "finished"}
             case Sort.unprepared if not self._prepared:
                 return {"ended": "unprepared"}
-            case Sort.starved | Sort.raised if self.measures is not None:
-                reason = Reason.out_of_memory if message.sort is Sort.starved else Reason.crashed
-                return _died(reason, _last_words(message))
             case Sort.starved | Sort.raised:
-                return {
-                    "ended": "broken",
-                    "detail": f"a child could not be equipped or confined: {_last_words(message)}",
-                }
+                return self._failed(message)
             case _:
                 return _died(Reason.crashed, f"it sent a message of sort {message.sort.name}")
         return None
+
+    def _begin(self, ready: Message) -> dict[str, Json] | None:
+        """Note that the candidate runs from now on; return the verdict if what came before was over a limit."""
+        if self._equips:
+            if self._has_too_much_memory():  # the peak of what came before counts in every later check
+                return self._out_of_memory()
+            self._deadline = time.monotonic() + self._limits.seconds
+            self._channel.send(ready)
+        self.measures = ready.read_header()
+        return None
+
+    def _failed(self, message: Message) -> dict[str, Json]:
+        """Return the verdict on a child that raised, or was refused memory."""
+        if self.measures is None:
+            return {"ended": "broken", "detail": f"a child could not be equipped or confined: {_last_words(message)}"}
+        reason = Reason.out_of_memory if message.sort is Sort.starved else Reason.crashed
+        return _died(reason, _last_words(message))
 
     def _lost(self) -> dict[str, Json] | None:
         """Return the verdict on a child that closed its pipe before it was done; None while it is still exiting."""

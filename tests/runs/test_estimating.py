@@ -179,19 +179,14 @@ def test_cluster_is_so_many_machines_and_a_machine_is_one(overrides: Estimating)
 
 
 @pytest.mark.parametrize(
-    ("visible", "per_gpu", "workers", "together"), [("0,1", 2, 8, 4), ("0,1", 2, 3, 3), ("5", 1, 8, 1), ("", 4, 8, 1)]
+    ("visible", "per_gpu", "together"), [("0,1", 2, 4), ("0,1,2,3", 2, 6), ("5", 1, 1), ("", 4, 1)]
 )
 def test_workers_of_gpus_train_together_as_far_as_leases_allow(
-    visible: str,
-    per_gpu: int,
-    workers: int,
-    together: int,
-    overrides: Estimating,
-    monkeypatch: pytest.MonkeyPatch,
+    visible: str, per_gpu: int, together: int, overrides: Estimating, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A worker that waits for a GPU trains nothing; without a GPU the sandbox says so, and one is enough to hear it."""
+    """Of six; one that waits for a GPU trains nothing. Where there is none, one is enough to be told so."""
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
-    config = compose(overrides(f"executor.workers={workers}", f"executor.per_gpu={per_gpu}"))
+    config = compose(overrides("executor.workers=6", f"executor.per_gpu={per_gpu}"))
     on_gpu = replace(config, training=replace(config.training, device=Device.cuda))
     assert trainings_at_once(on_gpu) == together
 
