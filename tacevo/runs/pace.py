@@ -22,9 +22,8 @@ from tacevo.randomness import stream
 from tacevo.records import Kind, Mode, Rejection
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import source_of
-from tacevo.runs.wiring import Workbench
-from tacevo.sandbox.confinement import require
-from tacevo.training.numerics import check_machine
+from tacevo.runs.wiring import Workbench, check_means
+from tacevo.training.leases import visible_gpus
 
 #: How much longer than the baseline's a candidate's training takes, in the mean of 80 networks drawn from the two
 #: published searches, and how many generations these had. A shorter search is taken to have less of it (docs/scale.md).
@@ -41,7 +40,7 @@ _PER_PREDICTED = 8
 class Pace:
     """How fast a machine trains the baseline, with several trainings at once."""
 
-    #: Trainings: the workers of a search, but on a CPU no more than there are cores.
+    #: Trainings, as of `trainings_at_once`.
     at_once: int
     #: Trained on by all of them together, with the predictions of the validation images between.
     images_per_second: float
@@ -77,6 +76,13 @@ def trainings(config: RunConfig) -> int:
     return (1 + search.initial + search.generations * search.candidates) * config.training.seeds
 
 
+def trainings_at_once(config: RunConfig) -> int:
+    """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one."""
+    is_on_cpu = config.training.device is Device.cpu
+    places = len(os.sched_getaffinity(0)) if is_on_cpu else config.executor.per_gpu * len(visible_gpus())
+    return max(1, min(config.executor.workers, places))
+
+
 def training_images(config: RunConfig) -> int:
     """Return how many images the training split has, or nearly so where groups are kept together.
 
@@ -97,11 +103,10 @@ def measure(config: RunConfig) -> Pace:
         SandboxError: the sandbox is broken, or is not as strong as asked.
         RunError: the baseline does not train.
     """
-    require(config.sandbox.require)
-    check_machine(config.numerics.kind, config.training.device, config.training.gpu)
+    executor = replace(config.executor, kind=ExecutorKind.local, workers=trainings_at_once(config))
+    check_means(replace(config, executor=executor))
     load = os.getloadavg()[0] / (os.cpu_count() or 1)
     with tempfile.TemporaryDirectory() as folder:
-        executor = replace(config.executor, kind=ExecutorKind.local, workers=_at_once(config))
         here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder), executor=executor)
         task, data = load_task(here, facts_without_data(here)), noise(here, Path(folder))
         with Workbench(here, task, data.facts, Mode.live, data=data) as bench:
@@ -129,11 +134,6 @@ def measure(config: RunConfig) -> Pace:
         gate=judged,
         load=load,
     )
-
-
-def _at_once(config: RunConfig) -> int:
-    workers, cores = config.executor.workers, len(os.sched_getaffinity(0))
-    return min(workers, cores) if config.training.device is Device.cpu else workers
 
 
 def _timed(work: Callable[[], object]) -> float:

@@ -25,7 +25,8 @@ Send = Callable[[Json, bytes], None]
 Entry = Callable[[Header, bytes, Arrays, Send], object]
 
 #: Gets a device ready for a job, before its process is confined: `equip(header, payload, arrays)` returns the arrays
-#: that the entry gets. No code of the candidate has run then, so what it raises is the sandbox's failure, no verdict.
+#: that the entry gets. No code of the candidate has run then, so what it raises is the sandbox's failure, no verdict,
+#: as it is where it takes more time or memory than the job's limits allow. The candidate's own time begins afterwards.
 Equip = Callable[[Header, bytes, Arrays], Arrays]
 
 

@@ -195,7 +195,7 @@ class Sandbox:
                 zygote = self._submit(theirs, prepared)
             channel = Channel(ours)
             supervisor = _hand_over(channel, job, zygote)
-            return _await_answer(channel, limits, supervisor, self._notice)
+            return _await_answer(channel, limits, supervisor, self._notice, equips=self._equip is not None)
 
     def close(self) -> None:
         """End the zygotes and every job; calls to `run` that wait in other threads raise `SandboxError`."""
@@ -335,18 +335,27 @@ def _hand_over(channel: Channel, job: Message, zygote: Zygote) -> int:
 
 
 def _await_answer(
-    channel: Channel, limits: Limits, supervisor: int, notice: Notice | None
+    channel: Channel, limits: Limits, supervisor: int, notice: Notice | None, *, equips: bool
 ) -> Finished | Died | _Killed:
-    """Collect the frames and the verdict of one job."""
+    """Collect the frames and the verdict of one job; `equips` says whether its device is made ready first."""
     frames = []
+    longest = limits.seconds + _GRACE_SECONDS
+    is_candidates = not equips
     try:
-        message = channel.receive(time.monotonic() + limits.seconds + _GRACE_SECONDS)
+        message = channel.receive(time.monotonic() + longest)
+        if message.sort is Sort.ready:
+            is_candidates = True
+            message = channel.receive(time.monotonic() + longest)
         deadline = time.monotonic() + _TRANSFER_SECONDS
         while message.sort is Sort.frame:
             frames.append(message)
             message = channel.receive(deadline)
     except TimeoutError:
         end_tree(supervisor)
+        if not is_candidates:
+            raise SandboxError(
+                f"none after {longest:g} s", expected="a device that is ready for a job", remedy=_AGAIN
+            ) from None
         return Died(Reason.out_of_time, f"ran for more than {limits.seconds:g} s, and its supervisor was stopped")
     except (OSError, EOFError):
         return _Killed("its supervisor was killed")

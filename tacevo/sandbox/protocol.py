@@ -59,7 +59,8 @@ class Sort(IntEnum):
     job = 2
     #: Supervisor to search: its process id.
     hello = 3
-    #: Child to supervisor: it is confined and about to run the entry.
+    #: Child to supervisor: it is confined and about to run the entry. Passed on to the search where a device was made
+    #: ready first: the candidate's time begins.
     ready = 4
     #: Child to search, through the supervisor: part of the answer.
     frame = 5

@@ -66,7 +66,8 @@ def _serve(
         child.run(entry, job, message.payload, arrays, theirs, supervisor=supervisor, equip=equip)
     os.close(theirs)
     os.set_blocking(pipe, False)
-    watch = _Watch(pid, pipe, channel.stream.fileno(), Limits(**job["limits"]), prepared=job["prepared"])
+    limits = Limits(**job["limits"])
+    watch = _Watch(pid, pipe, channel, limits, prepared=job["prepared"], equips=equip is not None)
     verdict = watch.until_the_end()
     return [*watch.frames, Message.of(Sort.verdict, {**verdict, "measures": watch.measures})]
 
@@ -74,28 +75,31 @@ def _serve(
 class _Watch:
     """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
 
-    When the socket to the search closes, the search no longer waits. `prepared` is as in `child.run`.
+    When the channel to the search closes, the search no longer waits. `prepared` is as in `child.run`. Where the child
+    `equips` itself first, that has the limits too; the candidate's time begins afterwards, and the search is told so.
     """
 
-    def __init__(self, pid: int, pipe: int, search: int, limits: Limits, *, prepared: bool) -> None:
+    def __init__(self, pid: int, pipe: int, channel: Channel, limits: Limits, *, prepared: bool, equips: bool) -> None:
         self.frames: list[Message] = []
         #: What `confine` put in force; None until the child is confined. No code of the candidate runs before that.
         self.measures: Json = None
-        self._pid, self._pipe, self._search, self._limits, self._prepared = pid, pipe, search, limits, prepared
+        self._pid, self._pipe, self._channel, self._limits = pid, pipe, channel, limits
+        self._prepared, self._equips = prepared, equips
+        self._search = channel.stream.fileno()
         self._end = os.pidfd_open(pid)
         self._deadline = time.monotonic() + limits.seconds
         self._inherited_mib = memory(os.getpid()).anonymous
         self._files_mib: dict[int, float] = {}  # process id -> most memory of mapped files seen so far
         self._splitter = Splitter(CHILD)
         self._poll = select.poll()
-        for descriptor, event in ((pipe, select.POLLIN), (self._end, select.POLLIN), (search, select.POLLRDHUP)):
+        for descriptor, event in ((pipe, select.POLLIN), (self._end, select.POLLIN), (self._search, select.POLLRDHUP)):
             self._poll.register(descriptor, event)
 
     def until_the_end(self) -> dict[str, Json]:
         """Wait until the candidate is done, dead or over a limit; return the verdict."""
         while True:
             if time.monotonic() >= self._deadline:
-                return _died(Reason.out_of_time, f"ran for more than {self._limits.seconds:g} s")
+                return self._over(Reason.out_of_time, f"ran for more than {self._limits.seconds:g} s")
             if self._has_too_much_memory():
                 return self._out_of_memory()
             happened = {descriptor for descriptor, _ in self._poll.poll(_TICK * 1000)}
@@ -129,24 +133,35 @@ class _Watch:
         """Take one message of the child; return the verdict if it is the last."""
         match message.sort:
             case Sort.ready if self.measures is None:
-                self.measures = message.read_header()
+                return self._begin(message)
             case Sort.frame:
                 self.frames.append(message)
             case Sort.done:
                 return {"ended": "finished"}
             case Sort.unprepared if not self._prepared:
                 return {"ended": "unprepared"}
-            case Sort.starved | Sort.raised if self.measures is not None:
-                reason = Reason.out_of_memory if message.sort is Sort.starved else Reason.crashed
-                return _died(reason, _last_words(message))
             case Sort.starved | Sort.raised:
-                return {
-                    "ended": "broken",
-                    "detail": f"a child could not be equipped or confined: {_last_words(message)}",
-                }
+                return self._failed(message)
             case _:
                 return _died(Reason.crashed, f"it sent a message of sort {message.sort.name}")
         return None
+
+    def _begin(self, ready: Message) -> dict[str, Json] | None:
+        """Note that the candidate runs from now on; return the verdict if what came before was over a limit."""
+        if self._equips:
+            if self._has_too_much_memory():  # the peak of what came before counts in every later check
+                return self._out_of_memory()
+            self._deadline = time.monotonic() + self._limits.seconds
+            self._channel.send(ready)
+        self.measures = ready.read_header()
+        return None
+
+    def _failed(self, message: Message) -> dict[str, Json]:
+        """Return the verdict on a child that raised, or was refused memory."""
+        if self.measures is None:
+            return {"ended": "broken", "detail": f"a child could not be equipped or confined: {_last_words(message)}"}
+        reason = Reason.out_of_memory if message.sort is Sort.starved else Reason.crashed
+        return _died(reason, _last_words(message))
 
     def _lost(self) -> dict[str, Json] | None:
         """Return the verdict on a child that closed its pipe before it was done; None while it is still exiting."""
@@ -182,7 +197,13 @@ class _Watch:
         return max(seen.anonymous, seen.peak - self._files_mib[pid])
 
     def _out_of_memory(self) -> dict[str, Json]:
-        return _died(Reason.out_of_memory, f"used more than {self._limits.memory_mib} MiB of resident memory")
+        return self._over(Reason.out_of_memory, f"used more than {self._limits.memory_mib} MiB of resident memory")
+
+    def _over(self, reason: Reason, detail: str) -> dict[str, Json]:
+        """Return the verdict on a child over a limit: on the candidate, unless its device was still made ready."""
+        if self._equips and self.measures is None:
+            return {"ended": "broken", "detail": f"what makes a device ready {detail}"}
+        return _died(reason, detail)
 
 
 def _last_words(message: Message) -> str:

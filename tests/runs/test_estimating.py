@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from tacevo.choices import ExecutorKind, SplitRule
+from tacevo.choices import Device, ExecutorKind, SplitRule
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
@@ -19,7 +19,7 @@ from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError, TacevoError
 from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.runs.estimate import describe_estimate, estimate
-from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings
+from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings, trainings_at_once
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import plan_initial
@@ -176,6 +176,19 @@ def test_cluster_is_so_many_machines_and_a_machine_is_one(overrides: Estimating)
     assert paced(config).seconds(elsewhere, 480) == pytest.approx(here / 32)
     assert "executor.workers=64 on machines like this one" in described(elsewhere)
     assert "executor.workers=64 on this machine" in described(config)
+
+
+@pytest.mark.parametrize(
+    ("visible", "per_gpu", "together"), [("0,1", 2, 4), ("0,1,2,3", 2, 6), ("5", 1, 1), ("", 4, 1)]
+)
+def test_workers_of_gpus_train_together_as_far_as_leases_allow(
+    visible: str, per_gpu: int, together: int, overrides: Estimating, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of six; one that waits for a GPU trains nothing. Where there is none, one is enough to be told so."""
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
+    config = compose(overrides("executor.workers=6", f"executor.per_gpu={per_gpu}"))
+    on_gpu = replace(config, training=replace(config.training, device=Device.cuda))
+    assert trainings_at_once(on_gpu) == together
 
 
 def test_busy_machine_is_told(overrides: Estimating) -> None:
