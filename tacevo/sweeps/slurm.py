@@ -71,7 +71,8 @@ class SearchJob(Checkpointable):
         try:
             keep_ending(directory, job, search.wait())
         except UncompletedJobError:  # out of submitit's signal handler
-            directory.fail(job, "out of time (hydra.launcher.timeout_min); the same command resumes it")
+            reason = "out of time (hydra.launcher.timeout_min); the same command resumes it"
+            directory.fail(job, reason, by_scheduler=True)
         finally:
             stop([search])
 
@@ -115,7 +116,7 @@ def launch_on_cluster(
             for number, reason in over.items():
                 job = of_task[number]
                 if reason and status_of(directory, job).standing not in {Standing.finished, Standing.running}:
-                    directory.fail(job, reason)
+                    directory.fail(job, reason, by_scheduler=True)
                 show(job)
     finally:
         _cancel(tasks, ended)
