@@ -172,7 +172,8 @@ def compare_arms(
     """
     longest = max(len(one.best) for one in outcomes)
     outcomes = [_lasting(one, longest) for one in outcomes]
-    names = sorted(dict.fromkeys(one.arm for one in (*outcomes, *failed)), key=lambda name: name != wanted)
+    begun = dict.fromkeys([*(one.arm for one in outcomes), *(job.arm for job in failed)])
+    names = sorted(begun, key=lambda name: name != wanted)
     reference = wanted if any(one.arm == wanted for one in outcomes) else None
     lost = {metric: _lost(metric, outcomes, failed) for metric in Metric}
     summaries = {
