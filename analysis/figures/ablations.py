@@ -71,7 +71,8 @@ def curves(found: Ablation) -> Figure:
     drawn = (_best(found.outcomes), _of_archive(found.outcomes, "qd_score"), _of_archive(found.outcomes, "coverage"))
     for axes, values in zip(panels, drawn, strict=True):
         for name, look in _looks(found).items():
-            _band(axes, values[name], look, name)
+            if name in values:  # some job of it was finished
+                _band(axes, values[name], look, name)
         count_along(axes, "generation")
     on_loss_axis(panels[0], [value for one in found.outcomes for value in one.best])
     for axes, metric in zip(panels, (Metric.best_fitness, Metric.qd_score, Metric.coverage), strict=True):

@@ -129,7 +129,7 @@ def effects_of_constant(value: float, y: ArrayLike) -> Effects:
     half = z * math.sqrt(part * (1 - part) / n + z**2 / (4 * n**2)) / (1 + z**2 / n)
     middle = median(sample)
     return _effects(
-        Interval(estimate=rounded(part), low=rounded(centre - half), high=rounded(centre + half)),
+        Interval(estimate=rounded(part), low=rounded(max(0.0, centre - half)), high=rounded(min(1.0, centre + half))),
         Interval(
             estimate=rounded(value - middle.estimate),
             low=rounded(value - middle.high),

@@ -112,6 +112,7 @@ class Arm:
     """One arm of a sweep."""
 
     name: str
+    #: Of its outcomes; none where all its jobs failed.
     seeds: tuple[int, ...]
     metrics: Mapping[Metric, Summary]
 
@@ -171,14 +172,17 @@ def compare_arms(
     """
     longest = max(len(one.best) for one in outcomes)
     outcomes = [_lasting(one, longest) for one in outcomes]
-    names = sorted(dict.fromkeys(one.arm for one in outcomes), key=lambda name: name != wanted)
+    begun = dict.fromkeys([*(one.arm for one in outcomes), *(job.arm for job in failed)])
+    names = sorted(begun, key=lambda name: name != wanted)
+    reference = wanted if any(one.arm == wanted for one in outcomes) else None
     lost = {metric: _lost(metric, outcomes, failed) for metric in Metric}
     summaries = {
-        metric: _summaries(metric, names, outcomes, reference=wanted, lost=lost[metric], seed=seed) for metric in Metric
+        metric: _summaries(metric, names, outcomes, reference=reference, lost=lost[metric], seed=seed)
+        for metric in Metric
     }
     tests = frozenset(TESTS.values())
     return Ablation(
-        reference=wanted if wanted in names else None,
+        reference=reference,
         wanted=wanted,
         primary=primary,
         metrics=tuple(
@@ -275,14 +279,14 @@ def _summaries(
     names: Sequence[str],
     outcomes: Sequence[Outcome],
     *,
-    reference: str,
+    reference: str | None,
     lost: Sequence[tuple[str, int]],
     seed: int,
 ) -> dict[str, Summary]:
     """Summarise all arms in one metric; the jobs that were lost count in the contrasts only."""
     samples = {name: _known(metric, name, outcomes) for name in names}
     contrasts: dict[str, Contrast] = {}
-    if reference in samples:
+    if reference is not None:
         same = {name: _same_runs(name, outcomes, reference) for name in names if name != reference}
         runs = Counter(arm for arm, _ in {*((one.arm, one.seed) for one in outcomes), *lost})
         whole = _with_lost(metric, samples, lost)

@@ -32,7 +32,8 @@ class Missing:
     job: Job
     #: In words, e.g. `not begun`.
     reason: str
-    #: Whether it was tried and failed: its search, or, of a job without a test score, a training of its network.
+    #: Whether it was tried and failed by itself: its search, or, of a job without a test score, a training of its
+    #: network; not where the scheduler ended it.
     has_failed: bool = False
 
 
@@ -106,10 +107,13 @@ def _absence(directory: SweepDirectory, job: Job) -> Missing | None:
     run = directory.run(job)
     if finished_digest(run) is not None:
         return None
+    begun = "not finished" if (run.path / "run.json").exists() else "not begun"
     failure = directory.failure(job)
-    if failure is not None:
-        return Missing(job=job, reason=f"failed: {failure}", has_failed=True)
-    return Missing(job=job, reason="not finished" if (run.path / "run.json").exists() else "not begun")
+    if failure is None or run.is_busy:  # the same command repeats a job that failed
+        return Missing(job=job, reason=begun)
+    if failure.by_scheduler:
+        return Missing(job=job, reason=f"{begun}: {failure.reason}")
+    return Missing(job=job, reason=f"failed: {failure.reason}", has_failed=True)
 
 
 def _load(directory: SweepDirectory, job: Job) -> Finished:

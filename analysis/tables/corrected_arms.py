@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from analysis.statistics.effects import median
-from analysis.studies.corrected import ArchiveFigures, Corrected
+from analysis.studies.corrected import Corrected
 from analysis.sweeps.sweep import Sweep
 from analysis.table import Between, Cell, Percent, PercentBetween, Table
 
@@ -37,8 +37,7 @@ def corrected_arms_table(sweep: Sweep, arms: Sequence[str], corrected: Mapping[s
 
 
 def _row(arm: str, jobs: Sequence[Corrected]) -> tuple[Cell, ...]:
-    pairs = [(one.recorded, one.reestimated) for one in jobs]
-    sides: list[list[ArchiveFigures]] = [list(side) for side in zip(*pairs, strict=True)]
+    sides = [one.recorded for one in jobs], [one.reestimated for one in jobs]
     return (
         arm,
         len(jobs),

@@ -157,8 +157,8 @@ def _check_finished(directory: SweepDirectory) -> None:
     unfinished = []
     for job in directory.read()[1]:
         if finished_digest(directory.run(job)) is None:
-            reason = directory.failure(job)
-            unfinished.append(job.name if reason is None else f"{job.name} (failed: {reason})")
+            failure = directory.failure(job)
+            unfinished.append(job.name if failure is None else f"{job.name} (failed: {failure.reason})")
     if unfinished:
         raise RunError(
             f"some are not finished: {', '.join(unfinished)}",

@@ -84,11 +84,14 @@ class _Sweep(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Failure(Record):
-    """What failed/NAME.json holds."""
+class Failure(Record):
+    """Why a job failed when it last ran; what failed/NAME.json holds."""
 
     job: str
+    #: In words.
     reason: str
+    #: Whether the scheduler ended the job, or lost its node; otherwise its search failed, which is a result of its arm.
+    by_scheduler: bool = False
 
 
 class SweepDirectory:
@@ -159,23 +162,24 @@ class SweepDirectory:
                 raise RunError(repr(job.name), place=f"{path}, jobs", expected="the name of a directory", remedy=remedy)
         return found
 
-    def fail(self, job: Job, reason: str) -> None:
+    def fail(self, job: Job, reason: str, *, by_scheduler: bool = False) -> None:
         """Keep why a job failed."""
-        write_durably(self._failure(job), readable(asdict(_Failure(job=job.name, reason=reason))))
+        failure = Failure(job=job.name, reason=reason, by_scheduler=by_scheduler)
+        write_durably(self._failure(job), readable(asdict(failure)))
 
     def succeed(self, job: Job) -> None:
         """Forget the reason of an earlier failure."""
         self._failure(job).unlink(missing_ok=True)
 
-    def failure(self, job: Job) -> str | None:
+    def failure(self, job: Job) -> Failure | None:
         """Read why a job failed when it last ran; None if it did not fail."""
         path = self._failure(job)
         if not path.exists():
             return None
         try:
-            return parse(_Failure, path.read_bytes(), place=str(path), error=RunError).reason
+            return parse(Failure, path.read_bytes(), place=str(path), error=RunError)
         except RunError as error:
-            return str(error)
+            return Failure(job=job.name, reason=str(error))
 
     def _failure(self, job: Job) -> Path:
         return self.path / "failed" / f"{job.name}.json"

@@ -71,7 +71,8 @@ class SearchJob(Checkpointable):
         try:
             keep_ending(directory, job, search.wait())
         except UncompletedJobError:  # out of submitit's signal handler
-            directory.fail(job, "out of time (hydra.launcher.timeout_min); the same command resumes it")
+            reason = "out of time (hydra.launcher.timeout_min); the same command resumes it"
+            directory.fail(job, reason, by_scheduler=True)
         finally:
             stop([search])
 
@@ -101,24 +102,24 @@ def launch_on_cluster(
 ) -> None:
     """Submit jobs, and wait until the cluster is done with them; as `tacevo.sweeps.launch.launch`."""
     executor = executor_of(cluster, options, directory.launch / "submitit")
-    try:
-        with _without_secrets():
-            search = SearchJob()  # type: ignore[no-untyped-call]  # submitit's
-            tasks = executor.map_array(search, [directory.path] * len(jobs), [job.name for job in jobs])
-    except Exception as error:  # submitit's, the scheduler's or the file system's
-        raise RunError(in_short(error), place=cluster, expected="the cluster to take the jobs") from error
+    search = SearchJob()  # type: ignore[no-untyped-call]  # submitit's
     ended = _ended_on_slurm if _EXECUTORS[cluster] == "slurm" else _ended_here
-    running = {task.job_id: (job, task) for job, task in zip(jobs, tasks, strict=True)}
+    tasks: list[_Task] = []
     try:
-        while running:
+        with _submitting(cluster):
+            tasks += executor.map_array(search, [directory.path] * len(jobs), [job.name for job in jobs])
+        of_task = {task.job_id: job for job, task in zip(jobs, tasks, strict=True)}
+        while tasks:
             time.sleep(_TICK)
-            for number, reason in ended([task for _, task in running.values()]).items():
-                job, _ = running.pop(number)
+            over = ended(tasks)
+            tasks = [task for task in tasks if task.job_id not in over]
+            for number, reason in over.items():
+                job = of_task[number]
                 if reason and status_of(directory, job).standing not in {Standing.finished, Standing.running}:
-                    directory.fail(job, reason)
+                    directory.fail(job, reason, by_scheduler=True)
                 show(job)
     finally:
-        _cancel([task for _, task in running.values()], ended)
+        _cancel(tasks, ended)
 
 
 def _cancel(tasks: Sequence[_Task], ended: Callable[[Collection[_Task]], Mapping[str, str]]) -> None:
@@ -158,11 +159,17 @@ def _last_line(log: Path) -> str:
 
 
 @contextlib.contextmanager
-def _without_secrets() -> Iterator[None]:
-    """Hide passwords and keys: a scheduler keeps the environment of who submits a job on the controller's disk."""
+def _submitting(cluster: str) -> Iterator[None]:
+    """Hide passwords and keys: a scheduler keeps the environment of who submits a job on the controller's disk.
+
+    Raises:
+        RunError: the cluster did not take the jobs.
+    """
     hidden = {name: os.environ.pop(name) for name in secret_variables(os.environ)}
     try:
         yield
+    except Exception as error:  # submitit's, the scheduler's or the file system's
+        raise RunError(in_short(error), place=cluster, expected="the cluster to take the jobs") from error
     finally:
         os.environ.update(hidden)
 

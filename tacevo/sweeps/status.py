@@ -51,16 +51,16 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
         digest = _digest(run, job, lines)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))
-    reason = directory.failure(job)
+    reason = ""
     if digest:
-        standing, reason = Standing.finished, None
+        standing = Standing.finished
     elif run.is_busy:
-        standing, reason = Standing.running, None
-    elif reason is not None:
-        standing = Standing.failed
+        standing = Standing.running
+    elif (failure := directory.failure(job)) is not None:
+        standing, reason = Standing.failed, failure.reason
     else:
         standing = Standing.stopped if lines else Standing.waiting
-    return Status(job=job, standing=standing, lines=len(lines), best=best, digest=digest, reason=reason or "")
+    return Status(job=job, standing=standing, lines=len(lines), best=best, digest=digest, reason=reason)
 
 
 def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:

@@ -289,6 +289,18 @@ def test_job_that_failed_counts_as_worse_than_any_other() -> None:
     assert (summary.median, summary.values) == (0.42, {0: 0.40, 1: 0.42, 2: 0.44})
 
 
+def test_arm_that_lost_every_job_is_not_the_better_for_it() -> None:
+    """It is last in rank, has no median, and counts in the family; a reference without a run compares with nothing."""
+    lost = [failed_job("a", seed) for seed in range(5)]
+    found = compare_arms(outcomes({"none": NONE, "b": BETTER}), failed=lost)
+    assert [(arm.name, len(arm.seeds)) for arm in found.arms] == [("none", 5), ("b", 5), ("a", 0)]
+    assert found.arms[2].metrics[Metric.best_fitness].median is None
+    assert mann_whitney_of(found).p == mann_whitney([9] * 5, [1, 2, 3, 4, 5]).p
+    assert contrast(found, "a").paired.worse == 5
+    assert contrast(found, "b").p_holm == pytest.approx(2 * 2 / 252)
+    assert compare_arms(outcomes({"none": NONE}), wanted="a", failed=lost).reference is None
+
+
 def test_reference_that_lost_jobs_is_not_flattered_either() -> None:
     """They count against it."""
     some: dict[str, Sequence[float] | Mapping[int, float]] = {"none": {0: 0.50, 1: 0.52}, "a": [0.51, 0.53, 0.54]}

@@ -9,7 +9,8 @@ from test_ablation_tables import NONE, WORSE, compared, jobs_of
 
 from analysis.figures.ablations import curves, final_values
 from analysis.figures.style import BLACK
-from analysis.sweeps.ablation import Ablation
+from analysis.sweeps.ablation import Ablation, compare_arms
+from tacevo.storage.sweep_directory import Job
 
 _, FOUND = compared(*jobs_of("none", NONE), *jobs_of("worse", WORSE))
 
@@ -85,6 +86,18 @@ def test_single_seed_is_drawn() -> None:
     assert heights(curves(one).axes[0], "none") == pytest.approx([0.8, 0.4])
     points = [line for line in final_values(one).axes[0].lines if line.get_marker() == "o"]
     assert [float(y) for line in points for y in np.asarray(line.get_ydata())] == [0]
+
+
+def test_arm_that_lost_every_job_has_an_empty_row_and_no_curve() -> None:
+    """Its failures are in the tables; the others are drawn as without it."""
+    lost = Job(name="lost-seed0", arm="lost", seed=0, overrides=(), config="")
+    found = compare_arms(FOUND.outcomes, failed=[lost])
+    assert [line.get_label() for line in curves(found).axes[0].lines] == ["none", "worse"]
+    axes = final_values(found).axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse", "lost"]
+    ends = [place for line in axes.lines for place in np.asarray(line.get_xydata()) if np.isfinite(place).all()]
+    assert any(0.5 < y < 1.5 for _, y in ends)
+    assert not any(1.5 < y < 2.5 for _, y in ends)
 
 
 @pytest.mark.parametrize("found", [FOUND, many(12)], ids=["two", "thirteen"])

@@ -18,9 +18,11 @@ from analysis.report.sweep_collection import collect_sweep
 from analysis.rounding import shown
 from analysis.runs.niches import Niches
 from analysis.runs.run import Run
+from analysis.sweeps.ablation import compare_arms
 from analysis.tables.dynamics import reestimated
 from tacevo.search.archive import AddStatus, find_centroids
 from tacevo.search.lines import ReevaluationLine
+from tacevo.storage.sweep_directory import Job
 
 #: Of a run by hand, which has four niches.
 NICHES = Niches(
@@ -207,6 +209,15 @@ def test_arms_are_those_of_the_tables(swept: Path) -> None:
             assert (np.array(band.low, dtype=float) <= middle).all()
             assert (middle <= np.array(band.high, dtype=float)).all()
         assert {seed for seed, _ in arm.ends["best fitness"]} == {seed for seed, _ in arm.ends["coverage"]}
+
+
+def test_arm_that_lost_every_job_is_in_the_tables_and_draws_nothing(swept: Path) -> None:
+    """Without a run there is no band and no end."""
+    whole = collect_sweep(swept / "sweep", swept / "cache")
+    lost = Job(name="lost-seed0", arm="lost", seed=0, overrides=(), config="")
+    shown = sweep_contents(replace(whole, found=compare_arms(whole.found.outcomes, failed=[lost])))
+    assert "lost" not in {arm.name for arm in shown.arms}
+    assert "lost" in {row[0] for row in shown.tables[0].rows}
 
 
 def test_improved_elite_takes_the_niche_of_the_old_one() -> None:

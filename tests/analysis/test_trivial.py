@@ -67,6 +67,14 @@ def test_constant_that_ties_counts_a_half() -> None:
         effects_of_constant(3, [1, np.nan])
 
 
+@pytest.mark.parametrize("n", [21, 22, 36, 42, 51, 59])
+def test_interval_of_a_constant_stays_among_chances(n: int) -> None:
+    """Where Wilson's end is 0 or 1, the subtraction leaves a last bit beyond it for these sizes."""
+    below, above = effects_of_constant(0, range(1, n + 1)), effects_of_constant(n + 1, range(1, n + 1))
+    assert (below.a12.low, below.cliffs_delta.low) == (0, -1)
+    assert (above.a12.high, above.cliffs_delta.high) == (1, 1)
+
+
 def test_mean_is_scikit_learns_dummy() -> None:
     """Of three outputs with variances of their own, from scores of predictions that have nothing to do with it."""
     rng = np.random.default_rng(0)

@@ -121,6 +121,22 @@ def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str])
     assert not (sweep / "ablations").exists()
 
 
+def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nor is one that failed and runs again: the arm with the slower networks would lose by the partition's limit."""
+    directory = SweepDirectory(sweep)
+    edit_run(sweep, "no_prompt_archive-seed0", digest=None)
+    shutil.rmtree(sweep / "no_prompt_archive-seed1")
+    directory.fail(JOBS[2], "no answer came")
+    directory.fail(JOBS[3], "Slurm: NODE_FAIL", by_scheduler=True)
+    with directory.run(JOBS[2]).locked():
+        assert main(["ablations", "sweep", "-o", "out"]) == 0
+    assert capsys.readouterr().err.splitlines() == [
+        "missing: no_prompt_archive-seed0: not finished",
+        "missing: no_prompt_archive-seed1: not begun: Slurm: NODE_FAIL",
+    ]
+    assert "Failed" not in Path("out/ablation_best_fitness_force.md").read_text()
+
+
 def test_sweep_without_a_finished_job_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """There is nothing to compare, and nothing is written."""
     for job in JOBS:

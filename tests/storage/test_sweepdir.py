@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Failure, Job, SweepDirectory
 
 JOBS = (
     Job(name="none-seed0", arm="none", seed=0, overrides=("ablation=none", "seed=0"), config="a" * 64),
@@ -59,11 +59,19 @@ def test_failure_is_kept_until_the_job_succeeds(tmp_path: Path) -> None:
     directory = SweepDirectory(tmp_path)
 
     assert directory.failure(JOBS[0]) is None
-    directory.fail(JOBS[0], "the disk is full")
-    assert directory.failure(JOBS[0]) == "the disk is full"
+    directory.fail(JOBS[0], "the node is gone", by_scheduler=True)
+    assert directory.failure(JOBS[0]) == Failure(job="none-seed0", reason="the node is gone", by_scheduler=True)
     assert directory.failure(JOBS[1]) is None
     directory.succeed(JOBS[0])
     assert directory.failure(JOBS[0]) is None
+
+
+def test_failure_of_an_early_sweep_is_that_of_its_search(tmp_path: Path) -> None:
+    """It does not say whose it was, and counts as it did."""
+    (tmp_path / "failed").mkdir()
+    (tmp_path / "failed" / "none-seed0.json").write_text('{"job": "none-seed0", "reason": "the disk is full"}')
+    failure = SweepDirectory(tmp_path).failure(JOBS[0])
+    assert failure == Failure(job="none-seed0", reason="the disk is full", by_scheduler=False)
 
 
 def test_reason_that_cannot_be_read_is_one_all_the_same(tmp_path: Path) -> None:

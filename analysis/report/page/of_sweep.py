@@ -28,6 +28,7 @@ def sweep_contents(found: SweepCollection) -> SweepContents:
                 },
             )
             for arm in found.found.arms
+            if arm.seeds
         ),
         tables=tuple(map(table_contents, sweep_tables(found))),
     )
