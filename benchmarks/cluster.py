@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from typing_extensions import override
+
 from benchmarks.synthetic import made_up, profile_of_baseline, synthetic_dataset, synthetic_setting
 from tacevo.cluster.cluster import Cluster
 from tacevo.cluster.facts import Order
@@ -84,6 +86,7 @@ class Span:
 class Crowded(Cluster):
     """A cluster whose slots have no process of their own, of which a machine could not hold hundreds (78 MiB each)."""
 
+    @override
     def _submit(self, flight: Any) -> Any:
         (node,) = self._members.values()
         return node.process.run.remote(flight.job)

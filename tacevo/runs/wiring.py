@@ -153,7 +153,7 @@ def check_means(config: RunConfig) -> None:
             require(config.sandbox.require)
             check_machine(config.numerics.kind, config.training.device, config.training.gpu)
         case ExecutorKind.ray:
-            import_ray()
+            import_ray(config.executor.address)
 
 
 @dataclass(eq=False)
