@@ -156,8 +156,8 @@ def test_ray_that_a_search_starts_holds_no_key_and_lets_no_stranger_in(
                     said = {"stranger": asked(head, None), "friend": asked(head, token.decode())}
         time.sleep(0.05)
     assert finish(searching) == whole_search[1]
-    assert "session_name" in said["friend"]
-    assert "session_name" not in said["stranger"]
+    assert "CLUSTER_METADATA" in said["friend"]
+    assert "CLUSTER_METADATA" not in said["stranger"]
     assert "oken" in said["stranger"]
     commands = " ".join(command for command, _ in seen)
     assert "raylet" in commands
