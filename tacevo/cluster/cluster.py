@@ -168,7 +168,7 @@ class Cluster:
         self._finish(SandboxError("the cluster was left while a candidate ran", remedy=_AGAIN))
         self._stop.set()
         for duty in self._duties:
-            if duty.is_alive():
+            if duty.is_alive() and not self._is_lost:  # without its head Ray answers no thread, and ends this process
                 duty.join(_GOODBYE)
         with self._lock:
             processes = [node.process for node in self._members.values()]
