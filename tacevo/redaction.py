@@ -12,7 +12,9 @@ _PATH_SCHEMES = frozenset({"sqlite", "file"})
 _SECRET_NAMES = ("passw", "pwd", "secret", "token")
 
 #: What a variable of the environment is called that holds a secret.
-_SECRET_VARIABLE = re.compile(r"(^|_)(API)?(KEYS?|TOKEN|SECRET|CREDENTIALS?)(_|$)|PASSW", re.IGNORECASE)
+_SECRET_VARIABLE = re.compile(
+    r"(^|_)((API)?KEYS?|(API)?TOKENS?|SECRETS?|CREDENTIALS?|PAT|PASS)(_|$)|_PWD$|PASSW|PASSPHRASE", re.IGNORECASE
+)
 
 
 def is_secret_variable(name: str) -> bool:

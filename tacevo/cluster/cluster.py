@@ -11,6 +11,7 @@ import pickle
 import socket
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, InvalidStateError
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from tacevo.choices import Confinement
-from tacevo.cluster.connection import connect, leave
+from tacevo.cluster.connection import connect, is_guarded, leave
 from tacevo.cluster.facts import Order
 from tacevo.cluster.images import Images
 from tacevo.cluster.members import Described, Member, join, works
@@ -40,6 +41,12 @@ _TICK = 2.0
 
 #: Ray's own setting: seconds after which it ends a process that does not reach the head; 60 unless set.
 _PATIENCE_OF_RAY = "RAY_gcs_rpc_server_reconnect_timeout_s"
+
+#: How often a node is looked at that Ray lost while it joined.
+_TRIES = 3
+
+#: Seconds that a node which joins may still take when the cluster is closed.
+_GOODBYE = 5.0
 
 _AGAIN = "run the same command again"
 
@@ -97,13 +104,19 @@ class Cluster:
         self._lock = threading.Lock()
         self._flights: set[_Flight] = set()
         self._members: dict[str, Member] = {}
-        #: Nodes that were looked at, refused ones too.
-        self._known: set[str] = set()
+        #: How often each node was looked at.
+        self._tries: Counter[str] = Counter()
         #: Why no further job can run.
         self._end: SandboxError | None = None
         self._stop = threading.Event()
         self._is_lost = False
+        self._duties = [
+            threading.Thread(target=duty, name="cluster", daemon=True)
+            for duty in (self._watch, self._receive, self._listen)
+        ]
         self._ray = ray = connect(address, workers)
+        if not is_guarded():
+            self._tell("warning: the cluster asks for no token; whoever reaches it runs code there (docs/cluster.md)")
         again = [ray.exceptions.RayActorError, SandboxError]
         self._task = ray.remote(max_retries=_RETRIES, retry_exceptions=again)(run_job)
         self._head: str = ray.get_runtime_context().gcs_address
@@ -115,8 +128,8 @@ class Cluster:
         except BaseException:
             self.close()
             raise
-        for duty in (self._watch, self._listen):
-            threading.Thread(target=duty, name="cluster", daemon=True).start()
+        for duty in self._duties:
+            duty.start()
 
     def __enter__(self) -> Self:
         return self
@@ -135,12 +148,12 @@ class Cluster:
         if isinstance(header, Mapping) and "device" in header:
             needs["GPU"] = gpu_share(self._order.device, self._order.per_gpu)
         flight = _Flight(job=pickle.dumps((entry, header, payload, limits)), needs=needs)
-        with self._lock:
-            if self._end is not None:
-                raise self._end
-            self._flights.add(flight)
-            self._launch(flight)
         try:
+            with self._lock:
+                if self._end is not None:
+                    raise self._end
+                self._flights.add(flight)
+                self._launch(flight)
             answer, walls = pickle.loads(flight.landed.result())
         finally:
             with self._lock:
@@ -154,7 +167,12 @@ class Cluster:
         """End every job and every process of this run; calls to `run` that wait raise `SandboxError`."""
         self._finish(SandboxError("the cluster was left while a candidate ran", remedy=_AGAIN))
         self._stop.set()
-        leave(self._ray, [node.process for node in self._members.values()], is_lost=self._is_lost)
+        for duty in self._duties:
+            if duty.is_alive() and not self._is_lost:  # without its head Ray answers no thread, and ends this process
+                duty.join(_GOODBYE)
+        with self._lock:
+            processes = [node.process for node in self._members.values()]
+        leave(self._ray, processes, is_lost=self._is_lost)
 
     def _finish(self, error: SandboxError) -> None:
         """Let this error end all jobs, those to come too; an earlier one stays."""
@@ -172,8 +190,11 @@ class Cluster:
             _land(flight, error=self._no_room(flight))
             return
         flight.nodes = nodes
-        flight.ref = self._submit(flight)
-        flight.ref.future().add_done_callback(partial(self._take, flight, flight.ref))
+        try:
+            flight.ref = self._submit(flight)
+            flight.ref.future().add_done_callback(partial(self._take, flight, flight.ref))
+        except Exception as error:  # Ray's or gRPC's
+            _land(flight, error=self._translated(error))
 
     def _submit(self, flight: _Flight) -> Any:
         """Make a job a task of Ray; return Ray's name for its answer."""
@@ -221,13 +242,20 @@ class Cluster:
         )
 
     def _welcome(self, nodes: Sequence[Described]) -> list[SandboxError]:
-        """Let nodes join that were not looked at before; return why those are refused that are."""
-        new = [node for node in nodes if works(node) and node["NodeID"] not in self._known]
-        self._known |= {node["NodeID"] for node in new}
+        """Let nodes join that are new, or that were lost while they joined; return why others are refused."""
+        new = [
+            node
+            for node in nodes
+            if works(node) and self._tries[node["NodeID"]] < _TRIES and node["NodeID"] not in self._members
+        ]
+        if not new:
+            return []
+        self._tries.update(node["NodeID"] for node in new)
         joined, refused = join(self._ray, new, self._process, self._order, self._images)
         with self._lock:
             self._members.update(joined)
-        return refused
+        self._tries.update({refusal.node: _TRIES for refusal in refused if refusal.is_final})
+        return [refusal.error for refusal in refused]
 
     def _introduce(self, refused: Sequence[SandboxError], workers: int) -> None:
         """Say what the cluster is, how well it confines, and what of it is not used."""
@@ -248,6 +276,13 @@ class Cluster:
         while not self._stop.wait(_TICK):
             with contextlib.suppress(Exception):  # the head is gone, or the cluster is being closed
                 self._look_after(self._ray.nodes())
+
+    def _receive(self) -> None:
+        """Let nodes join; a thread of its own, for one may take long."""
+        while not self._stop.wait(_TICK):
+            with contextlib.suppress(Exception):  # as in `_watch`
+                for error in self._welcome(self._ray.nodes()):
+                    self._tell(f"a node is refused: {error}")
 
     def _listen(self) -> None:
         """End all jobs when the head has been silent for too long; a thread of its own, for Ray waits for the head."""
@@ -272,14 +307,12 @@ class Cluster:
         return True
 
     def _look_after(self, nodes: Sequence[Described]) -> None:
-        """Take out nodes that are gone, let new ones join, and hand jobs that were meant for the former to others."""
+        """Take out nodes that are gone, and hand jobs that were meant for them to others."""
         alive = {node["NodeID"] for node in nodes if node["Alive"]}
         with self._lock:
             gone = [self._members.pop(name) for name in self._members.keys() - alive]
         for node in gone:
             self._tell(f"{node.name} is gone; its jobs run again on others")
-        for error in self._welcome(nodes):
-            self._tell(f"a node is refused: {error}")
         with self._lock:
             stranded = [flight for flight in self._flights if flight.nodes.isdisjoint(self._members)]
             for flight in stranded:

@@ -4,13 +4,16 @@ import contextlib
 import logging
 import os
 import re
+import secrets
 import signal
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from tacevo.cluster.facts import TOKEN, keys_here
 from tacevo.errors import ConfigError
+from tacevo.sandbox.protocol import describe
 
-#: What a Ray that we start inherits, by name: nothing that could hold a key.
+#: What a Ray that we start inherits, by name, unless it holds a key.
 _KEPT = re.compile(
     r"PATH|HOME|USER|LOGNAME|SHELL|LANG|LC_\w+|TZ|TMPDIR|LD_LIBRARY_PATH|VIRTUAL_ENV|XDG_\w+"
     r"|(PYTHON|CUDA|NVIDIA|RAY|TACEVO)_?\w*"
@@ -19,25 +22,29 @@ _KEPT = re.compile(
 #: Bytes of the object store of a Ray that we start; what does not fit goes to its disk.
 _STORE = 256 * 2**20
 
-#: No figures to Ray's makers, no notice about GPUs, no log on the terminal, and patience on a busy machine; a user's
-#: own settings stay.
+#: No figures to Ray's makers, no notice about GPUs, patience on a busy machine, and no second Ray that a late call
+#: starts; a user's own settings stay.
 _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0",
     "RAY_raylet_start_wait_time_s": "120",
+    "RAY_ENABLE_AUTO_CONNECT": "0",
 }
 
+#: How a user of a cluster is known to it. Without a token, whoever reaches a port of Ray runs code as its user.
+_MODE = "RAY_AUTH_MODE"
 
 _WRITES = "see that TMPDIR, where Ray writes, has room and a short name"
 
 
-def import_ray() -> Any:
-    """Return the module `ray`.
+def import_ray(address: str | None) -> Any:
+    """Return the module `ray`; a cluster that is started here, without an address, has a token of its own.
 
     Raises:
         ConfigError: it is not installed.
     """
-    for name, value in _SETTINGS.items():
+    guard = {_MODE: "token", TOKEN: secrets.token_hex(32)} if address is None else {}
+    for name, value in {**_SETTINGS, **guard}.items():
         os.environ.setdefault(name, value)  # read when it is imported
     try:
         import ray
@@ -57,7 +64,7 @@ def connect(address: str | None, workers: int) -> Any:
     Raises:
         ConfigError: Ray is not installed, or no cluster of its version answers there.
     """
-    ray = import_ray()
+    ray = import_ray(address)
     started = (
         {"num_cpus": workers, "include_dashboard": False, "object_store_memory": _STORE} if address is None else {}
     )
@@ -72,7 +79,7 @@ def connect(address: str | None, workers: int) -> Any:
             )
     except Exception as error:  # Ray's, gRPC's or the system's
         raise ConfigError(
-            str(error).strip().splitlines()[0][:300],
+            describe(error),
             place="executor.address" if address else "executor=ray",
             expected="a Ray cluster that answers" if address else "Ray to start",
             remedy="start it by `ray start --head`, or leave executor.address out" if address else _WRITES,
@@ -86,11 +93,17 @@ def connect(address: str | None, workers: int) -> Any:
 @contextlib.contextmanager
 def kept_environment() -> Iterator[None]:
     """Take everything out of the environment that a Ray started here need not inherit; put it back at the end."""
-    hidden = {name: os.environ.pop(name) for name in list(os.environ) if not _KEPT.fullmatch(name)}
+    keys = keys_here()
+    hidden = {name: os.environ.pop(name) for name in list(os.environ) if name in keys or not _KEPT.fullmatch(name)}
     try:
         yield
     finally:
         os.environ.update(hidden)
+
+
+def is_guarded() -> bool:
+    """Tell whether Ray asks for a token."""
+    return os.environ.get(_MODE, "").lower() == "token"
 
 
 def leave(ray: Any, processes: Sequence[Any], *, is_lost: bool) -> None:

@@ -1,14 +1,19 @@
 """What a node must have in common with the search, and what differs."""
 
+import functools
+import hashlib
 import os
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from tacevo.choices import Confinement, Device, Numerics
+from tacevo.environment import machine
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import to_json
+from tacevo.redaction import secret_variables
 from tacevo.rules import CURRENT, STUDY
 from tacevo.sandbox.confinement import available, require
 from tacevo.training.numerics import check_machine, environment
@@ -16,8 +21,11 @@ from tacevo.training.numerics import check_machine, environment
 #: Packages whose code makes a profile or a training.
 _DECISIVE = ("tacevo", "torch", "numpy")
 
-#: Variables that hold the key of a provider of answers.
-_KEYS = ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "OPENAI_API_KEY")
+#: The variable by which the processes of a Ray cluster know each other.
+TOKEN = "RAY_AUTH_TOKEN"
+
+#: Named as secrets are, but a node may hold them; GPG_KEY in the official images of Python is a public key's.
+_HARMLESS = frozenset({TOKEN, "GPG_KEY"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,10 +72,17 @@ def facts_here(order: Order) -> Facts:
         **{package: _version(package) for package in _DECISIVE},
         **{f"rules of {part}": str(number) for part, number in _numbers(to_json(CURRENT)).items()},
         "rules of study": str(STUDY),
+        "code": _code(),
+        **({"cpu": str(machine()["cpu"])} if order.numerics is Numerics.fast else {}),
         **order.environment,
     }
     level = min(available(), order.strongest, key=list(Confinement).index)
     return Facts(decisive=decisive, level=level, fault=_fault(order))
+
+
+def keys_here() -> tuple[str, ...]:
+    """List the variables of this process that hold a key, but for those that a node needs."""
+    return tuple(name for name in secret_variables(os.environ) if name not in _HARMLESS)
 
 
 def check_alike(found: Facts, wanted: Facts, place: str) -> None:
@@ -99,6 +114,15 @@ def _numbers(rules: object) -> Mapping[str, int]:
     return rules
 
 
+@functools.cache
+def _code() -> str:
+    """Return 12 hex digits that stand for the code of this package: two checkouts of one version may differ."""
+    root = Path(__file__).parents[1]
+    sources = {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*.py")}
+    digests = {name: hashlib.sha256(source).hexdigest() for name, source in sources.items()}
+    return hashlib.sha256(repr(sorted(digests.items())).encode()).hexdigest()[:12]
+
+
 def _version(package: str) -> str:
     try:
         return version(package)
@@ -108,12 +132,12 @@ def _version(package: str) -> str:
 
 def _fault(order: Order) -> TacevoError | None:
     """Return why this process cannot do what is ordered; None where it can."""
-    held = [name for name in _KEYS if name in os.environ]
+    held = keys_here()
     if held:
         return SandboxError(
             f"{', '.join(held)} in the environment of Ray",
             place="environment",
-            expected="no key of a model where candidates run",
+            expected="no key or password where candidates run",
             remedy="unset it before `ray start`",
         )
     try:

@@ -8,6 +8,7 @@ import contextlib
 import hashlib
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -55,8 +56,24 @@ def describe(path: Path, *, pictures: int, pixels: int, source: Source | None) -
 
 
 def directory_here() -> Path:
-    """Return the directory for images on this node."""
-    return Path(os.environ.get(DIRECTORY) or Path(tempfile.gettempdir()) / f"tacevo-{os.getuid()}")
+    """Return the directory for images on this node; the default one is made.
+
+    Raises:
+        DataError: the default one exists, and is not ours alone: its name can be guessed.
+    """
+    if named := os.environ.get(DIRECTORY):
+        return Path(named)
+    default = Path(tempfile.gettempdir()) / f"tacevo-{os.getuid()}"
+    default.mkdir(mode=0o700, exist_ok=True)
+    found = default.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise DataError(
+            "a link, or one that another user owns or may write to",
+            place=str(default),
+            expected="a directory of this user",
+            remedy=f"remove it, or name another in {DIRECTORY}",
+        )
+    return default
 
 
 def find(images: Images, directory: Path) -> Path | None:

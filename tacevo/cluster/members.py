@@ -1,5 +1,6 @@
 """How a node becomes one that gets jobs: its process is started and checked, and the images are brought there."""
 
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,9 @@ from tacevo.sandbox.protocol import describe
 
 #: Seconds that a node's process may take to start and to say what it is, on a busy machine.
 _START_SECONDS = 300.0
+
+#: Bytes of images that a node takes in a second at least, on a busy network or a slow disk.
+_SLOWEST = 1e6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,6 +38,17 @@ class Member:
         return all(self.resources.get(name, 0.0) >= amount for name, amount in needs.items())
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Refusal:
+    """Why a node gets no job."""
+
+    #: Ray's id.
+    node: str
+    error: SandboxError
+    #: False where Ray lost the node's process: another try may do.
+    is_final: bool
+
+
 #: What `ray.nodes` says of a node.
 Described = Mapping[str, Any]
 
@@ -45,7 +60,7 @@ def works(node: Described) -> bool:
 
 def join(
     ray: Any, nodes: Sequence[Described], process: type[Node], order: Order, images: tuple[Images, Path] | None
-) -> tuple[dict[str, Member], list[SandboxError]]:
+) -> tuple[dict[str, Member], list[Refusal]]:
     """Start, check and prepare nodes, all at once; a node that fails gets no job.
 
     Returns:
@@ -55,19 +70,21 @@ def join(
     described = None if images is None else images[0]
     processes = {node["NodeID"]: _placed(ray.remote(process), node).remote(order, described) for node in nodes}
     wanted = facts_here(order)
-    refused: list[SandboxError] = []
+    refused: list[Refusal] = []
+    patience = _START_SECONDS + (described.size / _SLOWEST if described else 0)
 
     def settled(method: str, of: Iterable[str], check: Callable[[Any, str], None], *arguments: Any) -> dict[str, Any]:
         """Call a method of several processes at once, and return the answers of those where all is well."""
         asked = {node: getattr(processes[node], method).remote(*arguments) for node in of}
         answers = {}
+        deadline = time.monotonic() + patience
         for node, ref in asked.items():
             try:
-                answers[node] = ray.get(ref)
+                answers[node] = ray.get(ref, timeout=max(0.0, deadline - time.monotonic()))
                 check(answers[node], names[node])
             except Exception as error:  # Ray's, or what the node raised
                 answers.pop(node, None)
-                refused.append(_refusal(ray, error, names[node]))
+                refused.append(_refusal(ray, error, node, names[node]))
                 ray.kill(processes[node])
         return answers
 
@@ -109,20 +126,22 @@ def _chunks(path: Path) -> Iterator[bytes]:
             yield chunk
 
 
-def _refusal(ray: Any, error: Exception, name: str) -> SandboxError:
+def _refusal(ray: Any, error: Exception, node: str, name: str) -> Refusal:
     """Say of a node why it gets no job."""
     cause: BaseException = error
     while isinstance(cause, ray.exceptions.RayTaskError):
         cause = cause.cause
     if isinstance(cause, TacevoError):
         place = cause.place if cause.place.startswith(name) else f"{name}, {cause.place}".rstrip(", ")
-        return SandboxError(cause.got, place=place, expected=cause.expected, remedy=cause.remedy)
-    return SandboxError(
+        own = SandboxError(cause.got, place=place, expected=cause.expected, remedy=cause.remedy)
+        return Refusal(node=node, error=own, is_final=True)
+    lost = SandboxError(
         _why(error),
         place=name,
         expected="a process of tacevo that starts",
         remedy="install there what is installed here, or take the node out of the cluster",
     )
+    return Refusal(node=node, error=lost, is_final=False)
 
 
 def _why(error: Exception) -> str:

@@ -25,7 +25,6 @@ class Node:
 
     def __init__(self, order: Order, images: Images | None) -> None:
         self._order, self._images = order, images
-        self._directory = files.directory_here()
         self._lock = threading.Lock()
         self._zygote: Zygote | None = None
         self._opened: Sandbox | None = None
@@ -41,19 +40,22 @@ class Node:
         order = self._order
         self._zygote = Zygote(order.entries, order.environment, equip=order.equip)
         images = self._images
-        if images is None or files.find(images, self._directory) is not None:
+        if images is None:
+            return True
+        directory = files.directory_here()
+        if files.find(images, directory) is not None:
             return True
         cores = len(os.sched_getaffinity(0))
         if not files.is_cheaper_to_make(images, cores):
             return False
-        return files.make(images, self._directory, cores) is not None
+        return files.make(images, directory, cores) is not None
 
     def receive(self, chunks: Sequence[Any]) -> None:
         """Fetch the images from Ray's object store, part by part."""
         import ray
 
         assert self._images is not None  # `prepare` told that they are missing
-        files.receive(self._images, self._directory, map(ray.get, chunks))
+        files.receive(self._images, files.directory_here(), map(ray.get, chunks))
 
     def run(self, job: bytes, gpus: Sequence[str] = ()) -> bytes:
         """Run a job, the arguments of `Sandbox.run`; return its answer, and what confined the candidate.
@@ -71,14 +73,11 @@ class Node:
         return pickle.dumps((answer, self._walls()))
 
     def _walls(self) -> dict[str, str] | None:
-        """Describe what confined the candidate that this thread waited for, and where; None where none was begun."""
+        """Describe what confined the candidate that this thread waited for, and on what; None where none was begun."""
         if not self._held.measures:
             return None
-        import ray
-
         here = machine()
-        node = f"{ray.get_runtime_context().get_node_id()[:8]}: {here['cpu']}, {here['system']}"
-        return {"node": node, **in_force(self._held.measures)}
+        return {"node": f"{here['cpu']}, {here['system']}", **in_force(self._held.measures)}
 
     def _sandbox(self) -> Sandbox:
         """Return the sandbox, made with the first job; where Ray started this process again, nobody prepared it."""
@@ -98,9 +97,10 @@ class Node:
     def _arrays(self) -> dict[str, Path]:
         if self._images is None:
             return {}
-        path = files.find(self._images, self._directory)
+        directory = files.directory_here()
+        path = files.find(self._images, directory)
         if path is None:
-            raise SandboxError("none", place=str(self._directory), expected="the images that were brought here")
+            raise SandboxError("none", place=str(directory), expected="the images that were brought here")
         return {"images": path}
 
     def _note(self, measures: tuple[str, ...]) -> None:

@@ -154,7 +154,7 @@ def check_means(config: RunConfig) -> None:
             require(config.sandbox.require)
             check_machine(config.numerics.kind, config.training.device, config.training.gpu)
         case ExecutorKind.ray:
-            import_ray()
+            import_ray(config.executor.address)
             if config.executor.address is not None:
                 check_address(config.executor.address)
 

@@ -22,8 +22,8 @@ def visible_gpus() -> tuple[str, ...]:
 
 
 def gpu_share(device: Device, per_gpu: int) -> float:
-    """Return what part of a GPU a training takes, as Ray's `num_gpus` counts it: 0 on a CPU."""
-    return 0.0 if device is Device.cpu else 1 / per_gpu
+    """Return what part of a GPU a training takes, as Ray's `num_gpus` counts it, in whole 1e-4: 0 on a CPU."""
+    return 0.0 if device is Device.cpu else 10_000 // per_gpu / 10_000
 
 
 def leased(header: Mapping[str, Json], gpu: str, per_gpu: int) -> Json:

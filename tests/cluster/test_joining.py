@@ -1,10 +1,15 @@
 """What is asked of a node before it gets work, and how images come there; no Ray is started."""
 
+import os
 import pickle
 import socket
+import stat
 import sys
+import tempfile
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +18,11 @@ from refusals import refused
 from tacevo.choices import Confinement, Device, Numerics
 from tacevo.cluster import images as files
 from tacevo.cluster.address import check_address
-from tacevo.cluster.connection import import_ray, kept_environment
+from tacevo.cluster.connection import import_ray, is_guarded, kept_environment
 from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
 from tacevo.cluster.images import Images
+from tacevo.cluster.members import join
+from tacevo.cluster.node import Node
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.runs.datasets import source_of
@@ -50,18 +57,20 @@ def test_node_that_differs_is_refused_by_name(name: str) -> None:
 def test_packages_rules_and_numerics_decide() -> None:
     """A node is compared by what makes a profile or a training."""
     decisive = facts_here(ORDER).decisive
-    assert {"python", "tacevo", "torch", "numpy", "rules of training", "rules of probe", "rules of study"} <= set(
-        decisive
-    )
-    assert decisive != facts_here(replace(ORDER, numerics=Numerics.fast)).decisive
+    packages = {"python", "tacevo", "code", "torch", "numpy"}
+    assert packages | {"rules of training", "rules of probe", "rules of study"} <= set(decisive)
+    fast = facts_here(replace(ORDER, numerics=Numerics.fast)).decisive
+    assert "ATEN_CPU_CAPABILITY" in decisive.keys() - fast.keys()
+    assert fast.keys() - decisive.keys() == {"cpu"}  # with fast numerics its model decides
 
 
-@pytest.mark.parametrize("name", ["ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "OPENAI_API_KEY"])
-def test_node_with_the_key_of_a_model_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "OPENAI_API_KEY", "MYSQL_PWD"])
+def test_node_with_a_key_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error names the variable, and not the key."""
     monkeypatch.setenv(name, "sk-secret")
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "f" * 64)  # which every node has
     found = facts_here(ORDER)
-    with refused(SandboxError, place=NODE, got=name, remedy="ray start"):
+    with refused(SandboxError, place=NODE, got=f"{name} in the environment", remedy="ray start"):
         check_alike(found, facts_here(ORDER), NODE)
     assert "sk-secret" not in str(found.fault)
     assert b"sk-secret" not in pickle.dumps(found)
@@ -80,23 +89,27 @@ def test_node_that_cannot_confine_as_asked_is_refused() -> None:
 
 
 def test_started_ray_inherits_nothing_that_could_be_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is not known to be harmless is hidden, and is there again afterwards."""
-    import os
-
+    """What is not known to be harmless is hidden, and is there again afterwards; Ray's own token stays."""
     secrets = [
         "ANTHROPIC_API_KEY",
         "OPENAI_API_KEY",
         "MY_TOKEN",
         "AWS_SECRET_ACCESS_KEY",
         "http_proxy",
+        "NVIDIA_API_KEY",
+        "CUDA_TOKEN",
+        "RAYCAST_API_KEY",
+        "PYTHONANYWHERE_TOKEN",
         "MLFLOW_TRACKING_URI",
     ]
     for name in secrets:
         monkeypatch.setenv(name, "secret")
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "f" * 64)
     before = dict(os.environ)
     with kept_environment():
         assert "secret" not in os.environ.values()
         assert os.environ["PATH"] == before["PATH"]
+        assert os.environ["RAY_AUTH_TOKEN"] == "f" * 64
     assert dict(os.environ) == before
 
 
@@ -111,10 +124,114 @@ def test_missing_ray_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -
     """Before anything is made; and a run on this machine needs no Ray."""
     monkeypatch.setitem(sys.modules, "ray", None)
     with refused(ConfigError, place="executor=ray", remedy="pip install 'tacevo[ray]'"):
-        import_ray()
+        import_ray(None)
     with refused(ConfigError, place="executor=ray", remedy="pip install 'tacevo[ray]'"):
         check_means(compose(["executor=ray"]))
     check_means(compose([]))
+
+
+@pytest.fixture
+def no_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the user's token for Ray away, if there is one, and do not load Ray."""
+    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    monkeypatch.setitem(sys.modules, "ray", ModuleType("ray"))
+
+
+@pytest.mark.usefixtures("no_token")
+def test_ray_that_is_started_has_a_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that cannot be guessed, unless the user has one; a user's cluster keeps its own way."""
+    import_ray("10.0.0.7:6379")
+    assert not is_guarded()
+    import_ray(None)
+    assert is_guarded()
+    first = os.environ["RAY_AUTH_TOKEN"]
+    assert len(bytes.fromhex(first)) == 32
+    import_ray(None)
+    assert os.environ["RAY_AUTH_TOKEN"] == first
+    monkeypatch.delenv("RAY_AUTH_TOKEN")
+    import_ray(None)
+    assert os.environ["RAY_AUTH_TOKEN"] != first
+
+
+class _TaskError(Exception):
+    """Stands for Ray's error around that of a task."""
+
+    def __init__(self, cause: Exception) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+
+
+class _Actor:
+    """Stands for the process of a node, whose methods answer what it was made for."""
+
+    def __init__(self, answer: Any) -> None:
+        self.look = self.prepare = SimpleNamespace(remote=lambda: answer)
+
+
+class _Ray:
+    """Stands for Ray with nodes of which each answers one thing; None is no answer."""
+
+    exceptions = SimpleNamespace(RayTaskError=_TaskError)
+
+    def __init__(self, answers: dict[str, Any]) -> None:
+        self._answers = iter(answers.values())
+        self.killed = 0
+
+    def remote(self, _: type[Node]) -> Any:
+        """Return what starts the process of the next node."""
+        started = SimpleNamespace(remote=lambda *_: _Actor(next(self._answers)))
+        return SimpleNamespace(options=lambda **_: started)
+
+    def get(self, answer: Any, timeout: float | None = None) -> Any:
+        """Return an answer, or raise it; what never comes may be waited for only for a time."""
+        if answer is None:
+            assert timeout is not None
+            raise TimeoutError
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def kill(self, _: Any) -> None:
+        """Count."""
+        self.killed += 1
+
+
+def test_node_that_hangs_or_is_lost_while_it_joins_may_try_again_and_holds_up_no_other() -> None:
+    """One that finds a fault itself is refused for good."""
+    fault = _TaskError(SandboxError("process", place="sandbox.require"))
+    alike, hangs, lost, faulty = (digit * 56 for digit in "1234")
+    answers = {alike: facts_here(ORDER), hangs: None, lost: OSError("connection reset"), faulty: fault}
+    ray = _Ray(answers)
+    nodes = [{"NodeID": name, "NodeManagerAddress": "10.0.0.7", "Resources": {"CPU": 1.0}} for name in answers]
+    joined, refused_ = join(ray, nodes, Node, ORDER, None)
+    assert list(joined) == [alike]
+    assert {refusal.node: refusal.is_final for refusal in refused_} == {hangs: False, lost: False, faulty: True}
+    assert ["TimeoutError" in str(refusal.error) for refusal in refused_] == [True, False, False]
+    assert ray.killed == 3
+
+
+@pytest.fixture
+def temporary(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Return where a node keeps temporary files; it has no directory for images by name."""
+    monkeypatch.delenv(files.DIRECTORY, raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_default_directory_for_images_is_of_its_user_alone(temporary: Path) -> None:
+    """It is made so; one that others may write to, or a link that another user made, is refused."""
+    made = files.directory_here()
+    assert stat.S_IMODE(made.stat().st_mode) == 0o700
+    assert files.directory_here() == made
+    made.chmod(0o777)
+    with refused(DataError, place=str(made), remedy=files.DIRECTORY):
+        files.directory_here()
+    made.rename(temporary / "elsewhere")
+    made.symlink_to(temporary / "elsewhere")
+    with refused(DataError, place=str(made), got="a link"):
+        files.directory_here()
 
 
 def describe(folder: Path, pixels: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]") -> Images:

@@ -2,9 +2,11 @@
 
 import contextlib
 import json
+import os
 import re
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,7 +87,7 @@ def test_unlike_nodes_get_no_job_and_are_named(cluster: RayCluster, tmp_path: Pa
     told = refusals(ended.stderr)
     assert told.count("\n") == 2
     assert "got torch 9.9.9" in told
-    assert "got rules of training 99" in told
+    assert re.search(r"got code [0-9a-f]{12}, rules of training 99", told)
     assert "OPENAI_API_KEY" in told
     assert "sk-on-a-node" not in ended.stdout + ended.stderr
     assert "cluster: 2 nodes, 2 slots" in ended.stderr
@@ -114,19 +116,49 @@ def test_cluster_without_one_node_that_will_do_is_an_error(cluster: RayCluster, 
     assert "error: the nodes of the cluster: expected one with 1 CPU, 100,000,000 MiB" in ended.stderr
 
 
-def test_ray_that_a_search_starts_holds_no_key(whole_search: tuple[Path, str], tmp_path: Path) -> None:
-    """On one node, without a cluster: no process below the search has the key, the bytes are equal, and all end."""
+#: Asks the head of a Ray for what it stores.
+_ASK = "import sys; from ray._raylet import GcsClient; print(GcsClient(sys.argv[1]).internal_kv_keys(b'', b'cluster'))"
+
+
+def asked(head: str, token: str | None) -> str:
+    """Return what a stranger, or one with a token, gets from a head."""
+    own = {} if token is None else {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": token}
+    command = [sys.executable, "-c", _ASK, head]
+    rest = {name: value for name, value in os.environ.items() if not name.startswith("RAY_AUTH")}
+    done = subprocess.run(command, env={**rest, **own}, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    return done.stdout + done.stderr
+
+
+def test_ray_that_a_search_starts_holds_no_key_and_lets_no_stranger_in(
+    whole_search: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On one node, without a cluster: no process below the search has the key, the bytes are equal, and all end.
+
+    Its head answers to a token that the user never set, and to nobody else.
+    """
     key = "sk-ant-only-for-the-search"
     own = {"ANTHROPIC_API_KEY": key, "TACEVO_NODE_DATA": str(tmp_path / "data"), "TMPDIR": "/tmp"}
-    searching = start(tmp_path, UNTRACKED, "executor=ray", environment={**SETTINGS, **own})
+    settings = {name: value for name, value in SETTINGS.items() if not name.startswith("RAY_AUTH")}
+    for name in SETTINGS.keys() - settings.keys():
+        monkeypatch.delenv(name, raising=False)
+    searching = start(tmp_path, UNTRACKED, "executor=ray", environment={**settings, **own})
     seen: set[tuple[str, bool]] = set()
+    said: dict[str, str] = {}
     while searching.poll() is None:
         for pid in descendants(searching.pid):
             with contextlib.suppress(OSError):
                 command = (Path("/proc") / str(pid) / "cmdline").read_bytes().replace(b"\0", b" ").decode()
-                seen.add((command, key.encode() in (Path("/proc") / str(pid) / "environ").read_bytes()))
+                held = (Path("/proc") / str(pid) / "environ").read_bytes()
+                seen.add((command, key.encode() in held))
+                if "ray::run_job" in command and not said:
+                    (head,) = {found for line, _ in seen for found in re.findall(r"--gcs-address=(\S+)", line)}
+                    (token,) = re.findall(rb"RAY_AUTH_TOKEN=([0-9a-f]{64})\0", held)
+                    said = {"stranger": asked(head, None), "friend": asked(head, token.decode())}
         time.sleep(0.05)
     assert finish(searching) == whole_search[1]
+    assert "CLUSTER_METADATA" in said["friend"]
+    assert "CLUSTER_METADATA" not in said["stranger"]
+    assert "oken" in said["stranger"]
     commands = " ".join(command for command, _ in seen)
     assert "raylet" in commands
     assert "ray::Node" in commands

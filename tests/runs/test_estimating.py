@@ -186,9 +186,9 @@ def test_workers_of_gpus_train_together_as_far_as_leases_allow(
 ) -> None:
     """Of six; one that waits for a GPU trains nothing. Where there is none, one is enough to be told so."""
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
-    config = compose(overrides("executor.workers=6", f"executor.per_gpu={per_gpu}"))
-    on_gpu = replace(config, training=replace(config.training, device=Device.cuda))
-    assert trainings_at_once(on_gpu) == together
+    config = compose(overrides("executor.workers=6"))
+    executor, training = replace(config.executor, per_gpu=per_gpu), replace(config.training, device=Device.cuda)
+    assert trainings_at_once(replace(config, executor=executor, training=training)) == together
 
 
 def test_busy_machine_is_told(overrides: Estimating) -> None:

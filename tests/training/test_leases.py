@@ -1,5 +1,6 @@
 """Promise: no GPU is lent to more trainings than it may have, all GPUs are used, and none is lost."""
 
+import math
 import threading
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
@@ -86,3 +87,5 @@ def test_gpus_are_those_that_the_user_may_see(monkeypatch: pytest.MonkeyPatch) -
 def test_share_of_a_gpu_is_what_ray_counts() -> None:
     """Four candidates on one GPU take a quarter of it each; one on a CPU takes none."""
     assert (gpu_share(Device.cuda, 4), gpu_share(Device.cuda, 1), gpu_share(Device.cpu, 4)) == (0.25, 1.0, 0.0)
+    for many in (3, 6, 7):  # Ray counts in 1e-4, and may round up
+        assert many * math.ceil(gpu_share(Device.cuda, many) * 10_000) <= 10_000

@@ -74,11 +74,18 @@ def test_variables_with_a_secret_are_known_by_name_or_by_the_address_in_them() -
         "AWS_SECRET_ACCESS_KEY": "d",
         "MLFLOW_TRACKING_PASSWORD": "e",
         "PGPASSWORD": "f",
+        "MYSQL_PWD": "g",
+        "GITHUB_PAT": "h",
+        "TOKENS": "i",
+        "APP_SECRETS": "j",
+        "DATABASE_PASS": "k",
         "MLFLOW_TRACKING_URI": "postgresql://user:hunter2@host/db",
     }
     kept = {
         "PATH": "/bin",
         "PWD": "/home",
+        "OLDPWD": "/",
+        "TOKENIZERS_PARALLELISM": "false",
         "KEYBOARD": "us",
         "SSH_AUTH_SOCK": "/tmp/agent",
         "XDG_DATA_HOME": "/data",
