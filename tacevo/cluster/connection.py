@@ -34,6 +34,8 @@ _SETTINGS = {
 #: How a user of a cluster is known to it. Without a token, whoever reaches a port of Ray runs code as its user.
 _MODE = "RAY_AUTH_MODE"
 
+_ANSWERS = "start it by `ray start --head`; where it asks for a token, set RAY_AUTH_MODE and RAY_AUTH_TOKEN as there"
+
 _WRITES = "see that TMPDIR, where Ray writes, has room and a short name"
 
 
@@ -82,7 +84,7 @@ def connect(address: str | None, workers: int) -> Any:
             describe(error),
             place="executor.address" if address else "executor=ray",
             expected="a Ray cluster that answers" if address else "Ray to start",
-            remedy="start it by `ray start --head`, or leave executor.address out" if address else _WRITES,
+            remedy=_ANSWERS if address else _WRITES,
         ) from error
     finally:
         signal.signal(signal.SIGTERM, handler)  # Ray puts its own there
