@@ -390,14 +390,6 @@ def test_portable_numerics_are_refused_where_they_cannot_hold(machine: str, cpui
     check_cpu(Numerics.fast, machine, cpuinfo)
 
 
-@pytest.mark.skipif(Path("/dev/nvidiactl").exists(), reason="this machine has a GPU")
-def test_gpu_is_refused_where_there_is_none() -> None:
-    """Before anything is downloaded, imported or trained."""
-    got = "cuda, but /dev/nvidiactl does not exist"
-    with refused(ConfigError, place="training.device", got=got, remedy="set training.device=cpu"):
-        check_machine(Numerics.fast, Device.cuda)
-
-
 def test_portable_numerics_are_granted_with_avx2() -> None:
     """Any x86-64 CPU that lists the flag will do."""
     check_cpu(Numerics.portable, "x86_64", "processor: 0\nflags\t\t: fpu avx avx2 bmi1\n")

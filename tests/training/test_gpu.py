@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,10 +18,11 @@ import torch
 from refusals import refused
 from training_jobs import RECIPE, SOURCE, examples, header_of, payload_of
 
-from tacevo.choices import Precision
+from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Gpu, Reason, Recipe, to_json, written
 from tacevo.training.gpu import CONTEXT_MIB, Resident, equip, multiply_in
+from tacevo.training.numerics import check_machine
 from tacevo.training.trainer import run
 from tacevo.typed import convert
 
@@ -209,3 +211,11 @@ raise SystemExit(float(parameter.detach()) > 0.6)
 """
     ended = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+@pytest.mark.skipif(Path("/dev/nvidiactl").exists(), reason="this machine has a GPU")
+def test_gpu_is_refused_where_there_is_none() -> None:
+    """Before anything is downloaded, imported or trained."""
+    got = "cuda, but /dev/nvidiactl does not exist"
+    with refused(ConfigError, place="training.device", got=got, remedy="set training.device=cpu"):
+        check_machine(Numerics.fast, Device.cuda)
