@@ -90,7 +90,7 @@ def test_recorded_answers_of_generation_0_cost_nothing(overrides: Estimating) ->
     found = estimate(compose(overrides()))
     assert (found.requests, found.recorded, found.samples) == (24, 3, 3)
     assert (found.likely.input, found.likely.output) == (21 * 100, 21 * 50)
-    assert "answers are like the mean of the 3 recorded ones of this model" in describe_estimate(compose(overrides()))
+    assert "answers are like the mean of the 3 recorded ones of this model" in described(compose(overrides()))
 
 
 def test_recorded_answers_of_another_model_say_nothing(overrides: Estimating) -> None:
