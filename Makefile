@@ -7,12 +7,12 @@ PEERS := build/peers
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
-test test-slow test-all test-cluster coverage: export OMP_NUM_THREADS := 1
+test test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_THREADS := 1
 # Tests start hundreds of processes, which would each compile the package again where this is set.
-test test-slow test-all test-cluster coverage: export PYTHONDONTWRITEBYTECODE :=
+test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-portable test-cluster coverage check format bench bench-quick replay paper lock clean
+.PHONY: help setup demo test test-slow test-all test-portable test-cluster test-cluster-all coverage check format bench bench-quick replay paper lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 16
@@ -34,7 +34,7 @@ test: $(READY) ## run the tests, two at a time (five minutes)
 	$(BIN)/pytest $(TWO)
 
 test-slow: $(READY) ## run the tests that attack each promise further (five minutes)
-	$(BIN)/pytest $(TWO) -m slow
+	$(BIN)/pytest $(TWO) -m "slow and not cluster"
 
 test-all: $(READY) ## run brute force, too (hours); all but test-portable and test-cluster
 	$(BIN)/pytest $(TWO) -m "not portable and not cluster" --hypothesis-profile thorough
@@ -43,6 +43,9 @@ test-portable: $(READY) ## compare bits with those of emulated CPUs (qemu-user; 
 	$(BIN)/pytest -m portable
 
 test-cluster: $(READY) ## run the tests on clusters of several nodes: Ray, and Slurm where it is installed
+	$(BIN)/pytest -m "cluster and not slow"
+
+test-cluster-all: $(READY) ## the same, and those that wait for minutes
 	$(BIN)/pytest -m cluster
 
 coverage: $(READY) ## run `make test` and `make test-slow`, and print the lines that no test reaches

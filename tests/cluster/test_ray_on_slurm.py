@@ -47,6 +47,7 @@ def has_begun(folder: Path) -> bool:
     return ledger.exists() and ledger.read_bytes().count(b"\n") > 1
 
 
+@pytest.mark.slow
 def test_search_on_two_nodes_continues_when_its_time_is_out_and_its_key_stays_in_its_process(
     slurm: Slurm, tmp_path: Path, alone: Path
 ) -> None:

@@ -145,6 +145,7 @@ def test_ctrl_c_cancels_the_jobs(slurm: Slurm, tmp_path: Path) -> None:
     assert ends(tmp_path), processes_of(tmp_path)
 
 
+@pytest.mark.slow
 def test_job_of_a_node_that_dies_continues_on_another(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
     """Slurm queues it again, and the search resumes from its directory."""
     sweep = start(slurm, tmp_path, *SWEEP, ONE)

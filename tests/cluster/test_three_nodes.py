@@ -93,6 +93,7 @@ def test_node_that_is_killed_in_the_middle_changes_nothing(
     cluster.add("d").wait()
 
 
+@pytest.mark.slow
 def test_processes_of_ray_that_are_killed_are_no_verdict(
     cluster: RayCluster, whole_search: tuple[Path, str], tmp_path: Path
 ) -> None:
