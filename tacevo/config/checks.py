@@ -91,6 +91,9 @@ def _check_data(data: DataConfig) -> None:
     simulated = data.source is DataSource.simulated
     most = 256 if simulated else 1024
     _require(data.image_size <= most, "data.image_size", f"at most {most} for data={data.source}", data.image_size)
+    trained = 1 - data.validation_part - data.test_part
+    expected = "less than 1 together with data.validation_part, so that images are left for training"
+    _require(trained > 0, "data.test_part", expected, data.test_part)
     what = "file" if data.source is DataSource.numpy else "directory"
     _require(simulated or bool(data.root), "data.root", f"the {what} of the data set for data={data.source}", data.root)
     columns = data.target_columns

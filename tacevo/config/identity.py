@@ -59,7 +59,7 @@ def config_hash(config: RunConfig) -> str:
     Unlike a ledger's header it is known without the data, and holds what ends the run.
     """
     decisive: dict[str, Json] = {"config": identity(config), **length(config)}
-    return content_hash({**decisive, "data": to_json(config.data), "task": to_json(config.task)})
+    return content_hash({**decisive, "data": written(config.data), "task": to_json(config.task)})
 
 
 def length(config: RunConfig) -> dict[str, Json]:

@@ -58,6 +58,7 @@ Count = Annotated[int, Ge(1)]
 Memory = Annotated[int, Ge(64)]
 Positive = Annotated[float, Gt(0)]
 Fraction = Annotated[float, Ge(0), Le(1)]
+Part = Annotated[float, Gt(0), Lt(1)]
 Text = Annotated[str, is_a("text that is not empty", bool)]
 Name = Annotated[str, is_a("letters, digits, _ and -", re.compile(r"[\w-]+").fullmatch)]
 Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
@@ -127,6 +128,9 @@ class DataConfig(Record):
     split: SplitRule
     split_seed: Natural
     normalisation: Normalisation
+    #: With `split=random`: the parts of all images that are for validation and for the test; the others train.
+    validation_part: Part = 0.1
+    test_part: Part = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +151,7 @@ class ArchiveConfig(Record):
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
     kept: Count = 10
     #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
-    reevaluated: Annotated[float, Gt(0), Lt(1)] = 0.25
+    reevaluated: Part = 0.25
     #: The axes of the networks' niches.
     axes: tuple[Axis, ...] = tuple(Axis)
 

@@ -18,7 +18,7 @@ from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import Catalogue, Picture, Source, refuse
-from tacevo.data.splitting import Split, random_split, refuse_unbalanced
+from tacevo.data.splitting import TENTHS, Split, random_split, refuse_unbalanced
 from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import DataError
@@ -42,6 +42,7 @@ def load(
     cache: Path,
     workers: int,
     split: SplitRule = SplitRule.random,
+    held_out: tuple[float, float] = TENTHS,
     accept: Callable[[Catalogue], None] | None = None,
     progress: Progress | None = None,
     say: Callable[[str], None] | None = None,
@@ -49,7 +50,7 @@ def load(
 ) -> Dataset:
     """Load a data set from the cache, or make it and keep it there.
 
-    A release's own split does not use the seed, but the seed still names the cache entry. Of the normalisation only the
+    A release's own split uses neither the seed nor the parts that are held out, but both still name the cache entry. Of the normalisation only the
     statistics are computed here; classification ignores the scaling of targets. With one worker, or a small data set,
     this process makes the pictures.
 
@@ -69,13 +70,15 @@ def load(
         "normalisation": normalisation,
         "target_scaling": target_scaling,
     }
+    if held_out != TENTHS:  # which were no setting at first
+        content["held_out"] = held_out
     directory = cache / content_hash(content)
     if not directory.is_dir():
         catalogue = source.catalogue() if catalogue is None else catalogue
         _check(catalogue)
         if accept is not None:
             accept(catalogue)
-        parts = split_rows(catalogue, split, split_seed)
+        parts = split_rows(catalogue, split, split_seed, held_out)
         targets = _targets(catalogue, parts.train, target_scaling)
         with staged(directory, partial(say, WAITING) if say is not None else None) as stage:
             if stage is not None:
@@ -93,15 +96,15 @@ def load(
     return dataset
 
 
-def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int) -> Split:
+def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple[float, float]) -> Split:
     """Split the rows of a catalogue as the rule says.
 
     Raises:
-        DataError: the source has no split of its own, has too few groups, or a class would be absent from a part.
+        DataError: the source has no split of its own or too few groups; or a part would be empty, or lack a class.
     """
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
     if rule is SplitRule.random:
-        parts = random_split(len(catalogue.labels), seed, groups=catalogue.groups, classes=classes)
+        parts = random_split(len(catalogue.labels), seed, held_out=held_out, groups=catalogue.groups, classes=classes)
     elif catalogue.release is not None:
         parts = catalogue.release
     else:

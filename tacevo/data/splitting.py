@@ -4,12 +4,17 @@ Promises: the three parts are disjoint and complete, and images that were record
 """
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
 
 from tacevo.errors import DataError
 from tacevo.randomness import stream
+
+
+#: The parts of all images that are held out for validation and for the test, where nothing else is asked.
+TENTHS = (0.1, 0.1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,22 +30,31 @@ def random_split(
     count: int,
     seed: int,
     *,
+    held_out: tuple[float, float] = TENTHS,
     groups: npt.NDArray[np.int64] | None = None,
     classes: npt.NDArray[np.int64] | None = None,
 ) -> Split:
-    """Split rows at random into 80 % training, 10 % validation and 10 % test; no group is ever torn.
+    """Split rows at random into training, validation and test; no group is ever torn.
 
-    The tenths are rounded to the nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where
+    `held_out` says which parts of all rows, in (0, 1), are for validation and for the test. Both are rounded to the nearest
+    whole number, so the paper's 3,507 gratings give its 351 test images. Where
     rows share groups, whole groups are dealt out, and the parts end at the group ends nearest to those numbers. Where
     no two rows share one, nothing is kept together, and rows are dealt out alone. Each class is dealt out
-    evenly; a group counts as one of its first row's class. Groups and class numbers are of shape (count,), and there
-    are at least 10 rows, so that no part is empty. The seed is the split's own, apart from the run's.
+    evenly; a group counts as one of its first row's class. Groups and class numbers are of shape (count,). The seed is
+    the split's own, apart from the run's.
 
     Raises:
-        DataError: rows share groups, and there are fewer than three groups.
+        DataError: a part would be empty; or rows share groups, and there are fewer than three groups.
     """
-    tenth = (count + 5) // 10
-    ends = (count - 2 * tenth, count - tenth)
+    validation, test = (int(Fraction(str(part)) * count + Fraction(1, 2)) for part in held_out)  # as it is written
+    ends = (count - validation - test, count - test)
+    if min(ends[0], validation, test) < 1:
+        raise DataError(
+            f"{ends[0]}, {validation} and {test} of {count}",
+            place="the data set",
+            expected="at least one image each for training, validation and test",
+            remedy="take more images, or change data.validation_part and data.test_part",
+        )
     rng = stream(seed, "split")
     if groups is None or len(np.unique(groups)) == count:
         return _split_at(_spread(rng.permutation(count), classes), ends)

@@ -31,6 +31,8 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "data.seed": [-1],
     "data.sensor_seed": [-1],
     "data.split_seed": [-1],
+    "data.validation_part": [0.0, 1.0, -0.1, NAN],
+    "data.test_part": [0.0, 1.0, -0.1, 0.9],
     "data.sensor": [""],
     "data.pattern": [""],
     "data.images": [9],

@@ -39,6 +39,26 @@ def test_parts_have_the_sizes_of_the_paper(count: int, expected: tuple[int, int,
     assert sizes(random_split(count, seed=0)) == expected
 
 
+@pytest.mark.parametrize(
+    ("count", "held_out", "expected"),
+    [(2_000, (0.2, 0.55), (500, 400, 1_100)), (15, (0.1, 0.3), (8, 2, 5)), (1_000, (0.29, 0.001), (709, 290, 1))],
+)
+def test_held_out_parts_have_the_sizes_that_were_asked(
+    count: int, held_out: tuple[float, float], expected: tuple[int, int, int]
+) -> None:
+    """Halves are rounded up, as they are written: 0.1 of 15 are two."""
+    parts = random_split(count, 0, held_out=held_out)
+    assert sizes(parts) == expected
+    assert_sound(parts, count)
+
+
+@pytest.mark.parametrize("held_out", [(0.001, 0.1), (0.1, 0.001), (0.5, 0.499)])
+def test_part_without_an_image_is_refused(held_out: tuple[float, float]) -> None:
+    """Whatever part is empty, for training too."""
+    with refused(DataError, expected="at least one image each", got="of 100", remedy="data.validation_part"):
+        random_split(100, 0, held_out=held_out)
+
+
 def test_split_follows_its_seed() -> None:
     """One seed gives one split, another seed another."""
     assert np.array_equal(random_split(100, 1).test, random_split(100, 1).test)
