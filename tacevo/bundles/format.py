@@ -16,6 +16,7 @@ from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
 from tacevo.storage import entries
 from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import Budget
+from tacevo.storage.notes import NOTE
 
 #: The digests of all other members, in the form that `sha256sum --check` reads.
 MANIFEST = "manifest-sha256.txt"
@@ -27,18 +28,21 @@ STORE = "store.jsonl.xz"
 PAPERS = ("CITATION.cff", "LICENSE.txt", "README.md", "ro-crate-metadata.json")
 
 #: A run's own files.
-RUN_FILES = ("archive.json", "ledger.jsonl", "prompts.json", "run.json", "summary.md", "timings.jsonl")
+RUN_FILES = (NOTE, "archive.json", "ledger.jsonl", "prompts.json", "run.json", "summary.md", "timings.jsonl")
 
 #: The environment, where it was known.
 LOCK = "requirements.lock"
 
 #: Of a run's own files, those that a bundle may lack.
-_OPTIONAL = {"timings.jsonl"}
+_OPTIONAL = {NOTE, "timings.jsonl"}
 
 #: The directory of a sweep, and what it holds beside its runs.
 SWEEP = "sweep"
 
 JOBS = f"{SWEEP}/sweep.json"
+
+#: What the makers of a sweep say of it; a bundle may lack it.
+SWEEP_NOTE = f"{SWEEP}/{NOTE}"
 
 #: Members of every bundle.
 _ALWAYS = {MANIFEST, STORE, *PAPERS}
@@ -47,8 +51,8 @@ _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
 #: The name of every member: those of one run lie in `run`, those of a sweep's runs in the directories of its jobs.
 _PLACES = re.compile(
-    "|".join(map(re.escape, sorted({LOCK, JOBS} | _ALWAYS)))
-    + rf"|(run|{SWEEP}/(?!sweep\.json/){_WORD})/("
+    "|".join(map(re.escape, sorted({LOCK, JOBS, SWEEP_NOTE} | _ALWAYS)))
+    + rf"|(run|{SWEEP}/(?!sweep\.json/|NOTE\.md/){_WORD})/("
     + "|".join(map(re.escape, RUN_FILES))
     + r"|candidates/g[0-9]+s[0-9]+\.(py|rejected\.txt)"
     + rf"|studies/{_WORD}/(study\.json|scores\.jsonl))"
@@ -114,7 +118,7 @@ def refusing() -> Iterator[None]:
 def _check_layout(source: Path, names: Collection[str]) -> None:
     """Check that every file that a bundle needs is there, and that it is either one run or a sweep."""
     is_sweep = any(name.startswith(f"{SWEEP}/") for name in names)
-    runs = {name.split("/")[1] for name in names if name.startswith(f"{SWEEP}/") and name != JOBS}
+    runs = {name.split("/")[1] for name in names if name.startswith(f"{SWEEP}/") and name not in {JOBS, SWEEP_NOTE}}
     folders = [f"{SWEEP}/{run}" for run in sorted(runs)] if is_sweep else ["run"]
     needed = {f"{folder}/{name}" for folder in folders for name in set(RUN_FILES) - _OPTIONAL}
     missing = sorted((_ALWAYS | needed | ({JOBS} if is_sweep else set())) - set(names))

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from string import Template
@@ -63,6 +63,8 @@ class Subject:
     studies: tuple[Mapping[str, str], ...]
     #: Of a sweep.
     jobs: tuple[Job, ...] = ()
+    #: The paragraphs of what its makers want readers to know.
+    note: tuple[str, ...] = ()
 
     @property
     def first(self) -> RecordedRun:
@@ -112,7 +114,7 @@ class Subject:
             which = f"seed {self.first.config.seed}"
         what += f" for tactile perception: task {self.first.record.task.name}, {which}, {sizes}."
         digest = f"The digest of {'the sweep' if self.jobs else 'its ledger'} is {self.digest}."
-        return " ".join([what, *answers, *data, digest])
+        return " ".join([what, *answers, *data, *self.note, digest])
 
 
 def origin_of_answers(run: RecordedRun) -> str:
@@ -147,7 +149,8 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         **record.versions,
         **record.machine,
         "title": subject.title,
-        "description": subject.description,
+        "description": replace(subject, note=()).description,
+        "note": "\n\n".join(["", "## What readers must know", *subject.note]) if subject.note else "",
         "which": "every" if is_sweep else "the",
         "digests": "\n".join(_digests(subject)),
         "fingerprint": record.data.fingerprint,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.bundles.crate import metadata
-from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, sealed
+from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, sealed
 from tacevo.bundles.open import Opened, located, over_runs, private_folder, standing_for
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, rerun
@@ -26,6 +26,7 @@ from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
+from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
@@ -110,6 +111,9 @@ def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress
     directory = SweepDirectory(found.folder)
     check_jobs(directory)
     staged = replace(found, folder=folder / SWEEP)
+    if read_note(found.folder):
+        staged.folder.mkdir()
+        shutil.copy(found.folder / NOTE, staged.folder / NOTE)
     for source, target in zip(found.runs, staged.runs, strict=True):
         run = _publishable(read_recorded(source))
         _stage(source, run, target, _studies(studies, source, run.ledger.digest, view))
@@ -197,6 +201,8 @@ def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
     if staged.jobs is None:
         return _run_members("run", staged.folder, runs[0])
     members = {JOBS: (staged.folder / "sweep.json").read_bytes()}
+    if read_note(staged.folder):
+        members[SWEEP_NOTE] = (staged.folder / NOTE).read_bytes()
     for folder, done in zip(staged.runs, runs, strict=True):
         members |= _run_members(f"{SWEEP}/{folder.name}", folder, done)
     return members
@@ -216,6 +222,7 @@ def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
         runs=tuple(done.run for done in runs),
         studies=tuple(done.studies for done in runs),
         jobs=jobs,
+        note=read_note(staged.folder),
     )
 
 

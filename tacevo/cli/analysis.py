@@ -30,6 +30,7 @@ from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
+from tacevo.storage.notes import read_note
 from tacevo.text import listed
 
 _FORMATS = ("pdf", "svg", "png")
@@ -260,7 +261,9 @@ def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial
     for path, word in ((str(place.folder), name), (gathered.store or str(place.store), "its stores")):
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]
-    return RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=remarks), missing
+    notes = [words for folder in dict.fromkeys((place.folder, found.run.path)) for words in read_note(folder)]
+    material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=[*notes, *remarks])
+    return material, missing
 
 
 def _checked(place: Opened, name: str) -> list[str]:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 
 from analysis.report.collection import outcomes, read_studies
 from analysis.runs.run import load_run
@@ -33,6 +34,7 @@ from tacevo.search.files import check_references, read_elites, read_ledger
 from tacevo.search.lines import TEMPERATURE, CandidateLine
 from tacevo.search.prompts import SAMPLING
 from tacevo.search.reevaluation import estimates_of
+from tacevo.storage.notes import read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.studies.directory import studies_of
 from tacevo.text import table
@@ -156,7 +158,7 @@ _HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs
 
 
 def show_run(path: Path, store: Path | None = None) -> str:
-    """Write the summary of a run, finished or not, and below it what its studies and noise runs found.
+    """Write the summary of a run, finished or not, then what its studies and noise runs found, then its makers' note.
 
     `store` is where its stores lie, if not where the run had them.
 
@@ -174,7 +176,8 @@ def show_run(path: Path, store: Path | None = None) -> str:
         expected = "trained candidates of the ledger"
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     summary = summarise(run, from_plain(run.config), ledger.lines, elites, directory.read_spending())
-    return f"{summary}\n{_studied(path, store) if finished else ''}{state}\n"
+    note = "".join(f"{fill(words, 110)}\n\n" for words in read_note(path))
+    return f"{summary}\n{_studied(path, store) if finished else ''}{note}{state}\n"
 
 
 def _studied(path: Path, store: Path | None) -> str:

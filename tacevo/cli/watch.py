@@ -28,6 +28,7 @@ from analysis.runs.begun import load_begun
 from tacevo.cli.common import DONE, Parser, existing_store
 from tacevo.errors import ConfigError, TacevoError
 from tacevo.search.files import finished_digest
+from tacevo.storage.notes import read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import counted
@@ -179,7 +180,7 @@ class LivePage:
             is_finished = (run.path / "run.json").exists() and finished_digest(run) is not None
             found, material = self._collected(run, is_finished=is_finished), None
             if found is not None:
-                remarks = [*found.run.not_sent.values(), *found.left_out, *found.remarks]
+                remarks = [*read_note(run.path), *found.run.not_sent.values(), *found.left_out, *found.remarks]
                 recorded, tables = read_recorded(found.run), tables_of(found, None)
                 material = RunMaterial(found=found, recorded=recorded, tables=tables, remarks=remarks)
             known = self._readings[run.path] = _Reading(seen=seen, is_finished=is_finished, material=material)

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from tacevo.errors import DataError
 from tacevo.randomness import stream
 
-
 #: The parts of all images that are held out for validation and for the test, where nothing else is asked.
 TENTHS = (0.1, 0.1)
 
@@ -36,12 +35,11 @@ def random_split(
 ) -> Split:
     """Split rows at random into training, validation and test; no group is ever torn.
 
-    `held_out` says which parts of all rows, in (0, 1), are for validation and for the test. Both are rounded to the nearest
-    whole number, so the paper's 3,507 gratings give its 351 test images. Where
-    rows share groups, whole groups are dealt out, and the parts end at the group ends nearest to those numbers. Where
-    no two rows share one, nothing is kept together, and rows are dealt out alone. Each class is dealt out
-    evenly; a group counts as one of its first row's class. Groups and class numbers are of shape (count,). The seed is
-    the split's own, apart from the run's.
+    `held_out` says which parts of all rows, in (0, 1), are for validation and for the test. Both are rounded to the
+    nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where rows share groups, whole groups
+    are dealt out, and the parts end at the group ends nearest to those numbers. Where no two rows share one, nothing is
+    kept together, and rows are dealt out alone. Each class is dealt out evenly; a group counts as one of its first
+    row's class. Groups and class numbers are of shape (count,). The seed is the split's own, apart from the run's.
 
     Raises:
         DataError: a part would be empty; or rows share groups, and there are fewer than three groups.

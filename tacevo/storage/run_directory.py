@@ -8,6 +8,7 @@ archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 candidates/     the source of every admitted candidate, and the answer and the reason behind every rejected one
 summary.md      what was found
+NOTE.md         what readers must know, if somebody wrote it (tacevo.storage.notes)
 """
 
 import contextlib

@@ -1,0 +1,66 @@
+"""Promise: what the makers of a run wrote in its NOTE.md stands wherever its readers look, and is published with it."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from bundles import members_of
+from refusals import refused
+
+from tacevo.cli.app import main
+from tacevo.errors import RunError
+from tacevo.storage.notes import LONGEST, read_note
+
+LIMITS = "A model answered,\nwhich nobody can ask again.\n\n- One search.\n- One split."
+
+
+@pytest.fixture
+def noted(published: Path, tmp_path: Path) -> Path:
+    """Return a copy of a finished run, with a note."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    (tmp_path / "run" / "NOTE.md").write_text(LIMITS)
+    return tmp_path / "run"
+
+
+def test_paragraphs_and_items_are_told_apart(noted: Path) -> None:
+    """Line breaks of a paragraph are an editor's; the items of a list are sentences of their own."""
+    assert read_note(noted) == ("A model answered, which nobody can ask again.", "- One search.", "- One split.")
+
+
+def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """README, metadata, citation, report and `tacevo show` have it; the bundle replays."""
+    bundle = tmp_path / "run.zip"
+    assert main(["publish", str(noted), "-o", str(bundle)]) == 0
+    members = members_of(bundle)
+    assert members["run/NOTE.md"].decode() == LIMITS
+    told = "A model answered, which nobody can ask again."
+    assert f"## What readers must know\n\n{told}\n\n- One search." in members["README.md"].decode()
+    (root,) = (part for part in json.loads(members["ro-crate-metadata.json"])["@graph"] if part["@id"] == "./")
+    assert told in root["description"]
+    assert told in " ".join(members["CITATION.cff"].decode().split())
+    assert main(["replay", str(bundle)]) == 0
+    capsys.readouterr()
+    for of in (noted, bundle):
+        assert main(["show", str(of)]) == 0
+        assert told in capsys.readouterr().out
+    assert main(["report", str(bundle), "-o", str(tmp_path / "page")]) == 0
+    (page,) = (tmp_path / "page").glob("*.html")
+    assert told in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"), [(b"\xff", "text in UTF-8"), (b"x" * (LONGEST + 1), "at most 5,000 characters")]
+)
+def test_note_that_cannot_be_shown_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:
+    """Its place is named."""
+    (tmp_path / "NOTE.md").write_bytes(content)
+    with refused(RunError, place="NOTE.md", expected=expected):
+        read_note(tmp_path)
+
+
+def test_note_of_a_stranger_shows_no_other_file(tmp_path: Path) -> None:
+    """A link is no note."""
+    (tmp_path / "secret").write_text("secret")
+    (tmp_path / "NOTE.md").symlink_to(tmp_path / "secret")
+    assert read_note(tmp_path) == ()
