@@ -1,6 +1,6 @@
 """A GPU made ready for one training (child side), before its process is confined and the candidate's code runs.
 
-What fails here is no candidate's doing: another GPU than the run's, a device that others have filled, a driver that
+What fails here is not a candidate's doing: another GPU than the run's, a device that others have filled, a driver that
 fails. It stops the search as a broken sandbox, and nothing is stored. What fails afterwards is the candidate's.
 """
 

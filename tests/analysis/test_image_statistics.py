@@ -116,7 +116,7 @@ def test_both_images_and_seeds_are_resampled() -> None:
 
 
 def test_networks_are_tested_on_the_same_images() -> None:
-    """What an image adds to both of them is no part of their difference."""
+    """What an image adds to both of them is not a part of their difference."""
     rng = np.random.default_rng(0)
     hard, weights = rng.normal(size=50), image_weights(50, rng=rng)
     x, y = np.tile(hard + 1, (5, 1)), np.tile(hard, (5, 1))

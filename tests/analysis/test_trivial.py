@@ -59,7 +59,7 @@ def test_effects_compare_it_with_the_baseline() -> None:
 
 
 def test_constant_that_ties_counts_a_half() -> None:
-    """As in every A12; in the middle of a sample it is no effect."""
+    """As in every A12; in the middle of a sample it is not an effect."""
     found = effects_of_constant(3, [1, 2, 3, 4, 5])
     assert (found.a12.estimate, found.cliffs_delta.estimate, found.median_difference.estimate) == (0.5, 0, 0)
     assert found.a12.low == pytest.approx(1 - found.a12.high)

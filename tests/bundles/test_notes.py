@@ -60,7 +60,7 @@ def test_note_that_cannot_be_shown_is_refused(tmp_path: Path, content: bytes, ex
 
 
 def test_note_of_a_stranger_shows_no_other_file(tmp_path: Path) -> None:
-    """A link is no note."""
+    """A link is not read."""
     (tmp_path / "secret").write_text("secret")
     (tmp_path / "NOTE.md").symlink_to(tmp_path / "secret")
     assert read_note(tmp_path) == ()

@@ -171,7 +171,7 @@ class _Actor:
 
 
 class _Ray:
-    """Stands for Ray with nodes of which each answers one thing; None is no answer."""
+    """Stands for Ray with nodes of which each answers one thing; None is not an answer."""
 
     exceptions = SimpleNamespace(RayTaskError=_TaskError)
 

@@ -304,7 +304,7 @@ def test_drift_takes_losers_as_parents(folder: Path) -> None:
 
 
 def test_best_k_parents_are_as_many_of_the_fittest_as_there_are_elites(folder: Path) -> None:
-    """Whatever niche they lie in: some of them are no elites, and some elites are not among them."""
+    """Whatever niche they lie in: some of them are not elites, and some elites are not among them."""
     _, recorder = searched("best_k", folder)
     for trained, elites, parents in before_each_generation(recorder):
         limit = sorted({one.fitness or 0.0 for one in trained})[:elites][-1]

@@ -192,7 +192,7 @@ def test_workers_of_gpus_train_together_as_far_as_leases_allow(
 
 
 def test_busy_machine_is_told(overrides: Estimating) -> None:
-    """Hours that were measured beside other work are no promise, and the reader learns why."""
+    """Hours that were measured beside other work are not a promise, and the reader learns why."""
     config = compose(overrides())
     assert "The machine was busy: 8.5 processes" in describe_estimate(
         config, lambda config: replace(paced(config), load=8.5)

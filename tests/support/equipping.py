@@ -21,7 +21,7 @@ def equip(header: Any, payload: bytes, arrays: Arrays) -> Arrays:
 
 
 def tell(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
-    """Report the arrays that are no files, and whether a file can be read."""
+    """Report the arrays that are not files, and whether a file can be read."""
     try:
         open("/proc/self/status", encoding="utf-8").close()
         is_confined = False
