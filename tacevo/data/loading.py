@@ -50,9 +50,9 @@ def load(
 ) -> Dataset:
     """Load a data set from the cache, or make it and keep it there.
 
-    A release's own split uses neither the seed nor the parts that are held out, but both still name the cache entry. Of the normalisation only the
-    statistics are computed here; classification ignores the scaling of targets. With one worker, or a small data set,
-    this process makes the pictures.
+    A release's own split uses neither the seed nor the parts that are held out, but both still name the cache entry. Of
+    the normalisation only the statistics are computed here; classification ignores the scaling of targets. With one
+    worker, or a small data set, this process makes the pictures.
 
     `accept` is called with the catalogue before any picture is made, and raises where it does not suit; `progress`
     after every chunk of pictures; `say` with one line where another process makes the data set and this one waits. The

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from tacevo.errors import DataError
 from tacevo.randomness import stream
 
-
 #: The parts of all images that are held out for validation and for the test, where nothing else is asked.
 TENTHS = (0.1, 0.1)
 
@@ -26,6 +25,15 @@ class Split:
     test: npt.NDArray[np.int64]
 
 
+def part_sizes(count: int, held_out: tuple[float, float]) -> tuple[int, int, int]:
+    """Return how many of so many rows are for training, validation and the test, as `random_split` deals them out.
+
+    They are wished sizes: the first may be below 1, and groups that are kept together may shift all of them.
+    """
+    validation, test = (int(Fraction(str(part)) * count + Fraction(1, 2)) for part in held_out)  # as it is written
+    return count - validation - test, validation, test
+
+
 def random_split(
     count: int,
     seed: int,
@@ -36,21 +44,20 @@ def random_split(
 ) -> Split:
     """Split rows at random into training, validation and test; no group is ever torn.
 
-    `held_out` says which parts of all rows, in (0, 1), are for validation and for the test. Both are rounded to the nearest
-    whole number, so the paper's 3,507 gratings give its 351 test images. Where
-    rows share groups, whole groups are dealt out, and the parts end at the group ends nearest to those numbers. Where
-    no two rows share one, nothing is kept together, and rows are dealt out alone. Each class is dealt out
-    evenly; a group counts as one of its first row's class. Groups and class numbers are of shape (count,). The seed is
-    the split's own, apart from the run's.
+    `held_out` says which parts of all rows, in (0, 1), are for validation and for the test. Both are rounded to the
+    nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where rows share groups, whole groups
+    are dealt out, and the parts end at the group ends nearest to those numbers. Where no two rows share one, nothing is
+    kept together, and rows are dealt out alone. Each class is dealt out evenly; a group counts as one of its first
+    row's class. Groups and class numbers are of shape (count,). The seed is the split's own, apart from the run's.
 
     Raises:
         DataError: a part would be empty; or rows share groups, and there are fewer than three groups.
     """
-    validation, test = (int(Fraction(str(part)) * count + Fraction(1, 2)) for part in held_out)  # as it is written
-    ends = (count - validation - test, count - test)
-    if min(ends[0], validation, test) < 1:
+    train, validation, test = part_sizes(count, held_out)
+    ends = (train, count - test)
+    if min(train, validation, test) < 1:
         raise DataError(
-            f"{ends[0]}, {validation} and {test} of {count}",
+            f"{train}, {validation} and {test} of {count}",
             place="the data set",
             expected="at least one image each for training, validation and test",
             remedy="take more images, or change data.validation_part and data.test_part",
