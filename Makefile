@@ -27,8 +27,9 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
-demo: $(READY) ## run a small search, and print what it found and where to look
-	$(BIN)/tacevo search experiment=demo
+demo: $(READY) ## run a small search, train its winner again with other seeds, and print what was found
+	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
+	$(BIN)/tacevo noise runs/demo elites=1 seeds=8
 
 test: $(READY) ## run the tests, two at a time (five minutes)
 	$(BIN)/pytest $(TWO)

@@ -44,8 +44,10 @@ from tacevo.training.numerics import environment
 README = Path("README.md")
 RESULTS = Path("benchmarks/results/bench.json")
 
-#: Settings of a search that is soon over.
-SMALL = ("experiment=demo", "tracking=none", "search.generations=1", "data.images=240", "training.epochs=2")
+#: Settings of a force search that is soon over.
+NICHES = ("archive.niches=25", "archive.prompt_niches=25")
+SIZES = ("search.generations=1", "search.initial=5", "data.images=240", "training.epochs=2")
+SMALL = ("experiment=published_force", "tracking=none", *NICHES, *SIZES)
 TINY = (*SMALL, "search.generations=0", "search.initial=1", "data.images=40", "training.epochs=1")
 
 

@@ -64,14 +64,19 @@ def _row(study: Study, network: Network, found: Comparisons | None, again: Reest
 
 
 def noise_outcome(found: Reestimates, task: str) -> Table:
-    """Show what a noise run found: the recorded fitness of its networks beside what other seeds give."""
+    """Show what a noise run found: the recorded fitness of its networks beside what other seeds give.
+
+    It begins with the finding in one sentence (`_finding`), unless the baseline was trained again alone.
+    """
     pairs = list(zip(found.networks, found.noise.networks, strict=True))
     best = sorted(pairs[2:], key=lambda pair: pair[1].median)[: MOST - 2]
     listed_ones = [pair for pair in pairs if pair in pairs[:2] or pair in best]
     seeds = counted(found.noise.seeds, "other seed")
+    trained = f"{task}: {counted(len(pairs), 'network')}, trained again as the search did, with {seeds}"
+    finding = _finding(found)
     return Table(
         name=f"outcome_{task}",
-        caption=f"{task}: {counted(len(pairs), 'network')}, trained again as the search did, with {seeds}",
+        caption=trained if finding is None else finding,
         columns=(
             *("network", "id", f"fitness, {found.record}", "re-estimated", "least", "most"),
             f"chance to beat the baseline [{100 * LEVEL:g} %]",
@@ -81,11 +86,48 @@ def noise_outcome(found: Reestimates, task: str) -> Table:
             for network, one in listed_ones
         ),
         notes=(
+            *([] if finding is None else [f"{trained}."]),
             *_left_out(found, len(pairs) - len(listed_ones)),
             "Re-estimated: the median of these seeds. The lowest of many flatters its network too, if less.",
             _icc(found),
         ),
     )
+
+
+def _finding(found: Reestimates) -> str | None:
+    """Say whether the best network on record is better than the baseline, by the interval of its chance to beat it.
+
+    Returns:
+        None where no other network than the baseline was trained with every seed.
+    """
+    if len(found.networks) < 2:
+        return None
+    baseline, best = found.noise.networks[:2]
+    chance = best.beats
+    assert chance is not None  # only the baseline has none
+    if chance.low > 0.5:
+        verdict = "is better than"
+    elif chance.high < 0.5:
+        verdict = "is worse than"
+    else:
+        verdict = "cannot be told from"
+    pairs = [(own, other) for own in found.estimates[1] for other in found.estimates[0]]
+    wins, all_pairs = sum(own < other for own, other in pairs), counted(len(pairs), "pair")
+    won = f"all {all_pairs}" if wins == len(pairs) > 1 else f"{wins} of {all_pairs}"
+    return (
+        f"{_called(found)}, {found.networks[1].id}, {verdict} the baseline: its loss is {shown(best.median)} where the "
+        f"baseline's is {shown(baseline.median)} (medians of {counted(found.noise.seeds, 'other seed')}); it wins in "
+        f"{won} of seeds, chance {shown(Between(chance.estimate, chance.low, chance.high))}."
+    )
+
+
+def _called(found: Reestimates) -> str:
+    """Call the best of the networks that every seed trained, beside the baseline, what it is."""
+    best = "The search's best network"
+    baseline, winner = found.networks[:2]
+    if any(one.fitness < winner.fitness for one in found.failed):
+        return f"{best} of those that trained with every seed"
+    return f"{best} beside the baseline" if baseline.fitness < winner.fitness else best
 
 
 def _score(study: Study, network: str) -> Cell:

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -72,7 +73,7 @@ def as_typed(command: str) -> str:
     """Spell a command of this environment so that the user's shell finds it, activated or not."""
     if shutil.which(command):
         return command
-    return os.path.relpath(Path(sys.executable).parent / command)
+    return shlex.quote(os.path.relpath(Path(sys.executable).parent / command))
 
 
 class Parser(argparse.ArgumentParser):

@@ -10,6 +10,7 @@ from tacevo.bundles.extend import continue_run
 from tacevo.bundles.open import Opened, check_walls, opened, over_runs
 from tacevo.bundles.verify import Rerun, Verified, rerun, verify
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store, whole_number
+from tacevo.cli.search import print_end
 from tacevo.config.recorded import read_recorded
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
@@ -173,9 +174,7 @@ def _continue(options: argparse.Namespace) -> int:
         published = replace(found, store=Path(options.store)) if moved else found
         mix = options.rules is not None
         result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view), mix_rules=mix)
-    print(result.summary)
-    print(f"run: {result.directory}")
-    print(f"digest: {result.digest}")
+    print_end(result)
     return DONE
 
 

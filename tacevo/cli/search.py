@@ -1,7 +1,9 @@
 """The commands `tacevo search`, of one search or a sweep of them, `tacevo sweep` and `tacevo track`."""
 
 import argparse
+import shlex
 import sys
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from tacevo.records import Mode
 from tacevo.runs.estimate import describe_estimate
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import require_temperature
-from tacevo.runs.session import search
+from tacevo.runs.session import Result, search
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.status import Standing, describe_jobs, status_of
@@ -56,17 +58,26 @@ def _search(options: argparse.Namespace) -> int:
     require_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
     with Progress() as view:
         result = search(config, view)
-    print(result.summary)
+    told = []
     if config.llm.mode is Mode.replay:
-        print("every answer came from the store: this search made no call and cost nothing")
-    tacevo, mlflow = as_typed("tacevo"), as_typed("mlflow")
-    print(f"run: {result.directory}")
-    print(f"look:   {tacevo} show {result.directory} {result.best}")
-    print(f"verify: {tacevo} replay {result.directory}")
+        told.append("every answer came from the store: this search made no call and cost nothing")
     if config.tracking.kind is Tracking.mlflow:
-        print(f"MLflow: {viewing(config.tracking.uri, mlflow)}")
-    print(f"digest: {result.digest}")
+        told.append(f"MLflow: {viewing(config.tracking.uri, as_typed('mlflow'))}")
+    print_end(result, told)
     return DONE
+
+
+def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
+    """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
+    tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
+    print(result.found)
+    print(f"read:   {result.directory / 'summary.md'}")
+    print(f"look:   {tacevo} show {run} {result.best}")
+    print(f"verify: {tacevo} replay {run}")
+    for remark in remarks:
+        print(remark)
+    print(f"next:   {tacevo} noise {run}")
+    print(f"digest: {result.digest}")
 
 
 _EPILOG = """\

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -203,7 +204,7 @@ def _report_sweep(sweep: Path, studied: StudiedSweep, what: str, remedy: str) ->
         statuses.append(_end(one, remedy))
     for job in studied.unfinished:
         print(f"no {what}, for it is not finished: {job}")
-    print(f"compare: {as_typed('tacevo')} ablations {sweep}")
+    print(f"compare: {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
     return DIFFERENT if studied.unfinished else max(statuses)
 
 
@@ -216,7 +217,7 @@ def _noise(options: argparse.Namespace) -> int:
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
     if run.answered:
-        print(f"next:   {as_typed('tacevo')} study run={run.path} choose=reestimated")
+        print(f"next:   {as_typed('tacevo')} study run={shlex.quote(str(run.path))} choose=reestimated")
     return _end(studied, "lower elites=")
 
 
@@ -233,7 +234,7 @@ def _show(studied: Studied, store: str | None) -> Run:
         print_table(table, Console())
         say(why for why in found.left_out if studied.directory.name in why)
     for command in ("tables", "report"):
-        print(f"look:   {as_typed('tacevo')} {command} {run.path}")
+        print(f"look:   {as_typed('tacevo')} {command} {shlex.quote(str(run.path))}")
     return run
 
 

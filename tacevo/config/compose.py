@@ -96,7 +96,8 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
         usual, chosen, laid = (
             _plain(hydra_compose("config", overrides=each).data) for each in ([], choices, [*overrides])
         )
-    brought = {key for key in chosen if choices and (key in {"source", "split"} or chosen[key] != usual[key])}
+    split = {"split", "validation_part", "test_part"}
+    brought = {key for key in chosen if choices and (key in {"source", *split} or chosen[key] != usual[key])}
     named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
     own = {key: laid[key] for key in brought | named}
     found = _checked({**to_plain(config), "data": {**to_json(config.data), **own}})

@@ -25,6 +25,15 @@ class Split:
     test: npt.NDArray[np.int64]
 
 
+def part_sizes(count: int, held_out: tuple[float, float]) -> tuple[int, int, int]:
+    """Return how many of so many rows are for training, validation and the test, as `random_split` deals them out.
+
+    They are wished sizes: the first may be below 1, and groups that are kept together may shift all of them.
+    """
+    validation, test = (int(Fraction(str(part)) * count + Fraction(1, 2)) for part in held_out)  # as it is written
+    return count - validation - test, validation, test
+
+
 def random_split(
     count: int,
     seed: int,
@@ -44,11 +53,11 @@ def random_split(
     Raises:
         DataError: a part would be empty; or rows share groups, and there are fewer than three groups.
     """
-    validation, test = (int(Fraction(str(part)) * count + Fraction(1, 2)) for part in held_out)  # as it is written
-    ends = (count - validation - test, count - test)
-    if min(ends[0], validation, test) < 1:
+    train, validation, test = part_sizes(count, held_out)
+    ends = (train, count - test)
+    if min(train, validation, test) < 1:
         raise DataError(
-            f"{ends[0]}, {validation} and {test} of {count}",
+            f"{train}, {validation} and {test} of {count}",
             place="the data set",
             expected="at least one image each for training, validation and test",
             remedy="take more images, or change data.validation_part and data.test_part",

@@ -17,6 +17,7 @@ from tacevo.choices import DataSource, Device, ExecutorKind, SplitRule
 from tacevo.config.schema import OutputConfig, RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
+from tacevo.data.splitting import part_sizes
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.records import Kind, Mode, Rejection
@@ -92,7 +93,9 @@ def training_images(config: RunConfig) -> int:
     data = config.data
     is_simulated = data.source is DataSource.simulated
     count = data.images if is_simulated else len(source_of(config).catalogue().labels)
-    return round(count * 0.6) if data.split is SplitRule.release else count - 2 * ((count + 5) // 10)
+    if data.split is SplitRule.release:
+        return round(count * 0.6)
+    return part_sizes(count, (data.validation_part, data.test_part))[0]
 
 
 def measure(config: RunConfig) -> Pace:

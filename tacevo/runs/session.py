@@ -22,7 +22,7 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
-from tacevo.runs.summary import summarise
+from tacevo.runs.summary import in_short, summarise
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
 from tacevo.sandbox.client import Run, Zygote
 from tacevo.search.development import LLM, Outcome
@@ -47,7 +47,8 @@ class Result:
 
     directory: Path
     digest: str
-    summary: str
+    #: What was found, in short; summary.md in the directory has all of it.
+    found: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
 
@@ -124,10 +125,10 @@ def record(
             ) as bench:
                 state = run_eras(plan, eras, bench.tools, ledger, observer)
             _refuse_longer(ledger, directory)
-            summary = _finish(directory, config, state, ledger.digest)
+            found = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
-        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=name)
+        return Result(directory=directory.path, digest=ledger.digest, found=found, best=name)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
@@ -214,13 +215,13 @@ def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
 
 
 def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> str:
-    """Write what is known only at the end; return the summary."""
+    """Write what is known only at the end; return the summary in short."""
     run = replace(directory.read_run(), config=_publishable(config), digest=digest, pages=PAGES)
     directory.write_run(run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
-    summary = summarise(run, config, read_ledger(directory).lines, names, directory.read_spending())
-    directory.write_text("summary.md", summary)
-    return summary
+    lines, spent = read_ledger(directory).lines, directory.read_spending()
+    directory.write_text("summary.md", summarise(run, config, lines, names, spent))
+    return in_short(run, config, lines, names, spent)
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ from tacevo.search.files import Line, eras_in_words, eras_of
 from tacevo.search.lines import TEMPERATURE, CandidateLine, GenerationLine, not_sent
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.run_directory import RunRecord
-from tacevo.text import counted, drawn, misreported, table
+from tacevo.text import counted, drawn, listed, misreported, table
 
 #: How many elites the summary lists.
 TOP = 5
@@ -31,32 +31,62 @@ def summarise(
     The page has the search's size, its best networks, a table of the gate's stages, one of generations, and the cost of
     the answers, as far as it is known. Elites, those of the network archive, and costs are by the candidates' ids.
     """
-    candidates = {line.id: line for line in lines if isinstance(line, CandidateLine)}
-    generations = [line for line in lines if isinstance(line, GenerationLine)]
-    parts = [f"# {run.name}", _headline(run, config, candidates.values(), len(generations)), *_rules(lines)]
-    parts += _not_sent(candidates.values())
-    # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
-    whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
-    known = fitness_by_id(lines[:whole])
-    if elites := [name for name in elites if name in known]:
-        reckoned = {name: replace(line, fitness=known.get(name)) for name, line in candidates.items()}
-        parts += [_found(reckoned, elites, config), _stages(candidates.values()), *_repaired(candidates.values())]
+    candidates, generations = _candidates(lines), _generations(lines)
+    headline = f"{_headline(run, config, candidates.values(), len(generations))} {_data(run)}"
+    parts = [f"# {run.name}", headline, *_rules(lines), *_not_sent(candidates.values())]
+    if found := _found(lines, elites):
+        sentence, best = found
+        parts += [
+            f"## Found\n\n{sentence} {_draws(config)}: `tacevo noise` trains the elites with other seeds, and `tacevo "
+            f"tables` says what is left of an improvement.\n\n{best}"
+        ]
+        parts += [_stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
         parts += [_progress(generations, config), *_costs(candidates, generations, spent)]
     return "\n\n".join(parts) + "\n"
 
 
+def in_short(
+    run: RunRecord,
+    config: RunConfig,
+    lines: Sequence[Line],
+    elites: Collection[str],
+    spent: Mapping[str, Spending],
+) -> str:
+    """Write what of the summary fits one screen: size, best networks, the gate's rate, and what was paid."""
+    candidates = _candidates(lines)
+    parts = [_headline(run, config, candidates.values(), len(_generations(lines))), *_not_sent(candidates.values())]
+    if found := _found(lines, elites):
+        sentence, best = found
+        parts += [f"{sentence} {_draws(config)}.", best]
+        parts += ["\n".join([_rate(candidates.values()), *_paid(candidates, spent)])]
+    return "\n\n".join(parts) + "\n"
+
+
+def _candidates(lines: Sequence[Line]) -> dict[str, CandidateLine]:
+    return {line.id: line for line in lines if isinstance(line, CandidateLine)}
+
+
+def _generations(lines: Sequence[Line]) -> list[GenerationLine]:
+    return [line for line in lines if isinstance(line, GenerationLine)]
+
+
 def _headline(run: RunRecord, config: RunConfig, candidates: Collection[CandidateLine], generations: int) -> str:
-    train, validation, test = run.data.counts
-    size = run.data.image_size
     unasked = generations > 0 and all(line.request is None for line in candidates)
     answers = "no model was asked" if unasked else f"requests answered by {config.llm.model}"
     return (
         f"Task {run.task.name}, seed {config.seed}, {answers}, "
         f"{config.numerics.kind} numerics. {counted(len(candidates), 'candidate')} in "
-        f"{counted(generations, 'generation')} (the first is generation 0). Data {run.data.fingerprint[:12]}: {train} "
-        f"training, {validation} validation and {test} test images of {size} x {size} pixels; the test images play no "
-        "part in a search."
+        f"{counted(generations, 'generation')} (the first is generation 0)."
+    )
+
+
+def _data(run: RunRecord) -> str:
+    train, validation, test = run.data.counts
+    size = run.data.image_size
+    return (
+        f"Data {run.data.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
+        f"{size} x {size} pixels; the test images play no part in a search."
     )
 
 
@@ -73,25 +103,40 @@ def _not_sent(lines: Collection[CandidateLine]) -> list[str]:
     return [" ".join([*(f"{words}." for words in said.values()), *planned])] if said else []
 
 
-def _found(candidates: Mapping[str, CandidateLine], elites: Collection[str], config: RunConfig) -> str:
-    """Set the best elites beside the baseline and the best of generation 0."""
-    trained = {name: line for name, line in candidates.items() if line.fitness is not None}
+def _found(lines: Sequence[Line], elites: Collection[str]) -> tuple[str, str] | None:
+    """Name the best beside the baseline and the best of generation 0, and tabulate the best elites.
+
+    Returns:
+        A sentence and a table; None before a generation is complete, and where no elite is left.
+    """
+    # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
+    whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
+    known = fitness_by_id(lines[:whole])
+    candidates = {name: replace(line, fitness=known.get(name)) for name, line in _candidates(lines).items()}
+    ranked = sorted((candidates[name] for name in elites if name in known), key=lambda line: (_fitness(line), line.id))
+    if not ranked:
+        return None
     baseline = next(line for line in candidates.values() if line.operator is Operator.baseline)
-    first = min((_fitness(line) for line in trained.values() if line.generation == 0), default=None)
-    ranked = sorted((trained[name] for name in elites), key=lambda line: (_fitness(line), line.id))
+    first = min((_fitness(candidates[name]) for name in known if candidates[name].generation == 0), default=None)
     rows = [
         [line.id, _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
+    sentence = (
+        f"Best fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has {_number(first)}, "
+        f"the baseline {_number(baseline.fitness)}."
+    )
+    return sentence, table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
+
+
+def _draws(config: RunConfig) -> str:
+    """Say what a fitness is, and what it is not; the sentence is not ended."""
     seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
     losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
     return (
-        f"## Found\n\nBest fitness {_number(_fitness(ranked[0]))} by {ranked[0].id}; the best of generation 0 has "
-        f"{_number(first)}, the baseline {_number(baseline.fitness)}. Fitness is the validation loss after the short "
-        f"training; lower wins. Each is {drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of "
-        "many: `tacevo noise` trains the elites with other seeds, and `tacevo tables` says what is left of an "
-        "improvement.\n\n" + table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
+        "Fitness is the validation loss after the short training; lower wins. Each is "
+        f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many"
     )
 
 
@@ -105,21 +150,39 @@ def _stages(lines: Collection[CandidateLine]) -> str:
     The baseline and given networks are not answers, so they are not counted, as in
     `analysis.runs.dynamics.gate_stages`.
     """
-    answers = [line.repairs[0] if line.repairs else line for line in lines if line.request is not None]
-    left = len(answers)
-    reasons = Counter((first.stage, first.reason) for first in answers if first.stage and first.reason)
+    answers, reasons = _first_answers(lines)
+    left = answers
     rows = []
     for stage in Stage:
         lost = {reason: count for (where, reason), count in sorted(reasons.items()) if where is stage}
         left -= sum(lost.values())
         detail = ", ".join(f"{reason} {count}" for reason, count in lost.items()) or "-"
         rows.append(
-            [stage.value, str(sum(lost.values())), str(left), f"{left / len(answers):.1%}" if answers else "-", detail]
+            [stage.value, str(sum(lost.values())), str(left), f"{left / answers:.1%}" if answers else "-", detail]
         )
     page = "## Gate\n\nOf first answers; the baseline is not an answer.\n\n" + table(
         ["stage", "rejected", "left", "of all", "reasons"], rows
     )
     return "\n\n".join([page, *misreported((reason, count) for (_, reason), count in reasons.items())])
+
+
+def _first_answers(lines: Collection[CandidateLine]) -> tuple[int, Counter[tuple[Stage, str]]]:
+    """Count first answers, and those that were rejected, by stage and reason."""
+    answers = [line.repairs[0] if line.repairs else line for line in lines if line.request is not None]
+    return len(answers), Counter((first.stage, first.reason) for first in answers if first.stage and first.reason)
+
+
+def _rate(lines: Collection[CandidateLine]) -> str:
+    """Say in a line how many first answers the gate let through, and at which stages others ended."""
+    answers, reasons = _first_answers(lines)
+    if not answers:
+        return "Gate: no model was asked."
+    lost = Counter[Stage]()
+    for (stage, _), count in reasons.items():
+        lost[stage] += count
+    left = answers - lost.total()
+    rejected = listed(f"{stage} {lost[stage]}" for stage in Stage if lost[stage])
+    return f"Gate: {left} of {counted(answers, 'first answer')} trained ({left / answers:.1%}); rejected: {rejected}."
 
 
 def _repaired(lines: Collection[CandidateLine]) -> list[str]:
@@ -152,7 +215,7 @@ def _costs(
     candidates: Mapping[str, CandidateLine], generations: Sequence[GenerationLine], spent: Mapping[str, Spending]
 ) -> list[str]:
     """Add up what the answers cost when they were recorded, generation by generation."""
-    known = {name: spent[name] for name in candidates if name in spent}
+    known = _known(candidates, spent)
     run = total(known.values())
     if not run.answers:
         return []
@@ -167,6 +230,16 @@ def _costs(
     gap = f" The cost of {missing} candidates is not in timings.jsonl." if missing else ""
     whole = f"{in_words(run)} (input + output), by the prices of the day each was recorded.{gap}"
     return [f"## Cost\n\n{whole}\n\n{table(header, rows)}"]
+
+
+def _known(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> dict[str, Spending]:
+    return {name: spent[name] for name in candidates if name in spent}
+
+
+def _paid(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> list[str]:
+    """Say in a line what the answers cost; nothing where they were free."""
+    run = total(_known(candidates, spent).values())
+    return [f"Cost: {in_words(run)}."] if run.usd or run.unpriced else []
 
 
 def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:

@@ -115,7 +115,7 @@ def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -
     table = noise_outcome(again, "force")
     listed = [row[0] for row in table.rows]
     assert listed == ["baseline", "variant 1", *names[-(MOST - 2) :]]
-    assert f"Not listed: {31 - MOST}" in table.notes[0]
+    assert f"Not listed: {31 - MOST}" in table.notes[1]
     winner = dict(zip(table.columns, table.rows[1], strict=True))
     assert winner[ONE_DRAW] == 0.1
     assert (winner["re-estimated"], winner["least"], winner["most"]) == (2.05, 2.0, 2.1)
@@ -129,3 +129,53 @@ def test_noise_run_of_a_baseline_alone_has_no_icc() -> None:
     table = noise_outcome(reestimates(["baseline"], [[1.0, 1.2]]), "force")
     assert [row[-1] for row in table.rows] == [None]
     assert table.notes[-1].startswith("No ICC")
+
+
+#: Losses of the baseline under eight other seeds.
+BASELINE = [0.80, 0.81, 0.82, 0.83, 0.84, 0.85, 0.86, 0.87]
+
+
+@pytest.mark.parametrize(
+    ("best", "words"),
+    [
+        (
+            [loss - 0.4 for loss in BASELINE],
+            "is better than the baseline: its loss is 0.435 where the baseline's is 0.835 (medians of 8 other seeds); "
+            "it wins in all 64 pairs of seeds, chance 1.00 [0.76, 1.00].",
+        ),
+        (
+            [loss + 0.005 for loss in BASELINE],
+            "cannot be told from the baseline: its loss is 0.840 where the baseline's is 0.835 (medians of 8 other "
+            "seeds); it wins in 28 of 64 pairs of seeds, chance 0.438 [0.208, 0.701].",
+        ),
+        (
+            [loss + 0.4 for loss in BASELINE],
+            "is worse than the baseline: its loss is 1.24 where the baseline's is 0.835 (medians of 8 other seeds); "
+            "it wins in 0 of 64 pairs of seeds, chance 0.000 [0.000, 0.244].",
+        ),
+    ],
+)
+def test_noise_run_begins_with_its_finding(best: list[float], words: str) -> None:
+    """Whether the winner on record is better, worse or neither rests on the interval, and not on the other elites."""
+    table = noise_outcome(reestimates(["baseline", "variant 1", "variant 2"], [BASELINE, best, [0.01] * 8]), "force")
+    assert table.caption.startswith(f"The search's best network, id of variant 1, {words}")
+    assert table.notes[0] == "force: 3 networks, trained again as the search did, with 8 other seeds."
+
+
+def test_finding_of_one_seed_is_that_there_is_none() -> None:
+    """However far apart two losses are."""
+    caption = noise_outcome(reestimates(["baseline", "variant 1"], [[1.0], [0.1]]), "force").caption
+    assert "id of variant 1, cannot be told from the baseline: " in caption
+    assert "(medians of 1 other seed); it wins in 1 of 1 pair of seeds, chance 1.00 [0.21, 1.00]." in caption
+
+
+def test_finding_names_what_it_is_about() -> None:
+    """Not the best of the search, where that is the baseline, or failed with another seed."""
+    again = reestimates(["baseline", "variant 1"], [BASELINE, BASELINE])
+    record = again.networks[1].fitness
+    fitter = replace(again, networks=(replace(again.networks[0], fitness=record / 2), again.networks[1]))
+    lost = replace(again, failed=(replace(network("variant 0"), fitness=record / 2),))
+    assert noise_outcome(fitter, "force").caption.startswith("The search's best network beside the baseline, id of")
+    assert noise_outcome(lost, "force").caption.startswith(
+        "The search's best network of those that trained with every seed, id of variant 1, "
+    )

@@ -36,7 +36,7 @@ def test_each_network_is_measured_in_each_precision() -> None:
 @pytest.mark.slow
 def test_whole_sandbox_is_measured_with_one_candidate_and_with_two() -> None:
     """A row for each number of candidates at once."""
-    small = ["experiment=demo", "training.batch_size=8", "data.image_size=16"]
+    small = ["experiment=published_force", "training.batch_size=8", "data.image_size=16"]
     assert len(whole_sandbox(small, at_once=(1, 2)).splitlines()) == 4
 
 

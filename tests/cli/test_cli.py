@@ -1,8 +1,10 @@
 """The command as a user gives it: searching, stopping, continuing, replaying, and every mistake in one line."""
 
 import json
+import math
 import os
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -16,6 +18,8 @@ from smallest import UNTRACKED
 from waiting import eventually
 
 from tacevo.cli.app import COMMANDS, main
+from tacevo.cli.search import print_end
+from tacevo.runs.session import Result
 
 COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
 
@@ -58,6 +62,7 @@ def test_same_command_again_trains_nothing_and_gives_the_same_digest(
         out = capsys.readouterr().out
         assert out.splitlines()[-1] == f"digest: {whole_search[1]}"
         assert (said in out) == free
+        assert sum(max(1, math.ceil(len(line) / 80)) for line in out.splitlines()) <= 25
     assert evaluations(copied) == before
 
 
@@ -107,6 +112,18 @@ def test_other_configuration_in_the_same_directory_is_refused(copied: Path, caps
     assert main([*TINY, "seed=3"]) == 2
     assert "got another run" in capsys.readouterr().err
     assert (copied / "run" / "ledger.jsonl").read_bytes() == before
+
+
+def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where to look and what next, also where a directory has a space in its name; the digest is the last line."""
+    print_end(Result(directory=Path("my runs/one"), digest="d", found="found\n", best="g01s02"), ["a remark"])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["found", ""]
+    assert lines[2] == "read:   my runs/one/summary.md"
+    assert [shlex.split(line)[2:] for line in (lines[3], lines[4], lines[6])] == [
+        *(["show", "my runs/one", "g01s02"], ["replay", "my runs/one"], ["noise", "my runs/one"])
+    ]
+    assert (lines[5], lines[7:]) == ("a remark", ["digest: d"])
 
 
 def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ DATA = Path(__file__).parents[3] / "shared" / "data"
 needs_recordings = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not beside this checkout")
 
 SMALL = [
-    "experiment=demo",
+    "experiment=published_force",
     *ARCHIVES,
     UNTRACKED,
     "training.epochs=1",

@@ -14,6 +14,7 @@ from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
+from tacevo.data.splitting import part_sizes
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Kind
 
@@ -144,7 +145,7 @@ def test_demo_is_small() -> None:
     candidates = 1 + config.search.initial + config.search.generations * config.search.candidates
     assert candidates <= 60
     assert config.data.image_size <= 32
-    assert config.data.images <= 600
+    assert part_sizes(config.data.images, (config.data.validation_part, config.data.test_part)) == (400, 200, 1400)
     assert config.training.epochs <= 5
     assert config.llm.provider == "grammar"
 

@@ -150,11 +150,13 @@ def test_other_data_differ_in_what_was_set_only() -> None:
         == compose([*SMALLEST, "data.split_seed=1", "data.light=dim", "data.sensor_seed=3"]).data
     )
     assert compose_data(run, ["data.split_seed=7"]).training == run.training
+    assert compose_data(run, ["data.test_part=0.3"]).data == replace(run.data, test_part=0.3)
 
 
 def test_recordings_keep_the_size_of_the_runs_images() -> None:
-    """Another source brings itself and its split."""
-    run = compose([*SMALLEST, "data.normalisation=unit"])
+    """Another source brings itself and its split, with the parts of it."""
+    run = compose([*SMALLEST, "data.normalisation=unit", "data.test_part=0.7"])
+    assert compose_data(run, ["data=csv", "data.root=mine", "data.target_columns=[a,b,c]"]).data.test_part == 0.1
     other = compose_data(run, ["data=tacverse", "data.root=somewhere"]).data
     assert (other.source, other.split, other.root) == (DataSource.tacverse, SplitRule.release, "somewhere")
     assert (other.image_size, other.normalisation) == (run.data.image_size, run.data.normalisation)
@@ -178,6 +180,7 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
     [
         ("data.split_sed=7", "data.split_sed", "", "did you mean data.split_seed?"),
         ("data.split_seed=-1", "data.split_seed", "an integer of at least 0", ""),
+        ("data.test_part=0.9", "data.test_part", "less than 1 together with data.validation_part", ""),
         ("data.image_size=64", "data.image_size", "32, which the run's networks are for", ""),
         ("data=nothing", "data", "one of csv, folder, numpy, simulated, tacverse", ""),
         ("data=tacverse", "data.root", "the directory of the data set", ""),

@@ -24,6 +24,6 @@ def test_configuration_of_another_version_is_refused(config: dict[str, Any]) -> 
 
 def test_number_of_images_is_that_of_the_data_set() -> None:
     """Else a replay or a retraining would make another one."""
-    config = to_plain(compose(["experiment=demo", f"data.images={sum(FACTS.counts) + 1}"]))
+    config = to_plain(compose([f"data.images={sum(FACTS.counts) + 1}"]))
     with refused(RunError, place="run.json, data.images", expected=f"the {sum(FACTS.counts)} images", got="481"):
         read_settings(DIRECTORY, run_record(config=config))

@@ -251,15 +251,17 @@ def test_answers_that_are_none_are_typed_recorded_and_replayed(place: Path, caps
     with serving(Moody(answer=lambda body: "```python\nclass ImageRegressionCNN(nn.Module):\n")) as server:
         overrides = ["search.generations=0", "search.initial=4", "llm.concurrency=1", "run.dir=run"]
         assert search(server, *overrides) == 0
-        summary = capsys.readouterr().out
+        told = capsys.readouterr().out
         asked = sum(server.tried.values())
         assert search(server, *overrides) == 0
         assert sum(server.tried.values()) == asked
     lines = [json.loads(line) for line in (place / "run" / "ledger.jsonl").read_text().splitlines()]
     reasons = {(line["stage"], line["reason"]) for line in lines if "stage" in line}
     assert reasons == {("extract", reason) for reason in ("refused", "truncated", "empty", "invalid_request")}
+    summary = (place / "run" / "summary.md").read_text()
     assert "empty 1, invalid_request 1, refused 1, truncated 1" in summary
     assert "4 answers, 33 + 21 tokens" in summary
+    assert "Gate: 0 of 4 first answers trained (0.0%); rejected: extract 4." in told
     capsys.readouterr()
     assert main(["replay", "run"]) == 0
-    assert digest(capsys.readouterr().out) == digest(summary)
+    assert digest(capsys.readouterr().out) == digest(told)

@@ -155,7 +155,7 @@ def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> 
     run = RecordedRun(
         directory=RunDirectory(Path("run")),
         record=run_record(),
-        config=compose(["experiment=demo"]),
+        config=compose(["experiment=published_force"]),
         ledger=Sealed((header(), LINE, replace(LINE, id="g00s04"), slow, untrained)),
         eras=(),
     )

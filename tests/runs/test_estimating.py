@@ -25,7 +25,13 @@ from tacevo.runs.wiring import build_settings
 from tacevo.search.proposals import plan_initial
 from tacevo.storage.store import Store
 
-SMALL = ["experiment=demo", "llm=anthropic", "search.generations=2", "search.candidates=10", "search.initial=4"]
+SMALL = [
+    "experiment=published_force",
+    "llm=anthropic",
+    "search.generations=2",
+    "search.candidates=10",
+    "search.initial=4",
+]
 
 Estimating = Callable[..., list[str]]
 
@@ -201,9 +207,10 @@ def test_busy_machine_is_told(overrides: Estimating) -> None:
 
 
 def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp_path: Path) -> None:
-    """Eight tenths of a random split, six of a release's; of recorded images as many as there are."""
+    """What a random split does not hold out, six tenths of a release's; of recorded images as many as there are."""
     config = compose(overrides())
     assert training_images(config) == 480
+    assert training_images(compose(overrides("data.validation_part=0.15", "data.test_part=0.6"))) == 150
     assert training_images(replace(config, data=replace(config.data, split=SplitRule.release))) == 360
     np.savez(tmp_path / "own.npz", images=np.zeros((23, 16, 16, 3), np.uint8), labels=np.zeros((23, 3), np.float32))
     own = ["data=numpy", f"data.root={tmp_path}/own.npz"]

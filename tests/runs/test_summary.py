@@ -1,5 +1,6 @@
 """Promise: a summary says what the ledger says, and can be written at any moment of a run."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,14 +14,14 @@ from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rules import FIRST
-from tacevo.runs.summary import summarise
+from tacevo.runs.summary import in_short, summarise
 from tacevo.search.files import Line, RulesLine
 from tacevo.search.lines import GenerationLine, ReevaluationLine, RepairedAnswer
 from tacevo.text import table
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 
-CONFIG = compose(["experiment=demo", "seed=3"])
+CONFIG = compose(["experiment=published_force", "seed=3"])
 
 RUN = run_record(name="force-seed3-0123abcd", task=replace(TASK, name="force"))
 
@@ -227,3 +228,38 @@ def test_cost_is_added_up_by_generation() -> None:
         ["1", "2", "3,000", "1,500", "0.500 USD"],
         ["2", "0", "0", "0", "0.00 USD"],
     ]
+
+
+def test_end_of_a_search_fits_one_screen() -> None:
+    """On 80 columns, with room for the commands: size, winner, its worth, the best five, the gate's rate."""
+    names = [f"g01s{number:02d}" for number in range(8)]
+    ends = generation(1, trained=8, candidates=8, best=0.1, median=0.4)
+    elites = [trained(name, 0.1 * at, operator=Operator.crossover) for at, name in enumerate(names, start=1)]
+    lines = [header(), *LINES[:3], *elites, rejected("g01s08", "extract", "truncated"), ends]
+    told = in_short(RUN, CONFIG, lines, names, {})
+    page = summarise(RUN, CONFIG, lines, names, {})
+    assert all(part in page for part in told.split("\n\n")[2:3])
+    assert "Best fitness 0.1 by g01s00; the best of generation 0 has 0.4, the baseline 0.5." in told
+    assert "Each is one draw, the loss of one training seed, and the best is the lowest of many." in told
+    assert [row.split("|")[1].strip() for row in told.splitlines() if row.startswith("| g")] == [*names[:5], "g00s00"]
+    assert told.endswith("Gate: 9 of 10 first answers trained (90.0%); rejected: extract 1.\n")
+    assert sum(max(1, math.ceil(len(line) / 80)) for line in told.splitlines()) <= 19
+
+
+def test_end_of_a_search_says_what_was_paid_and_not_sent() -> None:
+    """Each only where there is such."""
+    spent = {"g01s00": Spending(answers=2, input_tokens=3000, output_tokens=1500, usd=0.5)}
+    refusing = [replace(line, dropped=("temperature",)) if line == LINES[1] else line for line in LINES]
+    told = in_short(RUN, CONFIG, [header(), *refusing], ["g01s00"], spent)
+    silent = in_short(RUN, CONFIG, [header(), *LINES], ["g01s00"], {})
+    for words in (
+        "Cost: 2 answers, 3,000 + 1,500 tokens, 0.500 USD.",
+        "temperature was not sent: the model refuses it",
+    ):
+        assert [words in page for page in (told, silent)] == [True, False]
+
+
+def test_end_of_a_search_that_asked_nobody_has_no_rate() -> None:
+    """There are no first answers."""
+    lines = [header(), LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5)]
+    assert in_short(RUN, CONFIG, lines, ["g00s00"], {}).endswith("\n\nGate: no model was asked.\n")

@@ -136,7 +136,7 @@ def test_gpu_that_fails_is_no_verdict(visible: str, said: str, tmp_path: Path, m
         pytest.skip("there is a GPU")
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
     overrides = ["training.device=cuda", "training.gpu=NVIDIA H200", "sandbox.require=none", "numerics=fast"]
-    config = compose(["experiment=demo", "data.image_size=16", f"store.root={tmp_path}/store", *overrides])
+    config = compose(["experiment=published_force", "data.image_size=16", f"store.root={tmp_path}/store", *overrides])
     data = noise(config, tmp_path)
     task = load_task(config, data.facts)
     with Workbench(config, task, data.facts, Mode.record, data=data) as bench, refused(SandboxError, got=said):

@@ -109,7 +109,7 @@ def test_number_of_requests_is_told_where_it_is_not_all() -> None:
 def test_summary_says_it() -> None:
     """And that T is what was planned."""
     lines, plain = (searched(fakes.plan(generations=1), llm) for llm in (Refusing(), fakes.FakeLLM()))
-    config = compose(["experiment=demo"])
+    config = compose(["experiment=published_force"])
     page = summarise(run_record(), config, [header(), *lines], [], {})
     assert f"{WORDS}. top_p was not sent: the model refuses it. T, and the temperatures of the prompt archive" in page
     assert "not sent" not in summarise(run_record(), config, [header(), *plain], [], {})

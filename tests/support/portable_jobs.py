@@ -154,9 +154,7 @@ def _search() -> None:
     show("archives", digest_of_json(to_json(archive_files(plan, state))))
     show(
         "tables",
-        digest(
-            [summarise(run_record(), compose(["experiment=demo"]), [header(), *recorder.lines], elites, {}).encode()]
-        ),
+        digest([summarise(run_record(), compose(["task=force"]), [header(), *recorder.lines], elites, {}).encode()]),
     )
 
 

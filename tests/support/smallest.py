@@ -8,8 +8,8 @@ UNTRACKED = "tracking=none"
 #: Few niches, found quickly.
 ARCHIVES = ["archive.niches=5", "archive.prompt_niches=5", "archive.samples=100"]
 
-#: A search that trains, on few images and for one epoch.
-SMALLEST = ["experiment=demo", "data.images=40", "training.epochs=1", *ARCHIVES]
+#: A force search that trains, on few images and for one epoch.
+SMALLEST = ["experiment=published_force", "data.images=40", "training.epochs=1", *ARCHIVES]
 
 #: The fixture `once`: fills a directory of a name by a function, once a session, and returns it.
 Once = Callable[[str, Callable[[Path], object]], Path]

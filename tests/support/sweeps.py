@@ -16,7 +16,7 @@ from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
 from tacevo.sweeps.launch import Launcher
 
 #: Shared by all jobs of the tests.
-SHARED = ["experiment=demo", "tracking=none"]
+SHARED = ["experiment=published_force", "tracking=none"]
 
 
 @functools.cache

@@ -56,7 +56,7 @@ def test_any_arm_may_be_the_reference(place: Path) -> None:
 
 
 def test_test_score_may_be_called_by_its_name_in_the_task(place: Path) -> None:
-    """The demo regresses forces, so it is the MSE; another name is refused before a job runs, with the one that is."""
+    """The sweep regresses forces, so it is the MSE; another name is refused before a job runs, with the one that is."""
     begun(MODELS, Asked(primary="test_mse"))
     assert SweepDirectory(ALL).read_terms().primary is Primary.test_score
     assert begun(MODELS, Asked(primary="test_score")).read_terms().primary is Primary.test_score
@@ -65,7 +65,7 @@ def test_test_score_may_be_called_by_its_name_in_the_task(place: Path) -> None:
         with refused(ConfigError, place="--primary", expected=expected, got=repr(name)):
             sweep(MODELS, "other", Heard(), Launched(), asked=Asked(primary=name))
     assert not Path("other").exists()
-    classes = compose(["experiment=demo", "task=grating"]).task
+    classes = compose(["task=grating"]).task
     assert read_primary("test_accuracy", classes) is Primary.test_score
     with refused(ConfigError, expected="test_accuracy in task grating", got="'test_mse'"):
         read_primary("test_mse", classes)
