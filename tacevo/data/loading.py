@@ -96,7 +96,7 @@ def load(
     return dataset
 
 
-def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple[float, float]) -> Split:
+def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple[float, float] = TENTHS) -> Split:
     """Split the rows of a catalogue as the rule says.
 
     Raises:
