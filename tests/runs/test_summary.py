@@ -235,7 +235,7 @@ def test_end_of_a_search_fits_one_screen() -> None:
     names = [f"g01s{number:02d}" for number in range(8)]
     ends = generation(1, trained=8, candidates=8, best=0.1, median=0.4)
     elites = [trained(name, 0.1 * at, operator=Operator.crossover) for at, name in enumerate(names, start=1)]
-    lines = [header(), *LINES[:3], *elites, rejected("g01s08", "extract", "truncated"), ends]
+    lines: list[Line] = [header(), *LINES[:3], *elites, rejected("g01s08", "extract", "truncated"), ends]
     told = in_short(RUN, CONFIG, lines, names, {})
     page = summarise(RUN, CONFIG, lines, names, {})
     assert all(part in page for part in told.split("\n\n")[2:3])
@@ -254,12 +254,12 @@ def test_end_of_a_search_says_what_was_paid_and_not_sent() -> None:
     silent = in_short(RUN, CONFIG, [header(), *LINES], ["g01s00"], {})
     for words in (
         "Cost: 2 answers, 3,000 + 1,500 tokens, 0.500 USD.",
-        "temperature was not sent: the model refuses it",
+        "temperature was not sent with 1 of 7 requests: the model refuses it",
     ):
         assert [words in page for page in (told, silent)] == [True, False]
 
 
 def test_end_of_a_search_that_asked_nobody_has_no_rate() -> None:
     """There are no first answers."""
-    lines = [header(), LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5)]
+    lines: list[Line] = [header(), LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5)]
     assert in_short(RUN, CONFIG, lines, ["g00s00"], {}).endswith("\n\nGate: no model was asked.\n")

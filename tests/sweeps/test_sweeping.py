@@ -142,7 +142,7 @@ def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
     )
     name = folder(SHARED, first)
     assert name.parent == Path("sweeps")
-    assert name.name.startswith("demo-")
+    assert name.name.startswith("published_force-")
     assert folder(SHARED, more) == name
     assert folder([*SHARED, "executor.workers=1"], watched) == name
     assert folder([*SHARED, "search.candidates=3"], other) != name
