@@ -8,6 +8,7 @@ import pytest
 from bundles import members_of
 from refusals import refused
 
+from tacevo.bundles.open import opened
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.storage.notes import LONGEST, read_note
@@ -63,3 +64,19 @@ def test_note_of_a_stranger_shows_no_other_file(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("secret")
     (tmp_path / "NOTE.md").symlink_to(tmp_path / "secret")
     assert read_note(tmp_path) == ()
+
+
+@pytest.mark.slow
+def test_note_of_a_sweep_is_published_with_it(swept: Path, tmp_path: Path) -> None:
+    """It lies beside sweep.json, in the bundle, too, which replays and can be published again."""
+    shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    (tmp_path / "sweep" / "NOTE.md").write_text(LIMITS)
+    first, again = tmp_path / "sweep.zip", tmp_path / "again.zip"
+    assert main(["publish", str(tmp_path / "sweep"), "--store", str(swept / "cache"), "-o", str(first)]) == 0
+    members = members_of(first)
+    assert members["sweep/NOTE.md"].decode() == LIMITS
+    assert "\n\nOne search.\n\nOne split.\n" in members["README.md"].decode()
+    assert main(["replay", str(first)]) == 0
+    with opened(first) as place:
+        assert main(["publish", str(place.folder), "--store", str(place.store), "-o", str(again)]) == 0
+    assert again.read_bytes() == first.read_bytes()
