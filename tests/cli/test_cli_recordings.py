@@ -30,7 +30,7 @@ def searched(overrides: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     (run,) = Path("runs").iterdir()
     assert main(["replay", str(run)]) == 0
     assert capsys.readouterr().out.splitlines()[-1] == found.splitlines()[-1]
-    return found
+    return (run / "summary.md").read_text()
 
 
 @pytest.mark.slow
