@@ -29,7 +29,7 @@ $(READY): requirements.lock pyproject.toml
 
 demo: $(READY) ## run a small search, train its winner again with other seeds, and print what was found
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
-	$(BIN)/tacevo noise runs/demo elites=1 seeds=16
+	$(BIN)/tacevo noise runs/demo elites=3 seeds=8
 
 test: $(READY) ## run the tests, two at a time (five minutes)
 	$(BIN)/pytest $(TWO)

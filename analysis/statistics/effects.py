@@ -82,7 +82,7 @@ def _confidence(n: int, cut: int) -> float:
     return float(1 - outside / 2**n)
 
 
-def superiority(x: ArrayLike, y: ArrayLike) -> Interval:
+def superiority(x: ArrayLike, y: ArrayLike, *, level: float = LEVEL) -> Interval:
     """Estimate P(x < y) + P(x = y) / 2, the chance that one seed of x is better than one of y.
 
     The interval is Newcombe's fifth (2006, Statistics in Medicine 25: 559-573): all chances that lie within z standard
@@ -92,12 +92,13 @@ def superiority(x: ArrayLike, y: ArrayLike) -> Interval:
     Args:
         x: shape (n,), n >= 1.
         y: shape (m,), m >= 1.
+        level: of the interval, in (0, 1).
     """
     first, second = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     below = first[:, None] < second[None, :]
     estimate = float((below + 0.5 * (first[:, None] == second[None, :])).mean())
     pairs, more = len(first) * len(second), (len(first) + len(second)) / 2 - 1
-    z = NormalDist().inv_cdf((1 + LEVEL) / 2)
+    z = NormalDist().inv_cdf((1 + level) / 2)
 
     def outside(chance: float) -> float:
         spread = chance * (1 - chance) * (1 + more * ((1 - chance) / (2 - chance) + chance / (1 + chance))) / pairs

@@ -1,7 +1,7 @@
 """What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
 
 from analysis.rounding import shown
-from analysis.statistics.effects import LEVEL, median, median_confidence
+from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
 from analysis.statistics.noise import NetworkNoise
 from analysis.studies.comparison import Comparisons
 from analysis.studies.metrics import SHARES, metric_name
@@ -95,13 +95,43 @@ def noise_outcome(found: Reestimates, task: str) -> Table:
 
 
 def _finding(found: Reestimates) -> str | None:
-    """Say whether the best network on record is better than the baseline, by the interval of its chance to beat it.
+    """Say whether the networks are better than the baseline, by the intervals of their chances to beat it.
 
     Returns:
         None where no other network than the baseline was trained with every seed.
     """
-    if len(found.networks) < 2:
-        return None
+    others = len(found.networks) - 1
+    return None if others < 1 else _finding_of_one(found) if others == 1 else _finding_of_several(found)
+
+
+def _finding_of_several(found: Reestimates) -> str:
+    """Say how many are better, which, and how many are not.
+
+    The intervals are widened so that they hold for all of the networks together (Bonferroni).
+    """
+    baseline, *others = found.estimates
+    chances = [superiority(values, baseline, level=1 - (1 - LEVEL) / len(others)) for values in others]
+    ranked = sorted(
+        zip(found.noise.networks[1:], found.networks[1:], chances, strict=True), key=lambda one: one[0].median
+    )
+    better = [f"{network.id} ({shown(one.median)})" for one, network, chance in ranked if chance.low > 0.5]
+    worse = sum(chance.high < 0.5 for chance in chances)
+    rest = [
+        f"{count} {words}"
+        for count, words in ((len(others) - len(better) - worse, "cannot be told from it"), (worse, "worse"))
+        if count
+    ]
+    named = f": {listed(better, most=MOST)}" if better else ""
+    return (
+        f"Of the search's {len(others)} best networks on record, {len(better) or 'none'} can be called better than the "
+        f"baseline, whose loss is {shown(found.noise.networks[0].median)}{named} (medians of "
+        f"{counted(found.noise.seeds, 'other seed')}; {100 * LEVEL:g} % sure of all together)"
+        f"{''.join(f'; {words}' for words in rest)}."
+    )
+
+
+def _finding_of_one(found: Reestimates) -> str:
+    """Say whether the best network on record is better than the baseline, and in how many pairs of seeds it wins."""
     baseline, best = found.noise.networks[:2]
     chance = best.beats
     assert chance is not None  # only the baseline has none
