@@ -30,6 +30,9 @@ _UNANSWERED = {
     "invalid_request": (Reason.invalid_request, "the provider refused the request, e.g. because it is too long"),
 }
 
+#: What stands between blocks that are joined.
+_BETWEEN = "\n\n"
+
 
 @dataclass(frozen=True, slots=True)
 class _Code:
@@ -95,8 +98,7 @@ def _choose(text: str, name: str, cut_off: bool) -> str | Problem:
     whole = [code for code in codes if _defines_whole(code.tree, name)]
     if not whole:
         return _explain(text, mentioning, codes, name)
-    source = "\n\n".join([*(helper.block.text for helper in _helpers(whole[-1], codes, name)), whole[-1].block.text])
-    return _checked_once(source, name)
+    return _joined([*_helpers(whole[-1], codes, name), whole[-1]], name)
 
 
 def _blocks(text: str, name: str) -> list[Block]:
@@ -174,16 +176,17 @@ def _defined(tree: ast.Module) -> set[str]:
     return names
 
 
-def _checked_once(source: str, name: str) -> str | Problem:
-    """Check that the joined source still parses and binds the class's name exactly once."""
-    tree = parse(source)
-    if isinstance(tree, Problem):
-        return tree
-    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if _binds(node, name)]
+def _joined(parts: Sequence[_Code], name: str) -> str | Problem:
+    """Join blocks, each of which parses, and check that together they bind the class's name exactly once."""
+    joined, above = ast.Module(body=[], type_ignores=[]), 0
+    for part in parts:
+        joined.body += ast.increment_lineno(part.tree, above).body
+        above += part.block.text.count("\n") + _BETWEEN.count("\n")
+    lines = [getattr(node, "lineno", 0) for node in ast.walk(joined) if _binds(node, name)]
     if len(lines) > 1:
         where = ", ".join(str(line) for line in lines)
         return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
-    return source.strip("\n") + "\n"
+    return _BETWEEN.join(part.block.text for part in parts).strip("\n") + "\n"
 
 
 def _binds(node: ast.AST, name: str) -> bool:

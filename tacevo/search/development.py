@@ -117,20 +117,19 @@ def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int = 0, seeds: 
     """
     trainings = _Trainings(tools, range(seeds))
     judged: dict[int, Future[_Judged]] = {}
-    asked: dict[int, Request] = {}
+    asked: dict[int, _Asked] = {}
     for index, proposal in enumerate(proposals):
         if proposal.request is None:
-            judged[index] = tools.executor.submit(_judge, proposal, None, tools, trainings)
+            judged[index] = tools.executor.submit(_judge, proposal, None, tools, trainings, None)
         else:
-            asked[index] = proposal.request
+            asked[index] = _Asked(request=proposal.request)
     for round_ in range(1 + repairs):
         if round_ > 0:
             asked = _sent_back(asked, judged)
         if not asked:
             break
         for index, completion in _answers(asked, proposals, tools.llm):
-            before = judged[index].result() if index in judged else None
-            judged[index] = tools.executor.submit(_judge, proposals[index], completion, tools, trainings, before)
+            judged[index] = tools.executor.submit(_judge, proposals[index], completion, tools, trainings, asked[index])
     for index, proposal in enumerate(proposals):
         yield _outcome(proposal, judged[index].result())
 
@@ -149,7 +148,7 @@ def check_given(outcome: Outcome, task: Task) -> None:
         )
 
 
-def _answers(asked: Mapping[int, Request], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
+def _answers(asked: Mapping[int, "_Asked"], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
     """Yield each answer with its place among the proposals.
 
     Raises:
@@ -158,7 +157,7 @@ def _answers(asked: Mapping[int, Request], proposals: Sequence[Job], llm: LLM) -
     places = list(asked)
     answered = 0
     try:
-        for position, completion in llm.complete(list(asked.values())):
+        for position, completion in llm.complete([one.request for one in asked.values()]):
             answered += 1
             yield places[position], completion
     except CacheMissError as error:
@@ -170,15 +169,16 @@ def _name_slot(error: CacheMissError, proposal: Job) -> None:
     error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
-def _sent_back(asked: Mapping[int, Request], judged: Mapping[int, "Future[_Judged]"]) -> dict[int, Request]:
+def _sent_back(asked: Mapping[int, "_Asked"], judged: Mapping[int, "Future[_Judged]"]) -> dict[int, "_Asked"]:
     """Wait until the gate has judged a round, and write the requests that send rejected answers back."""
-    again: dict[int, Request] = {}
-    for index, request in asked.items():
+    again: dict[int, _Asked] = {}
+    for index, one in asked.items():
         verdict = judged[index].result()
         if verdict.completion is not None and isinstance(verdict.gated, Rejection):
-            repair = repair_request(request, verdict.completion.text, verdict.gated)
+            repair = repair_request(one.request, verdict.completion.text, verdict.gated)
+            attempt = Attempt(completion=verdict.completion, rejection=verdict.gated)
             if repair is not None:
-                again[index] = repair
+                again[index] = _Asked(request=repair, attempts=(*one.attempts, attempt), seconds=verdict.seconds)
     return again
 
 
@@ -226,6 +226,17 @@ class _Trainings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class _Asked:
+    """What a model is asked."""
+
+    request: Request
+    #: The answers that were sent back before.
+    attempts: tuple[Attempt, ...] = ()
+    #: Wall time of the gate for these.
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Judged:
     """An answer behind the gate."""
 
@@ -243,9 +254,9 @@ def _judge(
     completion: Completion | None,
     tools: Tools,
     trainings: _Trainings,
-    before: _Judged | None = None,
+    asked: _Asked | None,
 ) -> _Judged:
-    """Take one answer through the gate and, where it passes, have it trained; `before` is one that was sent back."""
+    """Take an answer, or a source that nobody was asked for, through the gate and, where it passes, have it trained."""
     began = time.perf_counter()
     try:
         gated = _gate(proposal, completion, tools)
@@ -256,8 +267,8 @@ def _judge(
         completion=completion,
         gated=gated,
         trainings={0: _done((gated, 0.0))} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
-        seconds=time.perf_counter() - began + (0.0 if before is None else before.seconds),
-        attempts=() if before is None else _with_attempt(before),
+        seconds=time.perf_counter() - began + (0.0 if asked is None else asked.seconds),
+        attempts=() if asked is None else asked.attempts,
     )
 
 
@@ -278,13 +289,6 @@ def _done(answer: _Trained) -> Future[_Trained]:
     future: Future[_Trained] = Future()
     future.set_result(answer)
     return future
-
-
-def _with_attempt(before: _Judged) -> tuple[Attempt, ...]:
-    """Turn an answer that was sent back into the attempts of the one that follows."""
-    if before.completion is None or not isinstance(before.gated, Rejection):
-        raise ValueError(f"{before.gated} is not the rejection of an answer that could have been sent back")
-    return (*before.attempts, Attempt(completion=before.completion, rejection=before.gated))
 
 
 def _outcome(proposal: Job, judged: _Judged) -> Outcome:

@@ -17,6 +17,7 @@ from analysis.tables.ablation import ablation_tables, arms_table, metric_table, 
 from analysis.tables.common_archive import common_note, extents_note
 from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
+from tacevo.storage.plan import Measure, Plan
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
 NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
@@ -286,3 +287,30 @@ def test_few_seeds_of_many_arms_are_warned_of() -> None:
     arms = [jobs_of(f"arm {number}", WORSE) for number in range(7)]
     sweep, found = compared(*jobs_of("none", NONE), *(job for arm in arms for job in arm))
     assert any("no result of so few seeds is significant after Holm" in note for note in best(sweep, found).notes)
+
+
+def test_spread_of_single_jobs_is_an_empty_cell_beside_the_plan() -> None:
+    """One job of an arm does not spread; two do, as the plan counts it."""
+    written = Plan(
+        kind="sweep",
+        task="force",
+        metric=Measure.fitness,
+        effect=0.1,
+        alpha=0.05,
+        power=0.8,
+        comparisons=1,
+        seeds=2,
+        retraining=None,
+        epochs=None,
+        spread=0.5,
+        chance=0.8,
+        trainings=0,
+        hours=None,
+        pilots=(),
+    )
+    for bests, known in (([0.5], False), ([0.5, 0.6], True)):
+        sweep, found = compared(*jobs_of("none", bests), *jobs_of("other", bests))
+        tables = ablation_tables(replace(sweep, terms=SweepTerms(plan=written)), found, ARCHIVE)
+        (planned,) = (table for table in tables if table.name == "ablation_planned_force")
+        (row,) = (row for row in planned.rows if row[0] == "spread")
+        assert (row[1], row[2] is not None) == (0.5, known)

@@ -1,18 +1,22 @@
 """Promise: a run gives all its tables and pictures, and says which of its studies are left out and why."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hand_runs import closed, configured, elite, run, trained
+from ledger_lines import score, study_header
 from studies import study_of
 
-from analysis.report.collection import Collection, Compared, tables_of, with_one_study
+from analysis.report.collection import Collection, Compared, read_studies, tables_of, with_one_study
 from analysis.report.figure_list import pictures_of
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run
+from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import compare
 from tacevo.records import Kind
+from tacevo.studies.directory import StudyDirectory, studies_of
 
 NICHES = Niches(networks=np.array([[0.3, 0.5], [0.7, 0.5]]), prompts=np.array([[0.5, 0.5]]))
 SCORES = {"baseline": [0.9, 0.91, 0.92, 0.93], "variant 1": [0.95, 0.96, 0.97, 0.98]}
@@ -117,3 +121,28 @@ def test_study_without_a_comparison_keeps_its_scores_and_boxes() -> None:
     (boxes,) = (picture for picture in pictures_of(alone) if picture.name.startswith("seed_boxes"))
     assert boxes.caption.endswith("the baseline's median.")
     assert boxes.draw().axes
+
+
+def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Path) -> None:
+    """Its elites may not be the best any more: neither scores nor re-estimates are taken from it."""
+    (study,) = studies_of(folder / "run")
+    described = json.loads((study.path / "study.json").read_text())
+    (study.path / "study.json").write_text(json.dumps({**described, "run": "0" * 64}))
+    found = read_studies(load_run(folder / "run"))
+    assert (found.studies, found.reestimates) == ((), ())
+    (told,) = found.left_out
+    assert "expected a study of the run as it is; got the run before it was continued; study it again" in told
+
+
+@pytest.mark.parametrize(("networks", "told"), [(1, ""), (2, "the comparison of ")])
+def test_study_that_cannot_be_compared_keeps_its_scores(networks: int, told: str, published: Path, place: Path) -> None:
+    """With one seed the reason is told; a baseline alone was asked for, and lacks nothing."""
+    found = load_run(published / "run")
+    header = study_header(run=found.digest, seeds=1, networks=study_header().networks[:networks])
+    directory = StudyDirectory(place / "studies" / "small")
+    directory.begin(header, scale=(), units=(), versions={}, machine={})
+    directory.finish(header, [score(network.name, 0, 0.1) for network in header.networks])
+    read = read_studies(replace(found, path=place))
+    assert [len(one.study.scores) for one in read.studies] == [networks]
+    assert read.studies[0].comparisons is None
+    assert [reason.startswith(told) for reason in read.left_out] == [True] * bool(told)

@@ -14,7 +14,7 @@ from refusals import refused
 from studies import FOUR, study_of
 
 from analysis.statistics.planning import Spread, median_deviation
-from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
+from analysis.sweeps.pilots import Pilot, spread_of, study_pilot, sweep_pilot
 from analysis.sweeps.plans import RETRAININGS, Wish, plan
 from analysis.sweeps.sweep import Sweep
 from analysis.sweeps.tested import JobScore
@@ -144,6 +144,12 @@ def test_study_without_a_spread_is_not_a_pilot(values: Mapping[str, Sequence[flo
     """One seed does not spread, and 0 has no logarithm."""
     with refused(RunError, place=place):
         study_pilot([(run([trained(0, 0)], []), study_of(values))])
+
+
+@pytest.mark.parametrize("values", [[0.1], [0.1, 0.0]])
+def test_study_without_a_spread_has_none_beside_its_plan(values: Sequence[float]) -> None:
+    """The table of what was planned and done stays, with an empty cell."""
+    assert spread_of(study_of({"baseline": values})) is None
 
 
 def test_pilots_of_two_tasks_are_refused() -> None:

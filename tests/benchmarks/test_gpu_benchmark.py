@@ -21,6 +21,7 @@ def _torch_settings() -> Iterator[None]:
     torch.backends.cudnn.allow_tf32, torch.backends.cuda.matmul.allow_tf32 = before[1], False
 
 
+@pytest.mark.slow
 def test_each_network_is_measured_in_each_precision() -> None:
     """A row for each of two networks and three precisions, with the limit and what sets it."""
     chosen = dict(itertools.islice(networks(), 2))

@@ -78,6 +78,17 @@ def test_settings_of_one_machine_and_unfinished_studies_are_left_out(
     assert main(["replay", str(tmp_path / "x.zip")]) == 0
 
 
+def test_run_of_another_release_is_published_with_todays_summary(published: Path, tmp_path: Path) -> None:
+    """Words and tables of one bundle are of one release, which its run.json names."""
+    shutil.copytree(published / "run", tmp_path / "run")
+    described = json.loads((tmp_path / "run" / "run.json").read_text())
+    (tmp_path / "run" / "run.json").write_text(json.dumps({**described, "pages": described["pages"] - 1}))
+    (tmp_path / "run" / "summary.md").write_text("As it was told then.\n")
+    assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip"), "--author", "A. Nyone"]) == 0
+    found, own = members_of(tmp_path / "x.zip"), members_of(published / "run.zip")
+    assert (found["run/summary.md"], found["run/run.json"]) == (own["run/summary.md"], own["run/run.json"])
+
+
 def test_headers_tell_nothing_either(published: Path) -> None:
     """One time, one mode, one system, sorted names."""
     with zipfile.ZipFile(published / "run.zip") as archive:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -23,12 +24,12 @@ def _elsewhere(place: Path) -> None:
     """Work in a directory of the test's own."""
 
 
-def write_classes(root: Path, *, leaking: bool) -> list[str]:
-    """Write 40 different images of two classes, or 40 equal ones; return the overrides that read them."""
+def write_classes(root: Path, *, equal: int = 1) -> list[str]:
+    """Write 40 images of two classes, of which so many at a time are equal; return the overrides that read them."""
     for number in range(40):
         path = root / "ab"[number % 2] / f"{number:02d}.png"
         path.parent.mkdir(parents=True, exist_ok=True)
-        image = Image.new("RGB", (20, 24), (9, 9, 9) if leaking else (number, 9, 9))
+        image = Image.new("RGB", (20, 24), (number // equal, 9, 9))
         image.putpixel((3, 3), (200, 0, 0))
         image.save(path)
     return ["task=grating", "data=folder", f"data.root={root}", "task.outputs=2", "data.image_size=16"]
@@ -49,7 +50,7 @@ def test_check_reports_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_check_in_json_is_for_machines(capsys: pytest.CaptureFixture[str]) -> None:
     """One object with the same facts, and nothing else on standard output."""
-    overrides = write_classes(Path("photos"), leaking=False)
+    overrides = write_classes(Path("photos"))
     assert main(["data", "check", *overrides, "--json", "-o", "sheet.svg"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["images"] == {"all": 40, "train": 32, "validation": 4, "test": 4}
@@ -62,11 +63,23 @@ def test_check_in_json_is_for_machines(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_leak_is_listed_and_is_exit_status_1(capsys: pytest.CaptureFixture[str]) -> None:
     """Equal images in two splits are named with their files."""
-    overrides = write_classes(Path("photos"), leaking=True)
+    overrides = write_classes(Path("photos"), equal=40)
     assert main(["data", "check", *overrides]) == 1
     out = capsys.readouterr().out
     assert "1 group of equal images, 1 of them in more than one split, which is a leak" in out
     assert "leak: row 0 photos/a/00.png (" in out
+
+
+def test_first_groups_of_equal_images_are_listed_and_the_others_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    """A hundred lines of them would hide what else was found; a machine gets them all."""
+    overrides = write_classes(Path("photos"), equal=2)
+    assert main(["data", "check", *overrides]) == 1
+    out = capsys.readouterr().out
+    assert "20 groups of equal images" in out
+    assert len(re.findall(r"^  (?:leak: )?row \d+ ", out, re.MULTILINE)) == 10
+    assert "  and 10 more groups; --json lists all" in out
+    assert main(["data", "check", *overrides, "--json"]) == 1
+    assert len(json.loads(capsys.readouterr().out)["duplicates"]) == 20
 
 
 def test_overrides_may_stand_behind_options(capsys: pytest.CaptureFixture[str]) -> None:
@@ -172,6 +185,14 @@ def test_mistake_is_one_line_and_leaves_nothing(
     assert [path.name for path in Path.cwd().iterdir() if path.name != "cache"] == []
 
 
+def test_directory_is_not_the_name_of_a_picture(capsys: pytest.CaptureFixture[str]) -> None:
+    """However it is called; this is told before any image is made."""
+    Path("sheet.png").mkdir()
+    assert main(["data", "check", *SMALL, "-o", "sheet.png"]) == 2
+    assert "-o: expected a file name; got sheet.png, which is a directory" in capsys.readouterr().err
+    assert not Path("cache").exists()
+
+
 def test_misfit_is_told_again_from_the_cache(capsys: pytest.CaptureFixture[str]) -> None:
     """A data set that was loaded for one task is still refused for another."""
     assert main(["data", "check", *SMALL]) == 0
@@ -230,7 +251,7 @@ def test_file_of_overrides_that_is_no_text_is_refused(capsys: pytest.CaptureFixt
 
 def test_check_names_files_that_are_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     """Another format and loose images are counted and named, in words and for machines."""
-    overrides = write_classes(Path("photos"), leaking=False)
+    overrides = write_classes(Path("photos"))
     Image.new("RGB", (20, 24)).save("photos/a/40.bmp")
     Image.new("RGB", (20, 24)).save("photos/loose.png")
     assert main(["data", "check", *overrides]) == 0

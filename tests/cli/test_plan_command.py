@@ -99,6 +99,19 @@ def test_sweep_states_its_plan(sweep: Path, capsys: pytest.CaptureFixture[str]) 
     assert f"jobs of each arm,{plan.seeds},1 to 2\n" in Path("out/ablation_planned_force.csv").read_text()
 
 
+def test_study_of_a_sweep_says_that_it_is_not_what_was_planned(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Before anything is trained: here no noise run has chosen the elites that are asked for."""
+    assert main(["plan", "sweep", str(sweep), "--effect", "0.5", "--power", "0.5"]) == 0
+    directory = SweepDirectory(sweep)
+    plan = replace(read_plan(PLAN, "sweep", "force"), retraining=3)
+    directory.write(*directory.read(), replace(directory.read_terms(), plan=plan))
+    command = ["study", f"sweep={sweep}", "epochs=1", "choose=reestimated"]
+    for seeds, told in ((2, True), (3, False)):
+        assert main([*command, f"seeds={seeds}"]) == 2
+        planned = "this is not what was planned, which is 3 training seeds of each network"
+        assert (planned in capsys.readouterr().err) == told
+
+
 def test_pilot_without_a_study_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With what to do; and a run is not a sweep."""
     job = sweep / "none-seed0"

@@ -1,11 +1,15 @@
 """Promise: no text moves a terminal's cursor, rings its bell or changes its title."""
 
 import io
+import os
+import sys
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from analysis.table import Between, Table
+from tacevo.cli.app import main
 from tacevo.cli.tables import print_table
 from tacevo.runs.progress import Progress
 from tacevo.text import printable
@@ -52,3 +56,16 @@ def test_narrow_terminal_breaks_no_number() -> None:
     for words in ("undecided", "(0.19)", "0.0138 [0.0130, 0.0148]", "0.0181", "re-estimated"):
         assert words in file.getvalue()
     assert max(map(len, file.getvalue().splitlines())) <= 50
+
+
+def test_reader_that_had_enough_is_no_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`tacevo ... | head -1` ends as its reader does, without a word."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    closed = os.fdopen(writing, "w", buffering=1)
+    monkeypatch.setattr(sys, "stdout", closed)
+    assert main(["cache", "verify", "--store", str(tmp_path)]) == 0
+    assert closed.closed
+    assert capsys.readouterr().err == ""

@@ -152,6 +152,17 @@ def test_sweep_shows_what_is_begun_of_it(swept: Path, tmp_path: Path) -> None:
     assert contents.state == "2 of 3 runs finished, 0 at work."
 
 
+def test_sweep_shows_its_runs_before_its_arms_can_be_compared(swept: Path, tmp_path: Path) -> None:
+    """The reason stands beside how far they are."""
+    sweep = Path(shutil.copytree(swept / "sweep", tmp_path / "sweep"))
+    for job in sweep.glob("*/run.json"):
+        job.write_text(json.dumps({**json.loads(job.read_text()), "digest": None}))
+    contents = LivePage(sweep).now().contents
+    assert (len(contents.runs), contents.sweep) == (3, None)
+    assert contents.state.startswith("0 of 3 runs finished, 0 at work. The arms are not compared yet: ")
+    assert "expected a finished job" in contents.state
+
+
 def test_watching_writes_nothing(server: Server, begun: Path) -> None:
     """Every file stays as it was, and none is added."""
     before = files_of(begun.parent)

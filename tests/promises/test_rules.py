@@ -146,6 +146,12 @@ def test_eras_that_do_not_follow_each_other_are_refused(generations: tuple[int, 
         eras_of([header(), *lines])
 
 
+def test_eras_without_a_header_are_refused() -> None:
+    """A ledger can be edited."""
+    with refused(RunError, place="ledger.jsonl", expected="a header", got="rules from generations []"):
+        eras_of([candidate("g00s00"), header()])
+
+
 @pytest.mark.parametrize("value", [{}, {"static": 1}, {**asdict(FIRST), "core": "1"}, {**asdict(FIRST), "more": 1}])
 def test_rules_that_no_release_writes_are_refused(value: Any) -> None:
     """A ledger can be edited."""

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 from refusals import refused
+from rich.console import Console
 
-from tacevo.config.recorded import read_run
-from tacevo.errors import ConfigError, RunError
+from tacevo.config.recorded import read_recorded, read_run
+from tacevo.errors import ConfigError, DivergenceError, RunError
+from tacevo.reproduce.replay import replay
+from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 
 
@@ -51,3 +54,12 @@ def test_stores_may_lie_elsewhere(run: Path, tmp_path: Path) -> None:
     own, _, _ = read_run(RunDirectory(run))
     assert elsewhere.store.root == str(tmp_path)
     assert own.store.root == str(run.parent / "cache")
+
+
+def test_run_with_more_lines_than_its_settings_ask_for_is_named(folder: Path) -> None:
+    """A generation that no search by these settings makes is not passed over."""
+    described = json.loads((folder / "run" / "run.json").read_text())
+    described["config"]["search"]["generations"] = 0
+    (folder / "run" / "run.json").write_text(json.dumps(described))
+    with refused(DivergenceError, place="ledger.jsonl", expected="5 lines", got="9 lines"):
+        replay(read_recorded(Path("run")), Progress(Console(quiet=True)))

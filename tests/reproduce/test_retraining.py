@@ -19,7 +19,16 @@ from tacevo.config.compose import compose
 from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import BundleError, DataError, DivergenceError
 from tacevo.records import Reason, Rejection, Stage, Training
-from tacevo.reproduce.retrain import Retrained, describe, difference, doubts_of, evaluations, retrain, sampled
+from tacevo.reproduce.retrain import (
+    Retrained,
+    _check_equal,
+    describe,
+    difference,
+    doubts_of,
+    evaluations,
+    retrain,
+    sampled,
+)
 from tacevo.rules import FIRST
 from tacevo.runs.progress import Progress
 from tacevo.search.files import read_ledger
@@ -71,9 +80,12 @@ def test_changed_record_is_found(folder: Path) -> None:
 
 
 def test_record_without_digests_is_compared_as_far_as_it_goes(folder: Path) -> None:
-    """What an older run does not record is said, and the rest is compared."""
+    """What an older run does not record is said, and the rest is compared; what it ran on is doubted."""
     rewritten(folder, lambda line: replace(line, weights=None, predictions=None))
+    directory = RunDirectory(folder / "run")
+    directory.write_run(replace(run := directory.read_run(), versions={**run.versions, "torch": "0"}))
     found = again(1)
+    assert [doubt.endswith("; the run had 0") for doubt in found.doubts] == [True]
     assert found.not_recorded == ("predictions", "weights")
     assert "not recorded, hence not compared: predictions, weights" in describe(found)
 
@@ -146,6 +158,23 @@ def test_rejections_are_compared_by_reason() -> None:
     """A training that failed must fail again, for the same reason."""
     assert difference(rejected("g00s01", "train", "not_finite"), REJECTION) is None
     assert difference(LINE, REJECTION) == "the outcome: recorded trained, recomputed not_finite"
+
+
+@pytest.mark.parametrize(
+    ("line", "result", "doubts", "remedy"),
+    [
+        (replace(LINE, weights="v"), TRAINING, ("torch is 3; the run had 2",), "not promised: torch is 3"),
+        (LINE, replace(REJECTION, reason=Reason.out_of_time), (), "try with executor.workers=1 or a quiet machine"),
+        (replace(LINE, weights="v", not_portable=("tanh",)), TRAINING, (), "tanh, whose bits depend on the CPU"),
+        (LINE, REJECTION, (), ""),
+    ],
+)
+def test_difference_comes_with_what_explains_it(
+    line: CandidateLine, result: Training | Rejection, doubts: tuple[str, ...], remedy: str
+) -> None:
+    """Other versions, a slow machine, or what the candidate calls; nothing is made up where none of them is known."""
+    with refused(DivergenceError, place="job, g00s01", remedy=remedy):
+        _check_equal("job, ", line, result, doubts)
 
 
 def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> None:

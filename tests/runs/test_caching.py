@@ -67,6 +67,15 @@ def test_ls_counts_by_kind_and_model(root: Path) -> None:
     assert probe == ["probes", "", "1", "0.00 MB", "", "", ""]
 
 
+def test_commands_print_what_is_found(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the stores that are named, and by the kind that is."""
+    key = path_of(root, request(1)).stem
+    assert main(["cache", "ls", "--kind", "probes", "--store", str(root)]) == 0
+    assert capsys.readouterr().out == f"{list_stores(root, kind='probes', model=None)}\n"
+    assert main(["cache", "explain", key[:8], "--store", str(root)]) == 0
+    assert capsys.readouterr().out == f"{explain(root, key)}\n"
+
+
 @pytest.mark.parametrize(
     ("kind", "model", "found"),
     [

@@ -44,7 +44,7 @@ def test_device_is_made_ready_before_the_walls_and_its_failure_says_nothing_of_a
 @pytest.mark.parametrize(
     ("header", "limits", "got"),
     [
-        ({"seconds": 60}, replace(LIMITS, seconds=2), "ran for more than 2 s"),
+        ({"seconds": 60}, replace(LIMITS, seconds=1), "ran for more than 1 s"),
         ({"mib": 400}, LIMITS, "used more than 300 MiB"),
     ],
 )
@@ -56,15 +56,15 @@ def test_device_that_takes_too_much_is_no_verdict(sandbox: Sandbox, header: Json
 
 def test_stopped_supervisor_of_a_device_is_no_verdict(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nor is it one where nobody says in time that the candidate runs."""
-    monkeypatch.setattr(client, "_GRACE_SECONDS", -18.0)
-    with refused(SandboxError, expected="a device that is ready", got="none after 2 s"):
+    monkeypatch.setattr(client, "_GRACE_SECONDS", -19.0)
+    with refused(SandboxError, expected="a device that is ready", got="none after 1 s"):
         sandbox.run("tell", {"seconds": 60}, b"", LIMITS)
 
 
 def test_time_of_a_candidate_begins_when_its_device_is_ready(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of both takes less than the limit, and together they take more than supervisor and search wait for one."""
     monkeypatch.setattr(client, "_GRACE_SECONDS", 0.5)
-    assert sandbox.run("rest", {"seconds": 3}, b"", replace(LIMITS, seconds=4)) == Finished(())
+    assert sandbox.run("rest", {"seconds": 2}, b"", replace(LIMITS, seconds=3)) == Finished(())
 
 
 def test_candidate_cannot_begin_its_time_again(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:

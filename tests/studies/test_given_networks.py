@@ -190,11 +190,17 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
         ("class Other: pass\n", "networks, bad.py", "extract, no_class"),
         (NETWORK.format(2, 2).replace("import torch\n", "import torch\nimport os\n"), "networks, bad.py", "policy"),
         pytest.param(NETWORK.format(2, 3), "networks, bad.py", "probe, forward_failed", marks=pytest.mark.slow),
-        (NETWORK.format(4, 4) + "\nif True print()\n", "networks, bad.py", "expected Python as a whole"),
-        (
+        pytest.param(
+            NETWORK.format(4, 4) + "\nif True print()\n",
+            "networks, bad.py",
+            "expected Python as a whole",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
             f"<<<<<<< ours\n{NETWORK.format(4, 4)}=======\n{NETWORK.format(5, 5)}>>>>>>> theirs\n",
             "networks, bad.py",
             "whole",
+            marks=pytest.mark.slow,
         ),
         (f"# My own.\n{NETWORK.format(8, 8)}", "networks", "wide and bad are one"),
     ],

@@ -21,7 +21,7 @@ from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
 from tacevo.config.recorded import read_recorded
 from tacevo.errors import RunError
-from tacevo.records import Mode, Reason, Stage, Training
+from tacevo.records import Mode, Reason, Rejection, Stage, Training, to_json
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
@@ -192,6 +192,30 @@ def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) ->
         load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
 
 
+def test_noise_run_without_a_training_gives_no_re_estimates(folder: Path) -> None:
+    """A median over fewer seeds than it states would be another one."""
+    run, directory = load_run(folder / "run"), noise_of(folder)
+    scores = directory.read_scores()
+    directory.scores.unlink()
+    directory.finish(scores.header, scores.rows[:-1])
+    with refused(RunError, place=str(directory.path), expected="one score for each network and seed", got="5 others"):
+        load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
+
+
+def test_training_that_the_store_rejects_is_named(folder: Path) -> None:
+    """The scores of a study say that it was tested; a store that says otherwise was edited."""
+    run = load_run(folder / "run")
+    (study,) = (one for one in studies_of(folder / "run") if one.path.name.startswith("elites"))
+    key = rows_of(study)[0].evaluation
+    store = Store(folder / "cache", "studies")
+    (entry,) = (one for one in store.entries() if one.key == key)
+    rejection = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="nan")
+    (folder / "cache" / "studies" / key[:2] / f"{key}.json").unlink()
+    store.write(entry.request, {"rejection": to_json(rejection)})
+    with refused(RunError, place=key, expected="a training, as the study's scores say", got="a rejection"):
+        load_reestimates(study, run.config, run.facts.fingerprint, folder / "cache")
+
+
 def test_noise_run_is_not_a_study_with_test_scores(noisy: Path) -> None:
     """It is refused where test scores are wanted."""
     with refused(RunError, got="a noise run", expected="test scores"):
@@ -230,6 +254,7 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     assert table not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_further_noise_run_that_chooses_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The same command is another study then, which says by which noise run its elites were chosen."""
     assert main(CHOSEN) == 0
