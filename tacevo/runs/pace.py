@@ -33,9 +33,6 @@ GROWTH, GROWN = 0.7, 20
 #: Seconds that the baselines train beyond their start, at least, so that the clock and the load matter little.
 _SECONDS = 3.0
 
-#: Images that are trained on for each that is predicted after an epoch, as most splits have them.
-_PER_PREDICTED = 8
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
@@ -151,10 +148,16 @@ def _check(verdicts: list[object]) -> None:
             raise RunError(f"{verdict.reason}: {verdict.detail}", place="the baseline", expected="one that trains")
 
 
+def _predicted(config: RunConfig) -> int:
+    """Return how many images are predicted for each batch that is trained on, by the parts that are held out."""
+    held_out = config.data.validation_part
+    return max(1, round(config.training.batch_size * held_out / (1 - held_out - config.data.test_part)))
+
+
 def noise(config: RunConfig, folder: Path) -> Dataset:
     """Make a batch of images of noise to train on, and some to predict, with labels that mean nothing."""
     batch, facts = config.training.batch_size, facts_without_data(config)
-    count, draws = batch + max(1, batch // _PER_PREDICTED), stream(0, "pace")
+    count, draws = batch + _predicted(config), stream(0, "pace")
     size = (facts.in_channels, facts.image_size, facts.image_size)
     np.save(folder / "images.npy", draws.integers(0, 256, (count, *size), dtype=np.uint8))
     rows, outputs = np.arange(count), facts.outputs

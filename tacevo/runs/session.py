@@ -196,7 +196,7 @@ def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> 
             f"another run, or one under other rules ({error})",
             place=f"run.dir={directory.path}",
             expected="no run, or this one",
-            remedy="choose another run.dir",
+            remedy="choose another run.dir, or remove that directory",
         ) from error
 
 
