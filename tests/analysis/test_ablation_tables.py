@@ -89,6 +89,16 @@ def test_identical_arm_shows_the_word() -> None:
     )
 
 
+def test_one_run_that_differs_is_no_sample() -> None:
+    """The arm has no p, a note says why, and it still counts in Holm's correction."""
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("once", (0.40, 0.41, 0.42, 0.43, 0.1)))
+    table = best(sweep, found)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["runs that differ"], row["U"], row["p, Holm"]) == (1, None, None)
+    assert any(note.startswith("Too few runs differ: once. A test needs two") for note in table.notes)
+    assert any("corrected over 1 arm after Holm" in note for note in table.notes)
+
+
 def test_runs_that_differ_are_counted() -> None:
     """Three of five runs are those of `none`: the row counts two, and the notes say how little two can show."""
     sweep, found = compared(*jobs_of("none", NONE), *jobs_of("half", (0.40, 0.31, 0.42, 0.33, 0.44)))
