@@ -87,6 +87,7 @@ def noise_outcome(found: Reestimates, task: str) -> Table:
         ),
         notes=(
             *([] if finding is None else [f"{trained}."]),
+            *_undecidable(found),
             *_left_out(found, len(pairs) - len(listed_ones)),
             "Re-estimated: the median of these seeds. The lowest of many flatters its network too, if less.",
             _icc(found),
@@ -100,8 +101,9 @@ def _finding(found: Reestimates) -> str | None:
     Returns:
         None where no other network than the baseline was trained with every seed.
     """
-    others = len(found.networks) - 1
-    return None if others < 1 else _finding_of_one(found) if others == 1 else _finding_of_several(found)
+    if len(found.networks) < 2:
+        return None
+    return _finding_of_one(found) if len(found.networks) == 2 else _finding_of_several(found)
 
 
 def _finding_of_several(found: Reestimates) -> str:
@@ -110,7 +112,7 @@ def _finding_of_several(found: Reestimates) -> str:
     The intervals are widened so that they hold for all of the networks together (Bonferroni).
     """
     baseline, *others = found.estimates
-    chances = [superiority(values, baseline, level=1 - (1 - LEVEL) / len(others)) for values in others]
+    chances = [superiority(values, baseline, level=_level(len(others))) for values in others]
     ranked = sorted(
         zip(found.noise.networks[1:], found.networks[1:], chances, strict=True), key=lambda one: one[0].median
     )
@@ -122,11 +124,28 @@ def _finding_of_several(found: Reestimates) -> str:
         if count
     ]
     named = f": {listed(better, most=MOST)}" if better else ""
+    trained = " that trained with every seed" if found.failed else ""
     return (
-        f"Of the search's {len(others)} best networks on record, {len(better) or 'none'} can be called better than the "
-        f"baseline, whose loss is {shown(found.noise.networks[0].median)}{named} (medians of "
-        f"{counted(found.noise.seeds, 'other seed')}; {100 * LEVEL:g} % sure of all together)"
-        f"{''.join(f'; {words}' for words in rest)}."
+        f"Of the {len(others)} best elites on record{trained}, {len(better) or 'none'} can be called better than the "
+        f"baseline, whose loss is {shown(found.noise.networks[0].median)}{named}{''.join(f'; {one}' for one in rest)} "
+        f"(medians of {counted(found.noise.seeds, 'other seed')}; by intervals that hold for all elites together with "
+        f"{100 * LEVEL:g} %, and so are wider than those of the table)."
+    )
+
+
+def _level(others: int) -> float:
+    """Return the level of each interval at which so many hold together (Bonferroni)."""
+    return 1 - (1 - LEVEL) / others
+
+
+def _undecidable(found: Reestimates) -> tuple[str, ...]:
+    """Say where so few seeds could not tell any of so many networks from the baseline."""
+    seeds, others = found.noise.seeds, len(found.networks) - 1
+    if others < 1 or superiority([0] * seeds, [1] * seeds, level=_level(others)).low > 0.5:
+        return ()
+    return (
+        f"{counted(seeds, 'seed')} cannot tell any of {counted(others, 'network')} from the baseline, however far "
+        "apart they are: take more seeds= or fewer elites=.",
     )
 
 
@@ -157,7 +176,7 @@ def _called(found: Reestimates) -> str:
     baseline, winner = found.networks[:2]
     if any(one.fitness < winner.fitness for one in found.failed):
         return f"{best} of those that trained with every seed"
-    return f"{best} beside the baseline" if baseline.fitness < winner.fitness else best
+    return f"{best} apart from the baseline" if baseline.fitness < winner.fitness else best
 
 
 def _score(study: Study, network: str) -> Cell:

@@ -16,7 +16,7 @@ from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
 from tacevo.storage import entries
 from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import Budget
-from tacevo.storage.notes import NOTE
+from tacevo.storage.notes import NOTE, read_note
 
 #: The digests of all other members, in the form that `sha256sum --check` reads.
 MANIFEST = "manifest-sha256.txt"
@@ -91,6 +91,9 @@ def unpack_verified(source: Path, folder: Path) -> str:
         _check_layout(source, digests)
         digest = digests.pop(MANIFEST)
         _check_manifest(source, (folder / MANIFEST).read_text(encoding="utf-8", errors="replace"), digests)
+        for name in digests:
+            if name.endswith(f"/{NOTE}"):
+                read_note((folder / name).parent)  # refused here, and not by each command that shows it
         for entry in entries.unpack(folder / STORE, budget):
             path = folder / "store" / entry.place
             path.parent.mkdir(parents=True, exist_ok=True)

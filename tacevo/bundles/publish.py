@@ -111,9 +111,8 @@ def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress
     directory = SweepDirectory(found.folder)
     check_jobs(directory)
     staged = replace(found, folder=folder / SWEEP)
-    if read_note(found.folder):
-        staged.folder.mkdir()
-        shutil.copy(found.folder / NOTE, staged.folder / NOTE)
+    staged.folder.mkdir()
+    _stage_note(found.folder, staged.folder)
     for source, target in zip(found.runs, staged.runs, strict=True):
         run = _publishable(read_recorded(source))
         _stage(source, run, target, _studies(studies, source, run.ledger.digest, view))
@@ -164,8 +163,9 @@ def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[Study
     """Copy what is published of a run into another directory."""
     shutil.copytree(source / "candidates", staged / "candidates")
     for name in RUN_FILES:
-        if (source / name).exists() and name != "run.json":
+        if (source / name).exists() and name not in {"run.json", NOTE}:
             shutil.copy(source / name, staged / name)
+    _stage_note(source, staged)
     directory = RunDirectory(staged)
     if run.directory.read_run().pages != PAGES:  # by another release
         elites = [elite.id for elite in read_elites(directory)]
@@ -177,6 +177,12 @@ def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[Study
         folder.mkdir(parents=True)
         for name in ("study.json", "scores.jsonl"):
             shutil.copy(study.path / name, folder / name)
+
+
+def _stage_note(source: Path, staged: Path) -> None:
+    """Copy what readers must know, where it can be shown to them."""
+    if read_note(source):
+        shutil.copy(source / NOTE, staged / NOTE)
 
 
 def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
@@ -201,7 +207,7 @@ def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
     if staged.jobs is None:
         return _run_members("run", staged.folder, runs[0])
     members = {JOBS: (staged.folder / "sweep.json").read_bytes()}
-    if read_note(staged.folder):
+    if (staged.folder / NOTE).exists():
         members[SWEEP_NOTE] = (staged.folder / NOTE).read_bytes()
     for folder, done in zip(staged.runs, runs, strict=True):
         members |= _run_members(f"{SWEEP}/{folder.name}", folder, done)

@@ -37,7 +37,7 @@ from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.notes import read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.studies.directory import studies_of
-from tacevo.text import table
+from tacevo.text import printable, table
 from tacevo.typed import parse
 
 
@@ -149,7 +149,8 @@ def _show(options: argparse.Namespace) -> int:
     with opened(path) if path.is_file() else contextlib.nullcontext() as bundle:
         run = path if bundle is None else bundle.one_run("unpack it, and name the directory of one of its jobs")
         store = None if bundle is None else bundle.store
-        print(show_run(run, store) if options.candidate is None else show_candidate(run, options.candidate), end="")
+        text = show_run(run, store) if options.candidate is None else show_candidate(run, options.candidate)
+        print(printable(text), end="")
     return DONE
 
 

@@ -28,13 +28,13 @@ from analysis.runs.begun import load_begun
 from tacevo.cli.common import DONE, Parser, existing_store
 from tacevo.errors import ConfigError, TacevoError
 from tacevo.search.files import finished_digest
-from tacevo.storage.notes import read_note
+from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import counted
 
 #: The files of a run that its page follows from.
-_FOLLOWED = ("run.json", "ledger.jsonl", "studies/*/study.json")
+_FOLLOWED = (NOTE, "run.json", "ledger.jsonl", "studies/*/study.json")
 
 _LAST_PORT = 65_535
 

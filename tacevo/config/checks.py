@@ -2,6 +2,7 @@
 
 import json
 import math
+from fractions import Fraction
 from urllib.parse import urlsplit
 
 from tacevo.choices import (
@@ -91,7 +92,7 @@ def _check_data(data: DataConfig) -> None:
     simulated = data.source is DataSource.simulated
     most = 256 if simulated else 1024
     _require(data.image_size <= most, "data.image_size", f"at most {most} for data={data.source}", data.image_size)
-    trained = 1 - data.validation_part - data.test_part
+    trained = 1 - Fraction(str(data.validation_part)) - Fraction(str(data.test_part))  # as they are written
     expected = "less than 1 together with data.validation_part, so that images are left for training"
     _require(trained > 0, "data.test_part", expected, data.test_part)
     what = "file" if data.source is DataSource.numpy else "directory"

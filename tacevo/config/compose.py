@@ -96,7 +96,7 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
         usual, chosen, laid = (
             _plain(hydra_compose("config", overrides=each).data) for each in ([], choices, [*overrides])
         )
-    split = {"split", "validation_part", "test_part"}
+    split = {"split", "validation_part", "test_part"} if chosen["source"] != config.data.source else set()
     brought = {key for key in chosen if choices and (key in {"source", *split} or chosen[key] != usual[key])}
     named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
     own = {key: laid[key] for key in brought | named}

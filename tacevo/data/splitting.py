@@ -12,7 +12,8 @@ import numpy.typing as npt
 from tacevo.errors import DataError
 from tacevo.randomness import stream
 
-#: The parts of all images that are held out for validation and for the test, where nothing else is asked.
+#: The parts of all images that are held out for validation and for the test, where nothing else is asked. Keys of data
+#: sets that were made with these do not name them, so they stay, whatever the settings' defaults become.
 TENTHS = (0.1, 0.1)
 
 
@@ -28,7 +29,7 @@ class Split:
 def part_sizes(count: int, held_out: tuple[float, float]) -> tuple[int, int, int]:
     """Return how many of so many rows are for training, validation and the test, as `random_split` deals them out.
 
-    They are wished sizes: the first may be below 1, and groups that are kept together may shift all of them.
+    They are wanted sizes: the first may be below 1, and groups that are kept together may shift all of them.
     """
     validation, test = (int(Fraction(str(part)) * count + Fraction(1, 2)) for part in held_out)  # as it is written
     return count - validation - test, validation, test

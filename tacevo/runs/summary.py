@@ -131,7 +131,7 @@ def _found(lines: Sequence[Line], elites: Collection[str]) -> tuple[str, str] | 
 
 
 def _draws(config: RunConfig) -> str:
-    """Say what a fitness is, and what it is not; the sentence is not ended."""
+    """Say what a fitness is, and what it is not, without the full stop."""
     seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
     losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
     return (

@@ -9,6 +9,8 @@ NOTE = "NOTE.md"
 #: Characters that a note may have: it stands above a report and in the metadata of a bundle.
 LONGEST = 5_000
 
+_EXPECTED = f"at most {LONGEST:,} characters"
+
 
 def read_note(directory: Path) -> tuple[str, ...]:
     """Read the paragraphs of a note, without their line breaks; none where there is no note.
@@ -21,13 +23,13 @@ def read_note(directory: Path) -> tuple[str, ...]:
     path = directory / NOTE
     if not path.is_file() or path.is_symlink():  # a stranger's run must not show a file of this user
         return ()
+    if path.stat().st_size > LONGEST * 4:  # bytes, of which UTF-8 has four for a character at most
+        raise RunError(f"{path.stat().st_size:,} bytes", place=str(path), expected=_EXPECTED, remedy="shorten it")
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise RunError(str(error), place=str(path), expected="text in UTF-8") from error
     if len(text) > LONGEST:
-        raise RunError(
-            f"{len(text):,}", place=str(path), expected=f"at most {LONGEST:,} characters", remedy="shorten it"
-        )
+        raise RunError(f"{len(text):,}", place=str(path), expected=_EXPECTED, remedy="shorten it")
     blocks = f"\n{text}".replace("\n- ", "\n\n").split("\n\n")
     return tuple(words for block in blocks if (words := " ".join(block.split())))

@@ -115,7 +115,7 @@ def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -
     table = noise_outcome(again, "force")
     listed = [row[0] for row in table.rows]
     assert listed == ["baseline", "variant 1", *names[-(MOST - 2) :]]
-    assert f"Not listed: {31 - MOST}" in table.notes[1]
+    assert f"Not listed: {31 - MOST}" in table.notes[2]
     winner = dict(zip(table.columns, table.rows[1], strict=True))
     assert winner[ONE_DRAW] == 0.1
     assert (winner["re-estimated"], winner["least"], winner["most"]) == (2.05, 2.0, 2.1)
@@ -169,13 +169,33 @@ def test_finding_of_several_names_those_that_are_better() -> None:
     names = ["baseline", *(f"variant {number}" for number in range(1, 5))]
     caption = noise_outcome(reestimates(names, [BASELINE, good, near, far, best]), "force").caption
     assert caption == (
-        "Of the search's 4 best networks on record, 2 can be called better than the baseline, whose loss is 0.835: "
-        "id of variant 4 (0.335), id of variant 1 (0.435) (medians of 8 other seeds; 95 % sure of all together); "
-        "1 cannot be told from it; 1 worse."
+        "Of the 4 best elites on record, 2 can be called better than the baseline, whose loss is 0.835: id of variant "
+        "4 (0.335), id of variant 1 (0.435); 1 cannot be told from it; 1 worse (medians of 8 other seeds; by intervals "
+        "that hold for all elites together with 95 %, and so are wider than those of the table)."
     )
     caption = noise_outcome(reestimates(names[:3], [BASELINE, near, near]), "force").caption
-    assert "2 best networks on record, none can be called better than the baseline, whose loss is 0.835 (med" in caption
-    assert caption.endswith("together); 2 cannot be told from it.")
+    assert caption.startswith(
+        "Of the 2 best elites on record, none can be called better than the baseline, whose loss is 0.835; 2 cannot be "
+        "told from it (med"
+    )
+
+
+def test_failed_elites_are_not_counted() -> None:
+    """Neither among the best, nor silently."""
+    again = replace(reestimates(["baseline", "a", "b"], [BASELINE] * 3), failed=(network("c"),))
+    assert noise_outcome(again, "force").caption.startswith(
+        "Of the 2 best elites on record that trained with every seed, "
+    )
+
+
+@pytest.mark.parametrize(("seeds", "others", "is_enough"), [(5, 5, True), (5, 10, False), (3, 1, True), (2, 1, False)])
+def test_too_few_seeds_are_named(seeds: int, others: int, *, is_enough: bool) -> None:
+    """Where not even all wins would tell, the verdict says nothing of the networks."""
+    names = ["baseline", *map(str, range(others))]
+    table = noise_outcome(reestimates(names, [[1.0] * seeds, *[[0.1] * seeds] * others]), "force")
+    assert any("cannot tell any of" in note for note in table.notes) == (not is_enough)
+    assert (" can be called better" in table.caption or "is better than" in table.caption) == (is_enough or others > 1)
+    assert ("none can be called better" in table.caption or "cannot be told from" in table.caption) == (not is_enough)
 
 
 def test_more_networks_need_more_evidence() -> None:
@@ -201,7 +221,7 @@ def test_finding_names_what_it_is_about() -> None:
     record = again.networks[1].fitness
     fitter = replace(again, networks=(replace(again.networks[0], fitness=record / 2), again.networks[1]))
     lost = replace(again, failed=(replace(network("variant 0"), fitness=record / 2),))
-    assert noise_outcome(fitter, "force").caption.startswith("The search's best network beside the baseline, id of")
+    assert noise_outcome(fitter, "force").caption.startswith("The search's best network apart from the baseline, id of")
     assert noise_outcome(lost, "force").caption.startswith(
         "The search's best network of those that trained with every seed, id of variant 1, "
     )

@@ -25,7 +25,7 @@ def outside(rates: list[Rate]) -> set[str]:
 
 def test_no_test_errs_more_often_than_its_level() -> None:
     """But those whose assumption is broken on purpose, which the tables name."""
-    assert outside(list(type_one_errors(TRIALS // 4))) <= TOO_MANY_ERRORS
+    assert outside(list(type_one_errors(TRIALS // 2))) <= TOO_MANY_ERRORS
 
 
 def test_intervals_hold_the_truth() -> None:

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from bundles import members_of
+from bundles import members_of, resealed
 from refusals import refused
 
 from tacevo.bundles.open import opened
@@ -47,6 +47,38 @@ def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest
         assert told in capsys.readouterr().out
     assert main(["report", str(bundle), "-o", str(tmp_path / "page.html")]) == 0
     assert told in (tmp_path / "page.html").read_text()
+
+
+def test_link_is_not_published(noted: Path, tmp_path: Path) -> None:
+    """Nor what it leads to."""
+    (tmp_path / "secret").write_text("a secret")
+    (noted / "NOTE.md").unlink()
+    (noted / "NOTE.md").symlink_to(tmp_path / "secret")
+    assert main(["publish", str(noted), "-o", str(tmp_path / "run.zip")]) == 0
+    members = members_of(tmp_path / "run.zip")
+    assert "run/NOTE.md" not in members
+    assert [name for name, data in members.items() if b"a secret" in data] == []
+
+
+def test_note_cannot_draw_on_the_terminal(noted: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A bundle may be a stranger's."""
+    (noted / "NOTE.md").write_text("wiped \x1b[2J")
+    assert main(["show", str(noted)]) == 0
+    told = capsys.readouterr().out
+    assert "\x1b" not in told
+    assert r"wiped \x1b[2J" in told
+
+
+def test_note_that_no_command_could_show_is_refused_with_its_bundle(
+    noted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By whatever command opens it."""
+    assert main(["publish", str(noted), "-o", str(tmp_path / "run.zip")]) == 0
+    members = members_of(tmp_path / "run.zip") | {"run/NOTE.md": b"\xff"}
+    resealed(members, tmp_path / "bad.zip")
+    for command in ("show", "replay"):
+        assert main([command, str(tmp_path / "bad.zip")]) != 0
+        assert "NOTE.md: expected text in UTF-8" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

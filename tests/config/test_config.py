@@ -372,3 +372,9 @@ def test_setting_that_decides_nothing_stays_out(key: str) -> None:
     """A run elsewhere, on more workers or for more generations goes on with the same ledger."""
     assert changed(key, DECIDES_NOTHING[key]) != CONFIG
     assert identity(changed(key, DECIDES_NOTHING[key])) == identity(CONFIG)
+
+
+def test_parts_that_leave_nothing_to_train_on_are_refused() -> None:
+    """However binary fractions add up: 1 - 0.7 - 0.3 is above 0 among them."""
+    with refused(ConfigError, place="data.test_part", expected="less than 1 together", got="0.3"):
+        compose(["data.validation_part=0.7", "data.test_part=0.3"])

@@ -68,6 +68,7 @@ def test_second_load_decodes_nothing(tmp_path: Path) -> None:
         {"source": Greys(count=21, released=True)},
         {"split": SplitRule.release},
         {"split_seed": 1},
+        {"held_out": (0.2, 0.1)},
         {"normalisation": Normalisation.unit},
         {"target_scaling": TargetScaling.zscore},
     ],

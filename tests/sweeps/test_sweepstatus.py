@@ -78,7 +78,14 @@ def test_run_of_another_configuration_is_not_the_job(tmp_path: Path, job: Job) -
 
 @pytest.mark.parametrize(
     "change",
-    ["seed=1", "search.generations=1", "search.training_flops=1e12", "data.images=50", "task.baseline=other.py"],
+    [
+        "seed=1",
+        "search.generations=1",
+        "search.training_flops=1e12",
+        "data.images=50",
+        "data.test_part=0.3",
+        "task.baseline=other.py",
+    ],
 )
 def test_hash_follows_what_decides_results(change: str) -> None:
     """What ends the search and the data count, which a ledger's identity has by other means."""
