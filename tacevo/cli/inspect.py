@@ -177,7 +177,12 @@ def show_run(path: Path, store: Path | None = None) -> str:
         expected = "trained candidates of the ledger"
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     summary = summarise(run, from_plain(run.config), ledger.lines, elites, directory.read_spending())
-    note = "".join(f"{fill(words, 110)}\n\n" for words in read_note(path))
+    paragraphs = read_note(path)
+    note = (
+        "\n\n".join(["## What readers must know", *(fill(words, 110) for words in paragraphs), ""])
+        if paragraphs
+        else ""
+    )
     return f"{summary}\n{_studied(path, store) if finished else ''}{note}{state}\n"
 
 

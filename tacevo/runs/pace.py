@@ -149,9 +149,13 @@ def _check(verdicts: list[object]) -> None:
 
 
 def _predicted(config: RunConfig) -> int:
-    """Return how many images are predicted for each batch that is trained on, by the parts that are held out."""
-    held_out = config.data.validation_part
-    return max(1, round(config.training.batch_size * held_out / (1 - held_out - config.data.test_part)))
+    """Return how many images are predicted for each batch that is trained on, by the parts that are held out.
+
+    Four times the batch at most: an epoch of little but predictions needs no more to be measured.
+    """
+    held_out, batch = config.data.validation_part, config.training.batch_size
+    trained = max(1 - held_out - config.data.test_part, held_out / 4)
+    return max(1, round(batch * held_out / trained))
 
 
 def noise(config: RunConfig, folder: Path) -> Dataset:

@@ -210,13 +210,16 @@ def test_stop_while_images_are_made_leaves_no_process(number: signal.Signals, tm
     search = subprocess.Popen(
         [*COMMAND, "search", *many], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-    assert eventually(lambda: kilobytes_of_images(tmp_path) >= 200, seconds=60)
-    assert search.poll() is None
-    if number is signal.SIGKILL:
-        search.kill()
-    else:
-        os.killpg(search.pid, number)  # as a terminal does
-    _, errors = search.communicate(timeout=60)
+    try:
+        assert eventually(lambda: kilobytes_of_images(tmp_path) >= 200, seconds=60)
+        assert search.poll() is None
+        if number is signal.SIGKILL:
+            search.kill()
+        else:
+            os.killpg(search.pid, number)  # as a terminal does
+        _, errors = search.communicate(timeout=60)
+    finally:
+        search.kill()  # it would search for minutes beside the other tests
     assert search.returncode == (-signal.SIGKILL if number is signal.SIGKILL else 130)
     assert number is signal.SIGKILL or "Traceback" not in errors
     assert ends(tmp_path), processes_of(tmp_path)
