@@ -12,9 +12,11 @@ from tacevo.choices import ExecutorKind
 from tacevo.config.schema import RunConfig, deliveries
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
+from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import TacevoError
 from tacevo.llm.prices import PriceTable, likely_tokens
-from tacevo.records import Completion, Delivery, Message, Mode, Request, Task, to_json
+from tacevo.records import Completion, DataFacts, Delivery, Message, Mode, Request, Task, to_json
+from tacevo.runs.datasets import source_of
 from tacevo.runs.pace import Measure, growth, measure, training_images, trainings
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
@@ -56,7 +58,7 @@ def estimate(config: RunConfig) -> Estimate:
         ConfigError: a file of the task cannot be used.
         StoreError: a recorded completion is damaged.
     """
-    task = load_task(config, facts_without_data(config))
+    task = load_task(config, _facts(config))
     settings = build_settings(config)
     store = Store(Path(config.store.root), "completions", Mode.record)
     search = config.search
@@ -73,6 +75,12 @@ def estimate(config: RunConfig) -> Estimate:
         means = (asked * tokens / spent.answers for tokens in (spent.input_tokens, spent.output_tokens))
         likely = Tokens(input=next(means), output=next(means))
     return Estimate(requests=search.initial + later, recorded=recorded, samples=spent.answers, likely=likely)
+
+
+def _facts(config: RunConfig) -> DataFacts:
+    """Describe the data set as the requests name it; that the classes of a simulation have names needs no image."""
+    source, facts = source_of(config), facts_without_data(config)
+    return replace(facts, names=source.names) if isinstance(source, Simulated) else facts
 
 
 def describe_estimate(config: RunConfig, measure: Measure = measure) -> str:

@@ -238,3 +238,14 @@ def test_baseline_that_does_not_train_has_no_pace(overrides: Estimating, tmp_pat
     broken.write_text("class ImageRegressionCNN(nn.Module):\n    pass\n", encoding="utf-8")
     with refused(RunError, place="the baseline", expected="one that trains", got="construction_failed"):
         measure(compose(overrides(f"task.baseline={broken}")))
+
+
+def test_estimate_after_a_search_on_gratings_knows_its_first_answers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Their requests name the classes, which follow from the simulation's settings."""
+    small = ["experiment=published_grating", "search.generations=0", "search.initial=2", "data.images=70"]
+    small += ["data.image_size=16", "training.epochs=1", "tracking=none", f"store.root={tmp_path / 'cache'}"]
+    assert main(["search", *small, f"run.dir={tmp_path / 'run'}"]) == 0
+    assert main(["search", "--estimate", *small]) == 0
+    assert "the answers to 2 of generation 0 are recorded already" in capsys.readouterr().out

@@ -247,7 +247,7 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     ]
     assert digest == f"digest: {directory.read().digest}"
     assert main(["show", "run"]) == 0
-    table = told[told.index("**The search's best network") : told.index("look: ")].strip()
+    table = told[told.index("**Of the 2 best elites on record") : told.index("look: ")].strip()
     assert table in capsys.readouterr().out
     shutil.rmtree(directory.path)
     assert main(["show", "run"]) == 0

@@ -90,6 +90,13 @@ class Simulated:
     #: Widths of a ridge, which is also that of a groove, in mm: one class each; used by `grating` only.
     spacings_mm: tuple[float, ...]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the outputs: of classes, or of labels."""
+        if self.task is SensorTask.grating:
+            return tuple(f"{spacing:g} mm" for spacing in self.spacings_mm)
+        return OUTPUTS[self.task]
+
     def describe(self) -> Json:
         """Name everything that determines the images."""
         spacings = self.spacings_mm if self.task is SensorTask.grating else ()
@@ -111,7 +118,7 @@ class Simulated:
         is_grating = self.task is SensorTask.grating
         return Catalogue(
             kind=Kind.classification if is_grating else Kind.regression,
-            names=tuple(f"{spacing:g} mm" for spacing in self.spacings_mm) if is_grating else OUTPUTS[self.task],
+            names=self.names,
             units=UNITS.get(self.task),
             labels=np.array(labels, dtype=np.int64).reshape(-1) if is_grating else np.array(labels, dtype=np.float64),
             image_size=self.image_size,
