@@ -52,7 +52,7 @@ _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 #: The name of every member: those of one run lie in `run`, those of a sweep's runs in the directories of its jobs.
 _PLACES = re.compile(
     "|".join(map(re.escape, sorted({LOCK, JOBS, SWEEP_NOTE} | _ALWAYS)))
-    + rf"|(run|{SWEEP}/(?!sweep\.json/|NOTE\.md/){_WORD})/("
+    + rf"|(run|{SWEEP}/(?!sweep\.json/|{re.escape(NOTE)}/){_WORD})/("
     + "|".join(map(re.escape, RUN_FILES))
     + r"|candidates/g[0-9]+s[0-9]+\.(py|rejected\.txt)"
     + rf"|studies/{_WORD}/(study\.json|scores\.jsonl))"

@@ -14,6 +14,7 @@ from tacevo.choices import DataSource, Provider
 from tacevo.config.recorded import RecordedRun
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
+from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
 from tacevo.text import counted
 
@@ -150,7 +151,7 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         **record.machine,
         "title": subject.title,
         "description": replace(subject, note=()).description,
-        "note": "\n\n".join(["", "## What readers must know", *subject.note]) if subject.note else "",
+        "note": "\n\n".join(["", HEADING, *subject.note]) if subject.note else "",
         "which": "every" if is_sweep else "the",
         "digests": "\n".join(_digests(subject)),
         "fingerprint": record.data.fingerprint,

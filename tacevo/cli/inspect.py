@@ -34,7 +34,7 @@ from tacevo.search.files import check_references, read_elites, read_ledger
 from tacevo.search.lines import TEMPERATURE, CandidateLine
 from tacevo.search.prompts import SAMPLING
 from tacevo.search.reevaluation import estimates_of
-from tacevo.storage.notes import read_note
+from tacevo.storage.notes import HEADING, read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.studies.directory import studies_of
 from tacevo.text import printable, table
@@ -178,11 +178,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     summary = summarise(run, from_plain(run.config), ledger.lines, elites, directory.read_spending())
     paragraphs = read_note(path)
-    note = (
-        "\n\n".join(["## What readers must know", *(fill(words, 110) for words in paragraphs), ""])
-        if paragraphs
-        else ""
-    )
+    note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
     return f"{summary}\n{_studied(path, store) if finished else ''}{note}{state}\n"
 
 

@@ -132,6 +132,11 @@ class DataConfig(Record):
     validation_part: Part = 0.1
     test_part: Part = 0.1
 
+    @property
+    def held_out(self) -> tuple[float, float]:
+        """Both parts, as `tacevo.data.splitting` takes them."""
+        return self.validation_part, self.test_part
+
 
 @dataclass(frozen=True, kw_only=True)
 class ArchiveConfig(Record):

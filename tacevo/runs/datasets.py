@@ -50,7 +50,7 @@ def load_data(config: RunConfig, view: Progress, *, catalogue: Catalogue | None 
         source_of(config),
         split=config.data.split,
         split_seed=config.data.split_seed,
-        held_out=(config.data.validation_part, config.data.test_part),
+        held_out=config.data.held_out,
         normalisation=config.data.normalisation,
         target_scaling=config.task.target_scaling,
         cache=Path(config.store.root) / "data",

@@ -92,7 +92,7 @@ def training_images(config: RunConfig) -> int:
     count = data.images if is_simulated else len(source_of(config).catalogue().labels)
     if data.split is SplitRule.release:
         return round(count * 0.6)
-    return part_sizes(count, (data.validation_part, data.test_part))[0]
+    return part_sizes(count, data.held_out)[0]
 
 
 def measure(config: RunConfig) -> Pace:
@@ -153,9 +153,9 @@ def _predicted(config: RunConfig) -> int:
 
     Four times the batch at most: an epoch of little but predictions needs no more to be measured.
     """
-    held_out, batch = config.data.validation_part, config.training.batch_size
-    trained = max(1 - held_out - config.data.test_part, held_out / 4)
-    return max(1, round(batch * held_out / trained))
+    (validation, test), batch = config.data.held_out, config.training.batch_size
+    trained = max(1 - validation - test, validation / 4)
+    return max(1, round(batch * validation / trained))
 
 
 def noise(config: RunConfig, folder: Path) -> Dataset:

@@ -6,6 +6,9 @@ from tacevo.errors import RunError
 
 NOTE = "NOTE.md"
 
+#: What stands above a note wherever it is shown.
+HEADING = "## What readers must know"
+
 #: Characters that a note may have: it stands above a report and in the metadata of a bundle.
 LONGEST = 5_000
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from hand_runs import trained
-from hand_sweeps import finished, run_of, run_to, sweep_of
+from hand_sweeps import PLAN, finished, run_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive
@@ -17,7 +17,7 @@ from analysis.tables.ablation import ablation_tables, arms_table, metric_table, 
 from analysis.tables.common_archive import common_note, extents_note
 from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
-from tacevo.storage.plan import Measure, Plan
+from tacevo.storage.plan import Measure
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
 NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
@@ -301,23 +301,7 @@ def test_few_seeds_of_many_arms_are_warned_of() -> None:
 
 def test_spread_of_single_jobs_is_an_empty_cell_beside_the_plan() -> None:
     """One job of an arm does not spread; two do, as the plan counts it."""
-    written = Plan(
-        kind="sweep",
-        task="force",
-        metric=Measure.fitness,
-        effect=0.1,
-        alpha=0.05,
-        power=0.8,
-        comparisons=1,
-        seeds=2,
-        retraining=None,
-        epochs=None,
-        spread=0.5,
-        chance=0.8,
-        trainings=0,
-        hours=None,
-        pilots=(),
-    )
+    written = replace(PLAN, metric=Measure.fitness, retraining=None, epochs=None, spread=0.5)
     for bests, known in (([0.5], False), ([0.5, 0.6], True)):
         sweep, found = compared(*jobs_of("none", bests), *jobs_of("other", bests))
         tables = ablation_tables(replace(sweep, terms=SweepTerms(plan=written)), found, ARCHIVE)

@@ -11,6 +11,7 @@ from analysis.runs.run import Run
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.costs import Spending
 from tacevo.search.lines import CandidateLine
+from tacevo.storage.plan import Measure, Plan
 from tacevo.storage.sweep_directory import Job
 
 VERSIONS: Any = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
@@ -46,3 +47,23 @@ def run_to(*bests: float, descriptors: Sequence[tuple[float, float]] = ()) -> Ru
 def sweep_of(jobs: Sequence[Finished]) -> Sweep:
     """Make a sweep whose jobs are all finished."""
     return Sweep(path=Path("sweep"), finished=tuple(jobs), missing=())
+
+
+#: What a sweep may follow.
+PLAN = Plan(
+    kind="sweep",
+    task="force",
+    metric=Measure.mse,
+    effect=0.1,
+    alpha=0.05,
+    power=0.8,
+    comparisons=1,
+    seeds=12,
+    retraining=3,
+    epochs=50,
+    spread=0.1,
+    chance=0.81,
+    trainings=108,
+    hours=None,
+    pilots=("a" * 64,),
+)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hand_sweeps import PLAN
 from refusals import refused
 from sweeps import SHARED, Heard, Launched
 
@@ -15,7 +16,7 @@ from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
-from tacevo.storage.plan import Measure, Plan, plan_text
+from tacevo.storage.plan import Measure, plan_text
 from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms, sweep_text
 from tacevo.sweeps.check import check_jobs
 from tacevo.sweeps.plan import sweep
@@ -172,25 +173,6 @@ def test_setting_that_cannot_follow_from_the_seed_is_refused(
     with refused(ConfigError, place="--vary", got=got):
         begun([*SHARED, *settings, "seed=0"], Asked(vary=(vary,)), launched := Launched())
     assert not launched.calls
-
-
-PLAN = Plan(
-    kind="sweep",
-    task="force",
-    metric=Measure.mse,
-    effect=0.1,
-    alpha=0.05,
-    power=0.8,
-    comparisons=1,
-    seeds=12,
-    retraining=3,
-    epochs=50,
-    spread=0.1,
-    chance=0.81,
-    trainings=108,
-    hours=None,
-    pilots=("a" * 64,),
-)
 
 
 def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
