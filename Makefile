@@ -80,7 +80,7 @@ replay: $(READY) ## replay the published runs that come with the project, and co
 	@for run in cache/published/*.zip; do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done
 
 # Published runs, or directories of yours: make paper RUNS="DIR DIR"
-RUNS ?= cache/published/force-grammar.zip cache/published/grating-grammar.zip
+RUNS ?= cache/published/grating-grammar.zip cache/published/grating-claude.zip
 
 paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR", into build/paper
 	$(BIN)/tacevo paper $(RUNS) --output build/paper

@@ -34,7 +34,7 @@ from tacevo.text import table
 from tacevo.training.gpu import Resident, multiply_in
 from tacevo.training.trainer import run
 
-PUBLISHED = Path("cache/published/force-grammar.zip")
+PUBLISHED = Path("tests/golden/bundles/force-grammar.zip")
 
 #: Of the paper's searches.
 SIZE, BATCH, EPOCHS, IMAGES = 256, 32, 10, 2400

@@ -1,6 +1,6 @@
 """What bounds and the scale of the Efficiency Ratio make of the same candidates: niches filled, and niches lost.
 
-    python -m benchmarks.niches cache/published/*.zip
+    python -m benchmarks.niches tests/golden/bundles/*.zip
 
 The trained candidates of each run are put, in their order, into one archive for each combination. A search under
 other settings would have had other parents and hence other candidates, so this compares archives, not searches.

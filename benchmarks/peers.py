@@ -58,7 +58,10 @@ REQUIREMENT = Path(__file__).with_name("peers.txt").read_text(encoding="utf-8").
 
 EVALUATOR = Path(__file__).with_name("peer_evaluator.py")
 
-PUBLISHED = Path("cache/published/force-grammar.zip")
+PUBLISHED = Path("tests/golden/bundles/force-grammar.zip")
+
+#: Answers of the round that does not count: enough to read every file and start every process once.
+WARM_UP = 2
 
 #: Candidates of a generation, and generations after the first; other settings of ours are those of the published run.
 GENERATION, GENERATIONS = 10, 3
@@ -102,7 +105,7 @@ def peers(
 
     Args:
         numerics: of ours.
-        answers: candidates of a search besides the baseline; in the first round `GENERATION` at most.
+        answers: candidates of a search besides the baseline; in the first round `WARM_UP` at most.
         epochs: of every training.
         rounds: how often to measure; with 0 the first round counts.
     """
@@ -115,7 +118,7 @@ def peers(
     costs: dict[str, list[Cost]] = {name: [] for name in contenders}
     with tempfile.TemporaryDirectory() as folder:
         _write_data(Path(folder))
-        for number, served in enumerate([sources[:GENERATION], *rounds * [sources]]):
+        for number, served in enumerate([sources[:WARM_UP], *rounds * [sources]]):
             for name, contender in contenders.items():
                 place = Path(folder) / f"{name}{number}"
                 place.mkdir()

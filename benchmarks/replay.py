@@ -45,19 +45,18 @@ class Cost:
 def synthetic_replays(*, generations: Sequence[int] = GENERATIONS) -> Iterator[Figure]:
     """Replay synthetic runs of two sizes as directories, publish them, and replay the bundles.
 
-    The peer of the larger run is the smaller one, as often as it takes to have as many candidates: the ratio is 1 where
-    a candidate costs the same in both.
+    The peer of the larger run is the smaller one: the ratio is 1 where a candidate costs the same in both.
     """
     costs = [_costs(count) for count in generations]
     (small, few), (large, many) = costs[0], costs[-1]
     for what, cost in many.items():
         yield Figure(
-            title=f"{what}, processor time",
-            name=f"{large:,} candidates",
-            value=cost.processor_seconds,
-            unit="CPU s",
-            peer=f"{large / small:.1f} runs of {small:,}",
-            peer_value=few[what].processor_seconds * large / small,
+            title=f"{what}, a candidate",
+            name=f"of {large:,}",
+            value=1000 * cost.processor_seconds / large,
+            unit="CPU ms",
+            peer=f"of {small:,}",
+            peer_value=1000 * few[what].processor_seconds / small,
         )
     for what, cost in few.items():
         title, name = f"{what}, one process", f"{small:,} candidates"

@@ -26,7 +26,7 @@ from analysis.studies.comparison import Comparisons
 from analysis.studies.images import ImageFindings
 from analysis.studies.scores import Study
 from analysis.table import PValue
-from analysis.tables.common_archive import common_note
+from analysis.tables.archives_of_arms import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.records import Kind
 from tacevo.search.lines import TEMPERATURE

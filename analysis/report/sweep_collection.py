@@ -19,8 +19,7 @@ from analysis.sweeps.sweep import REFERENCE, Finished, Sweep, load_sweep
 from analysis.sweeps.sweep_checks import check_sweep
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables
-from analysis.tables.common_archive import common_note, extents_note
-from analysis.tables.corrected_arms import corrected_arms_table
+from analysis.tables.archives_of_arms import common_note, corrected_arms_table, extents_note
 from tacevo.choices import Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.text import listed

@@ -153,7 +153,7 @@ def effects_table(study: Study, found: Comparisons) -> Table:
     return Table(
         name=f"effects_{study.task}",
         caption=f"Effect sizes of the variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
-        columns=("network", "A12", "Cliff's delta", f"difference of medians ({_unit(found.metric)})"),
+        columns=("network", "A12", "Cliff's delta", f"difference of medians ({unit_of(found.metric)})"),
         rows=tuple(
             (
                 name,
@@ -240,7 +240,7 @@ def _value(metric: str, value: float) -> Cell:
     return Percent(value) if metric in SHARES else value
 
 
-def _unit(metric: str) -> str:
+def unit_of(metric: str) -> str:
     """Name what a difference of a metric is counted in."""
     return "percentage points" if metric in SHARES else metric_name(metric)
 
@@ -318,7 +318,7 @@ def _method_notes(found: Comparisons) -> tuple[str, ...]:
 def _margin(found: Comparisons) -> str:
     """Write the margin as it was stated, and as wide as it is."""
     width = found.variants[0].equivalence.margin
-    wide = f"{shown(100.0 * width if found.metric in SHARES else width)} {_unit(found.metric)}"
+    wide = f"{shown(100.0 * width if found.metric in SHARES else width)} {unit_of(found.metric)}"
     if found.terms.margin.kind is MarginKind.absolute:
         return wide
     return f"{shown(Percent(found.terms.margin.value))} of the baseline's median, {wide}"

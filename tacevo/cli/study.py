@@ -250,7 +250,7 @@ def _end(studied: Studied, remedy: str) -> int:
 
 _PLAN_EPILOG = """\
 examples:
-  tacevo plan study cache/published/force-grammar.zip --effect 0.1
+  tacevo plan study cache/published/grating-grammar.zip --effect 0.01
   tacevo plan sweep sweeps/PILOT --effect 0.05 --comparisons 3 -o plans
   tacevo study run=runs/NAME seeds=SEEDS plan=build/plan/plan.json
   tacevo search -m ... 'seed=range(0,SEEDS)' --plan plans/plan.json

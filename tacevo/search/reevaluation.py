@@ -32,11 +32,6 @@ class Reevaluation:
     #: Nothing is asked for.
     request: None = None
 
-    @property
-    def id(self) -> str:
-        """Name the slot as `Proposal.id` does."""
-        return f"g{self.generation:02d}s{self.slot:02d}"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimates:

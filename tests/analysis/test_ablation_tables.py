@@ -14,7 +14,7 @@ from analysis.sweeps.sweep import Finished, Missing, Sweep
 from analysis.sweeps.tested import JobScore
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
-from analysis.tables.common_archive import common_note, extents_note
+from analysis.tables.archives_of_arms import common_note, extents_note
 from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
 from tacevo.storage.plan import Measure

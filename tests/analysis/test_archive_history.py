@@ -15,7 +15,7 @@ from tacevo.search.lines import GenerationLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.run_directory import RunDirectory
 
-PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
+PUBLISHED = Path(__file__).parents[1] / "golden" / "bundles"
 
 #: Two niches, left and right.
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])

@@ -20,7 +20,7 @@ from tacevo.search.lines import CandidateLine
 from tacevo.search.prompts import prompt_point
 from tacevo.storage.run_directory import RunDirectory
 
-PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
+PUBLISHED = Path(__file__).parents[1] / "golden" / "bundles"
 
 
 def run_of(generations: int, **temperature: Json) -> Run:

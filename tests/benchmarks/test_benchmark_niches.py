@@ -10,7 +10,7 @@ from tacevo.bundles.open import opened
 from tacevo.search.archive import Bounds, Tessellation
 
 ROOT = Path(__file__).parents[2]
-FORCE = ROOT / "cache" / "published" / "force-grammar.zip"
+FORCE = ROOT / "tests" / "golden" / "bundles" / "force-grammar.zip"
 
 #: Four niches in a row, of width 0.25 along the second axis.
 ROW = Tessellation([(0.5, 0.125), (0.5, 0.375), (0.5, 0.625), (0.5, 0.875)])

@@ -49,6 +49,13 @@ def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest
     assert told in (tmp_path / "page.html").read_text()
 
 
+def test_file_that_is_no_note_is_not_read_whole(noted: Path) -> None:
+    """Its size alone refuses it."""
+    (noted / "NOTE.md").write_bytes(b"\xff" * (4 * LONGEST + 1))
+    with refused(RunError, place=str(noted / "NOTE.md"), got="20,001 bytes", remedy="shorten it"):
+        read_note(noted)
+
+
 def test_link_is_not_published(noted: Path, tmp_path: Path) -> None:
     """Nor what it leads to."""
     (tmp_path / "secret").write_text("a secret")

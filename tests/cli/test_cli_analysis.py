@@ -379,10 +379,13 @@ def test_published_run_takes_no_results(
 
 @pytest.mark.slow
 def test_paper_takes_published_runs(run: Path, bundle: Path) -> None:
-    """A directory and a bundle may stand side by side; two of one name may not."""
+    """A directory and a bundle stand side by side, in a table, too; two of one name may not."""
     renamed = run.rename("renamed")
     assert main(["paper", str(renamed), str(bundle), "-o", "pages"]) == 0
-    assert {path.name for path in Path("pages").iterdir()} >= {"run1", "run2", "paper.tex"}
+    assert {path.name for path in Path("pages").iterdir()} >= {"run1", "run2", "searches", "paper.tex"}
+    compared = Path("pages/searches/searches_force.md").read_text()
+    assert "\n| renamed " in compared
+    assert f"\n| {bundle.stem} " in compared
     assert main(["paper", str(bundle), str(bundle), "-o", "twice"]) == 2
     assert not Path("twice").exists()
 

@@ -10,6 +10,7 @@ from refusals import refused
 from sweeps import composed
 
 from tacevo.choices import DataSource, SplitRule
+from tacevo.config import folder
 from tacevo.config.compose import compose, from_plain, to_plain
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.schema import RunConfig
@@ -263,6 +264,13 @@ def test_every_file_of_the_library_belongs_to_a_task() -> None:
     there = {str(path.relative_to(root)) for path in (root / "library").rglob("*.*") if path.suffix != ".pyc"}
     published = {name for name in there if "/published/" in name}  # tests/analysis/test_rebuilt_variants.py
     assert there - published - {"library/README.md"} == named
+
+
+def test_package_without_configs_is_to_be_installed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is missing is named by its place."""
+    monkeypatch.setattr(folder, "__file__", str(tmp_path / "tacevo" / "config" / "folder.py"))
+    with refused(ConfigError, place=str(tmp_path / "tacevo" / "conf"), got="nothing", remedy="install tacevo again"):
+        conf_root()
 
 
 def test_data_of_another_shape_are_refused() -> None:

@@ -316,7 +316,12 @@ def test_weight_is_known_however_it_was_made_and_is_called(init: str, forward: s
 
 
 @pytest.mark.parametrize(
-    "binding", ["try: pass\n    except ValueError as train: pass", "match 1:\n        case train: pass"]
+    "binding",
+    [
+        "try: pass\n    except ValueError as train: pass",
+        "match 1:\n        case train: pass",
+        "match {}:\n        case {**train}: pass",
+    ],
 )
 def test_name_of_a_module_is_bound_in_no_way(binding: str) -> None:
     """Also by an error that is caught, and by a pattern."""

@@ -37,6 +37,7 @@ from smallest import UNTRACKED
 
 from tacevo.cli.app import main
 from tacevo.sandbox.processes import children, descendants
+from tacevo.storage.files import alone
 from tacevo.storage.store import SEARCHED
 
 pytestmark = unhurried
@@ -250,6 +251,8 @@ def test_database_of_mlflow_that_goes_away_in_the_middle_is_a_warning(whole_sear
         .read_bytes()
         .startswith((whole_search[0] / "run" / "ledger.jsonl").read_bytes())
     )
+    with alone(tmp_path / "run"):
+        pass  # the mirror has ended, for which a search waits a while only
     tacevo("track", "run", "--uri", f"sqlite:///{tmp_path}/later.db", cwd=tmp_path)
     assert mirrored(tmp_path / "later.db") == (1 + CANDIDATES + 4, out.splitlines()[-1].removeprefix("digest: "))
 

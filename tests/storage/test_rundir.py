@@ -15,6 +15,7 @@ from full_disks import largest_file
 from ledger_lines import run_record
 from refusals import refused
 
+from tacevo import environment
 from tacevo.costs import Spending
 from tacevo.environment import PACKAGES, gpus, machine, versions
 from tacevo.errors import RunError
@@ -100,11 +101,8 @@ def test_published_run_json_comes_back(bundle: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(bundle) as members:
         text = next(members.read(name) for name in members.namelist() if name.endswith("/run.json"))
     (tmp_path / "run.json").write_bytes(text)
-    assert {**to_json(RunDirectory(tmp_path).read_run()), **json.loads(text)} == {
-        **json.loads(text),
-        "code": None,
-        "pages": 1,
-    }
+    written = json.loads(text)
+    assert {**to_json(RunDirectory(tmp_path).read_run()), **written} == {"code": None, "pages": 1, **written}
 
 
 def test_directory_without_a_run_is_an_error(directory: RunDirectory) -> None:
@@ -202,6 +200,12 @@ def test_versions_name_every_package() -> None:
     """Python and each package that matters is listed."""
     assert set(versions()) == {"python", *PACKAGES}
     assert versions()["numpy"] != "absent"
+
+
+def test_package_that_is_not_installed_is_recorded_as_absent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader sees that it was looked for."""
+    monkeypatch.setattr(environment, "PACKAGES", ("no-such-package",))
+    assert versions()["no-such-package"] == "absent"
 
 
 def test_machine_is_described_without_its_name() -> None:

@@ -20,7 +20,8 @@ HOSTILE = (
     "\u2028\u2029{{ 7 * 7 }}\"'><svg onload='window.hurt = 3'>\x00\u202e&lt;b&gt; javascript:window.hurt=4"
 )
 
-SHIPPED = Path(__file__).parents[2] / "cache" / "published" / "force-grammar.zip"
+#: One of the first published runs (test_rules).
+SHIPPED = Path(__file__).parents[1] / "golden" / "bundles" / "force-grammar.zip"
 
 
 def page_of_shipped_run() -> PageContents:

@@ -1,5 +1,8 @@
 """Promise: a sweep's jobs are all known before one runs, each has its directory, and none is run twice."""
 
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +12,7 @@ from sweeps import SHARED, Heard, Launched, begin, files_of
 
 from tacevo.errors import ConfigError, RunError
 from tacevo.storage.sweep_directory import SweepDirectory, name_arm
+from tacevo.sweeps import searches
 from tacevo.sweeps.launch import Launcher
 from tacevo.sweeps.plan import folder, name_job, part, plan, sweep
 from tacevo.sweeps.status import Standing
@@ -28,6 +32,20 @@ def test_several_values_tell_jobs_apart() -> None:
         ("ablation=none", "seed=1", "temperature=paper"),
         ("ablation=none", "seed=1", "temperature=stall"),
     )
+
+
+def test_search_that_does_not_end_when_told_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its job has failed by a signal, which the sweep says."""
+    monkeypatch.setattr(searches, "GRACE", 0.1)
+    deaf = "import signal, sys, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(600)"
+    with subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE) as search:
+        assert search.stdout is not None
+        search.stdout.readline()
+        searches.stop([search])
+        assert search.returncode == -signal.SIGKILL
+    (tmp_path / "log").write_text("error: what was said before\n")
+    reason = searches._reason(search.returncode, tmp_path / "log")
+    assert reason == "killed by signal 9 (Killed); memory may have run out"
 
 
 @pytest.mark.parametrize(

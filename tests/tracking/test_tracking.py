@@ -12,6 +12,8 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from mirrored import (
@@ -314,3 +316,36 @@ def test_cost_of_candidates_and_of_their_generation_reach_mlflow(run_dir: Path, 
     (point,) = client.get_metric_history(parent.info.run_id, "usd")
     assert (point.step, point.value) == (0, 0.75)
     assert parent.data.metrics["input_tokens"] == 20
+
+
+def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> None:
+    """Two searches begin at once: one creates it, the other finds it, and an error of another kind is not hidden."""
+    from mlflow.exceptions import MlflowException
+
+    from tacevo.tracking.client import find_or_create_experiment
+
+    def client(*found: SimpleNamespace | None) -> Any:
+        answers = iter(found)
+
+        def create(*_: object, **__: object) -> str:
+            raise MlflowException("it exists, or the database is full")
+
+        return SimpleNamespace(
+            get_experiment_by_name=lambda _: next(answers), create_experiment=create, tracking_uri="http://localhost"
+        )
+
+    assert find_or_create_experiment(client(None, SimpleNamespace(experiment_id=7)), "tacevo") == "7"
+    with pytest.raises(MlflowException, match="the database is full"):
+        find_or_create_experiment(client(None, None), "tacevo")
+
+
+def test_database_that_another_mirror_has_made_meanwhile_is_kept(tmp_path: Path) -> None:
+    """What a killed mirror left beside it is removed."""
+    from tacevo.tracking.client import _create
+
+    (tmp_path / "mlflow.db").write_bytes(b"made")
+    part = tmp_path / ".mlflow.db.part"
+    part.touch()
+    _create(tmp_path / "mlflow.db")
+    assert (tmp_path / "mlflow.db").read_bytes() == b"made"
+    assert not part.exists()

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -32,6 +33,7 @@ from tacevo.records import (
     to_json,
     written,
 )
+from tacevo.storage.canonical import canonical
 from tacevo.typed import convert
 
 STEP = Step(
@@ -212,3 +214,9 @@ def read(answer: Any) -> Completion:
 def test_ledger_sees_neither_delivery_nor_price() -> None:
     """What enters the ledger of an answer is what the ledgers of older runs hold, however it came and was paid."""
     assert NEW.content() == read(OLD).content() == OLD
+
+
+def test_what_json_cannot_hold_is_left_to_the_writer_which_refuses_it() -> None:
+    """A value of an unknown class is not guessed at: nothing of it enters a file."""
+    with pytest.raises(TypeError, match="not JSON serializable"):
+        canonical(to_json(Path("a")))

@@ -115,7 +115,7 @@ function requestOf(run, one) {
     const fixed = one.operator === "sample" ? "Draw a network at random." : run.crossover;
     const text = one.prompt === null ? fixed : run.instructions[one.prompt][1];
     const temperature = one.temperature_sent
-        ? `Sent with temperature ${number(one.temperature)}.`
+        ? `Temperature ${number(one.temperature)}.`
         : `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`;
     return h(
         "div",
