@@ -169,8 +169,6 @@ class Sandbox:
             answer = self._run(order, payload, limits, prepared=True)
         if not isinstance(answer, _Killed):
             return answer
-        if self._closed:
-            raise SandboxError("the sandbox was closed while a candidate ran", remedy=_AGAIN)
         return Died(Reason.crashed, answer.detail)
 
     def _run(
@@ -183,6 +181,8 @@ class Sandbox:
                 answer = self._attempt(job, limits, prepared)
             except _LostError:
                 answer = self._attempt(job, limits, prepared)
+            if isinstance(answer, _Killed) and self._closed:
+                raise SandboxError("the sandbox was closed while a candidate ran", remedy=_AGAIN)
             if is_last or not isinstance(answer, _Killed):
                 break  # a kill by the kernel or a person is rare; a candidate that did it will do it again
         return answer

@@ -14,11 +14,14 @@ from pathlib import Path
 import pytest
 from commands import tacevo
 from interruptions import SEARCH, ends, processes_of
+from refusals import refused
 from smallest import UNTRACKED
 from waiting import eventually
 
 from tacevo.cli.app import COMMANDS, main
+from tacevo.cli.common import as_typed, output_directory
 from tacevo.cli.search import print_end
+from tacevo.errors import ConfigError
 from tacevo.runs.session import Result
 
 COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
@@ -242,3 +245,19 @@ def test_archive_that_names_a_stranger_is_one_line(
     path.write_text(json.dumps(archive))
     assert main(["show", str(tmp_path / "run")]) == 2
     assert f"{path}: expected trained candidates of the ledger; got zzz" in capsys.readouterr().err
+
+
+def test_command_is_spelt_as_the_users_shell_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By its name in an activated environment, else by its path."""
+    programs = Path(sys.executable).parent
+    monkeypatch.setenv("PATH", str(programs))
+    assert as_typed("tacevo") == "tacevo"
+    monkeypatch.setenv("PATH", "/nowhere")
+    assert Path(as_typed("tacevo")).resolve() == (programs / "tacevo").resolve()
+
+
+def test_directory_that_is_write_protected_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before any work is done for it; the administrator, who may write everywhere, is made another user here."""
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with refused(ConfigError, place=str(tmp_path), got="write-protected", remedy="-o"):
+        output_directory(tmp_path)

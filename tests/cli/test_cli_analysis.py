@@ -197,6 +197,19 @@ def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path) -> Non
         assert run["remarks"][-1] == "no study: it was published without one"
 
 
+def test_report_of_arms_that_cannot_be_compared_says_why(swept: Path, tmp_path: Path) -> None:
+    """Its runs are there all the same."""
+    sweep = shutil.copytree(swept / "sweep", tmp_path / "sweep")
+    record = json.loads((sweep / "none-seed0" / "run.json").read_text())
+    record["versions"]["torch"] = "0.1"
+    (sweep / "none-seed0" / "run.json").write_text(json.dumps(record))
+    store = str(swept / "cache")
+    assert main(["report", str(sweep), "--store", store, "-o", str(tmp_path / "page.html")]) == 1
+    shown = shown_in(tmp_path / "page.html")
+    assert (shown["sweep"], len(shown["runs"])) == (None, 3)
+    assert "the arms are not compared: sweep, version of torch: " in shown["state"]
+
+
 def test_report_of_the_working_directory_has_its_name(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`.` is not a name that could be replayed from elsewhere."""
     monkeypatch.chdir(run)
@@ -314,6 +327,8 @@ def test_data_that_cannot_be_had_cost_the_samples_only(run: Path, capsys: pytest
     assert "no sample images: " in capsys.readouterr().err
     assert not (run / "figures" / "samples_force.svg").exists()
     assert (run / "figures" / "network_map_force.svg").exists()
+    assert main(["report", str(run), "-o", "page.html"]) == 0
+    assert any("no sample images: " in remark for remark in shown_in(Path("page.html"))["runs"][0]["remarks"])
 
 
 def _cut(run: Path) -> None:

@@ -8,9 +8,12 @@ from pathlib import Path
 import pytest
 from fakes import TASK
 from ledger_lines import candidate, ended, header, rejected, run_record, trained
+from refusals import refused
 
 from tacevo.cli.app import main
+from tacevo.cli.inspect import _sandbox, task_without_data
 from tacevo.config.folder import conf_root
+from tacevo.errors import SandboxError
 from tacevo.records import Given, Operator, Reason, Stage
 from tacevo.search.lines import ReevaluationLine, RepairedAnswer
 from tacevo.storage.ledger import sealed_text
@@ -99,3 +102,12 @@ def test_file_that_is_not_an_answer_is_one_line(
     (place / name).write_bytes(content)
     assert main(["check", name]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_doctor_names_a_baseline_that_the_gate_rejects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search would have nothing to begin with."""
+    config, task = task_without_data("force", 32)
+    wrong = replace(task, baseline=f"import os\n{task.baseline}")
+    monkeypatch.setattr("tacevo.cli.inspect.task_without_data", lambda *_: (config, wrong))
+    with refused(SandboxError, expected="the baseline of task force to be admitted", got="policy, forbidden_import"):
+        _sandbox(lambda _: None)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import urllib.request
+import webbrowser
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -272,3 +273,12 @@ def test_bundle_is_refused(published: Path, capsys: pytest.CaptureFixture[str]) 
     """It does not change; `tacevo report` makes its page."""
     assert main(["watch", str(published / "run.zip")]) == 2
     assert "`tacevo report` makes the page of a bundle" in capsys.readouterr().err
+
+
+def test_page_is_opened_where_that_is_wished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the browser of the system, before the server answers."""
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr(Server, "serve_forever", lambda _: None)
+    assert main(["watch", str(tmp_path / "later"), "--open"]) == 0
+    assert [address.partition(":")[0] for address in opened] == ["file"]

@@ -4,6 +4,7 @@ All of it holds without the kernel's walls, which these tests leave out; test_wa
 """
 
 import os
+import signal
 import tracemalloc
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -15,14 +16,16 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from refusals import refused
 from sandboxes import ENTRIES, LIMITS, answer, open_sandbox
 from waiting import eventually
 from witness import is_gone, living, watching_candidates
 
 from tacevo.choices import Confinement
+from tacevo.errors import SandboxError
 from tacevo.records import Limits, Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.sandbox.processes import descendants
+from tacevo.sandbox.processes import children, descendants
 from tacevo.sandbox.protocol import Message, Sort
 
 pytestmark = pytest.mark.timeout(60)
@@ -289,3 +292,25 @@ def test_missing_entry_is_named(sandbox: Sandbox) -> None:
     """A misspelt entry is the caller's mistake, told at once."""
     with pytest.raises(KeyError, match="got 'ecko'"):
         sandbox.run("ecko", None, b"", LIMITS)
+
+
+def test_candidate_that_runs_when_the_sandbox_is_closed_gets_no_verdict(tmp_path: Path) -> None:
+    """Its death says nothing about it."""
+    with ThreadPoolExecutor() as pool:
+        with open_sandbox(tmp_path) as opened:
+            with watching_candidates() as seen:
+                running = pool.submit(opened.run, "spin", None, b"", LIMITS)
+                assert eventually(lambda: living(seen))
+        with refused(SandboxError, got="the sandbox was closed while a candidate ran"):
+            running.result(timeout=30)
+
+
+def test_zygote_that_does_not_answer_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stopped one hears no order; it and all below it are killed."""
+    monkeypatch.setattr("tacevo.sandbox.client._GRACE_SECONDS", 0.1)
+    before = set(children(os.getpid()))
+    with open_sandbox(tmp_path) as opened:
+        assert opened.run("echo", 0, b"", LIMITS) == Finished((Frame(0, b""),))
+        (zygote,) = set(children(os.getpid())) - before
+        os.kill(zygote, signal.SIGSTOP)
+    assert is_gone(zygote)

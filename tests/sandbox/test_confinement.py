@@ -2,6 +2,7 @@
 
 import itertools
 import multiprocessing
+import os
 import re
 import time
 from multiprocessing.connection import Connection
@@ -122,3 +123,9 @@ def test_asking_for_fixed_addresses_changes_nothing() -> None:
     granted = can_fix_addresses()
     assert Path("/proc/thread-self/personality").read_text() == before
     assert ("not randomised" in report()["fixed_addresses"]) is granted
+
+
+def test_system_without_handles_of_processes_confines_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As another system than Linux, or one before 5.3."""
+    monkeypatch.delattr(os, "pidfd_open")
+    assert available() is Confinement.none

@@ -78,3 +78,10 @@ def test_end_of_a_tree_takes_a_process_without_its_first_thread_along() -> None:
         finally:
             end_tree(parent.pid)
     assert eventually(lambda: not Path(f"/proc/{child}").exists())
+
+
+def test_process_whose_parent_is_gone_already_ends_itself() -> None:
+    """The kernel's signal would never come."""
+    orphan = "from tacevo.sandbox.kernel import end_with; end_with(1 << 22); print('alive')"
+    done = subprocess.run([sys.executable, "-c", orphan], env=_environment(), capture_output=True, check=False)
+    assert (done.returncode, done.stdout) == (1, b"")

@@ -5,13 +5,14 @@ too; test_walls.py has the kernel run the one for this machine.
 """
 
 import errno
+import platform
 import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.sandbox.seccomp import MACHINES, Machine, program
+from tacevo.sandbox.seccomp import MACHINES, Machine, is_available, program
 
 PID = 4321
 ALLOW, REFUSE = 0x7FFF0000, 0x00050000 | errno.EPERM
@@ -98,3 +99,16 @@ def test_program_fits_the_kernel() -> None:
         text = program(machine, PID)
         assert len(text) % 8 == 0
         assert len(text) // 8 <= 4096
+
+
+def test_filters_need_a_known_processor_and_a_kernel_that_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Elsewhere the numbers of the calls would mean others."""
+
+    def refuse(*_: object) -> int:
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    with monkeypatch.context() as kernel:
+        kernel.setattr("tacevo.sandbox.seccomp.system_call", refuse)
+        assert not is_available()
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
+    assert not is_available()

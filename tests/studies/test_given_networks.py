@@ -203,6 +203,7 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
             marks=pytest.mark.slow,
         ),
         (f"# My own.\n{NETWORK.format(8, 8)}", "networks", "wide and bad are one"),
+        (f"{NETWORK.format(4, 4)}\nDEEP = a{'.b' * 900}\n", "networks, bad.py", "policy"),
     ],
 )
 def test_bad_network_is_refused_before_anything_is_trained(

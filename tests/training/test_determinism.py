@@ -74,6 +74,13 @@ def test_what_torch_warns_of_is_noted_by_name_once() -> None:
     assert noted == {"max_unpooling2d_forward_out"}
 
 
+def test_gpu_notes_what_it_cannot_do_deterministically() -> None:
+    """Without a GPU here: what torch warns of within is noted."""
+    with noting_nondeterminism(torch.device("cuda")) as noted:
+        warnings.warn("pooling does not have a deterministic implementation", stacklevel=1)
+    assert noted == {"pooling"}
+
+
 def test_warning_without_a_name_becomes_one() -> None:
     """Torch words some warnings otherwise; the search takes names alone, so what it says is written as one."""
     noted = set[str]()
