@@ -74,6 +74,13 @@ def positions_by_hand(net: Weighted, x: Tensor) -> Tensor:
     return (weights @ value).mean(1)  # type: ignore[no-any-return]
 
 
+def scores_twice(net: Weighted, x: Tensor) -> Tensor:
+    """Positions again; the scores reach the softmax on two paths."""
+    query, key, value = net.qkv(net.tokens(x)).chunk(3, dim=-1)
+    scores = query @ key.transpose(1, 2)
+    return (F.softmax(scores / C**0.5 + scores, dim=-1) @ value).mean(1)  # type: ignore[no-any-return]
+
+
 def summed_positions(net: Weighted, x: Tensor) -> Tensor:
     """The same by Einstein sums, in heads; what comes out has the shape of the values."""
     query, key, value = net.qkv(net.tokens(x)).unflatten(2, (3, 2, -1)).unbind(2)
@@ -110,12 +117,21 @@ ATTENDING: dict[str, tuple[AttentionKind, Attend]] = {
     "layer over positions": (AttentionKind.self, lambda net, x: net.layer(*[net.tokens(x)] * 3)[0].mean(1)),
     "function over positions": (AttentionKind.self, fused_positions),
     "positions by hand": (AttentionKind.self, positions_by_hand),
+    "positions whose scores come twice": (AttentionKind.self, scores_twice),
     "positions by Einstein sums": (AttentionKind.self, summed_positions),
 }
 
 
 class SpatialAttention(Weighted):
     """A decoy: nothing but its name attends."""
+
+
+class ImageAsWeight(Weighted):
+    """A decoy: the image itself, which no step computes, multiplies the map."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Multiply every channel by the first colour."""
+        return self.head((F.relu(self.stem(x)) * x[:, :1, ::2, ::2]).mean((2, 3)))  # type: ignore[no-any-return]
 
 
 DECOYS: dict[str, nn.Module] = {
@@ -132,6 +148,7 @@ DECOYS: dict[str, nn.Module] = {
     "single key, whose weight is 1": Weighted(
         lambda net, x: net.layer(*[x.mean((2, 3)).unsqueeze(1)] * 3)[0].squeeze(1)
     ),
+    "image as a weight": ImageAsWeight(),
     "where the map is brightest": Weighted(soft_argmax),
 }
 
