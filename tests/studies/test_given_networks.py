@@ -2,20 +2,23 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes import TASK
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED, Once
 
 from tacevo.choices import ArchiveKind
 from tacevo.cli.app import main
 from tacevo.config.recorded import read_recorded
-from tacevo.errors import CacheMissError, DivergenceError, TacevoError
-from tacevo.records import Operator
+from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
+from tacevo.records import Given, Operator
 from tacevo.runs.progress import Progress
 from tacevo.studies.directory import StudyDirectory, studies_of
+from tacevo.studies.given import _check_different
 from tacevo.studies.study import replay_studies
 
 pytestmark = pytest.mark.timeout(300)
@@ -203,7 +206,6 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
             marks=pytest.mark.slow,
         ),
         (f"# My own.\n{NETWORK.format(8, 8)}", "networks", "wide and bad are one"),
-        (f"{NETWORK.format(4, 4)}\nDEEP = a{'.b' * 900}\n", "networks, bad.py", "policy"),
     ],
 )
 def test_bad_network_is_refused_before_anything_is_trained(
@@ -218,6 +220,13 @@ def test_bad_network_is_refused_before_anything_is_trained(
     assert got in error
     assert not Path("other").exists()
     assert len(list(here.glob("cache/evaluations/*/*"))) == evaluations
+
+
+def test_sources_without_a_syntax_tree_are_compared_as_they_are() -> None:
+    """A baseline that is not Python, which the run's gate refuses later, and a sum that is too deep to write."""
+    deep = f"SUM = 1{' + 1' * 1_500}\n"
+    with refused(ConfigError, place="networks", got="one and other are one"):
+        _check_different(replace(TASK, baseline="("), [Given(name=name, source=deep) for name in ("one", "other")])
 
 
 @pytest.mark.parametrize(

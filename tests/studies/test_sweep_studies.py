@@ -175,11 +175,12 @@ def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
     assert float(row["best fitness, corrected"]) == pytest.approx(min(medians.values()), rel=1e-8)
     assert float(row["QD-score, corrected"]) <= sum(1 / (1 + loss) for loss in medians.values()) + 1e-8
     (noise,) = folder.glob("sweep/none-seed1/studies/noise*")
-    shutil.rmtree(noise)
-    assert main(["ablations", "sweep", "--store", "cache", "-o", "some"]) == 0
-    assert not Path("some/ablation_corrected_force.csv").exists()
-    notes = Path("some/ablation_force.md").read_text()
-    assert "No corrected figures: tacevo noise has not trained all elites of none-seed1 again." in notes
+    for spoil in (lambda: (noise / "study.json").write_text("damaged"), lambda: shutil.rmtree(noise)):
+        spoil()
+        assert main(["ablations", "sweep", "--store", "cache", "-o", "some"]) == 0
+        assert not Path("some/ablation_corrected_force.csv").exists()
+        notes = Path("some/ablation_force.md").read_text()
+        assert "No corrected figures: tacevo noise has not trained all elites of none-seed1 again." in notes
 
 
 def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
