@@ -21,7 +21,7 @@ from tacevo.cluster.address import check_address
 from tacevo.cluster.connection import import_ray, is_guarded, kept_environment
 from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
 from tacevo.cluster.images import Images
-from tacevo.cluster.members import join
+from tacevo.cluster.members import join, works
 from tacevo.cluster.node import Node
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
@@ -164,10 +164,17 @@ class _TaskError(Exception):
 
 
 class _Actor:
-    """Stands for the process of a node, whose methods answer what it was made for."""
+    """Stands for the process of a node, whose methods answer what it was made for; it lacks images."""
 
     def __init__(self, answer: Any) -> None:
-        self.look = self.prepare = SimpleNamespace(remote=lambda: answer)
+        self.received: Any = None
+        self.look = SimpleNamespace(remote=lambda: answer)
+        self.prepare = SimpleNamespace(remote=lambda: False)
+        self.receive = SimpleNamespace(remote=self._receive)
+
+    def _receive(self, chunks: Any) -> bool:
+        self.received = b"".join(chunks)
+        return True
 
 
 class _Ray:
@@ -193,6 +200,10 @@ class _Ray:
             raise answer
         return answer
 
+    def put(self, chunk: bytes) -> bytes:
+        """Pass a part of a file on."""
+        return chunk
+
     def kill(self, _: Any) -> None:
         """Count."""
         self.killed += 1
@@ -212,6 +223,18 @@ def test_node_that_hangs_or_is_lost_while_it_joins_may_try_again_and_holds_up_no
     assert ray.killed == 3
 
 
+def test_images_are_brought_to_a_node_that_lacks_them(tmp_path: Path) -> None:
+    """Whole, and in parts; the node is asked for no more than it has."""
+    images = describe(tmp_path, np.arange(3 * 16 * 16, dtype=np.uint8).reshape(1, 3, 16, 16))
+    node = {"NodeID": "5" * 56, "NodeManagerAddress": "10.0.0.7", "Alive": True, "Resources": {"CPU": 2.0}}
+    ray = _Ray({"one": facts_here(ORDER)})
+    joined, refused_ = join(ray, [node], Node, ORDER, (images, tmp_path / "images.npy"))
+    (member,) = joined.values()
+    assert member.process.received == (tmp_path / "images.npy").read_bytes()
+    assert (refused_, works(node), works({**node, "Alive": False})) == ([], True, False)
+    assert [member.has({"CPU": cores, "GPU": gpus}) for cores, gpus in ((2, 0), (3, 0), (1, 1))] == [True, False, False]
+
+
 @pytest.fixture
 def temporary(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Return where a node keeps temporary files; it has no directory for images by name."""
@@ -225,6 +248,9 @@ def test_default_directory_for_images_is_of_its_user_alone(temporary: Path) -> N
     made = files.directory_here()
     assert stat.S_IMODE(made.stat().st_mode) == 0o700
     assert files.directory_here() == made
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(files.DIRECTORY, str(temporary / "named"))
+        assert files.directory_here() == temporary / "named"
     made.chmod(0o777)
     with refused(DataError, place=str(made), remedy=files.DIRECTORY):
         files.directory_here()

@@ -295,6 +295,14 @@ def test_process_that_cannot_start_gives_a_warning(tmp_path: Path) -> None:
     assert "No such file or directory" in str(mirror.finish(PATIENCE))
 
 
+def test_log_that_was_removed_is_named(run_dir: Path) -> None:
+    """The warning says so, in place of its last line."""
+    mirror = Mirror(run_dir, uri="nonsense://x", experiment="tacevo")
+    mirror.start()
+    (run_dir / "tracking.log").unlink()
+    assert "tracking.log" in str(mirror.finish(PATIENCE)).partition(";")[0]
+
+
 @pytest.mark.slow
 def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
     """A mirror that needs longer than the search waits is reported, and continues to its end."""
