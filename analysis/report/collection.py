@@ -1,6 +1,7 @@
 """All that is known of a run: its niches, its studies and their comparisons; which tables that gives."""
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
 from analysis.studies.scores import Study
+from analysis.studies.searches import LEAST_SEEDS, StudiedSearch, best_by_reestimates
 from analysis.studies.study import load_study
 from analysis.studies.transfer import transfers
 from analysis.table import Table
@@ -31,6 +33,7 @@ from analysis.tables.images import image_tables
 from analysis.tables.motifs import anatomies_table, motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
+from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError
 from tacevo.profile import Profile
@@ -177,6 +180,33 @@ def with_one_study(found: Collection) -> Collection:
         passed_over=tuple(largest[:-1]),
         reestimates=tuple(one for one in found.reestimates if one.name not in names),
     )
+
+
+def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
+    """Return a table for each task that several different runs search, and which of these it lacks, with the reason.
+
+    They stand beside each other by a study on the run's data, where the searches trained for equal numbers of epochs.
+    """
+    alike: dict[tuple[str, int], list[StudiedSearch]] = {}
+    for one in found:
+        reestimates = {known.name: known for known in one.reestimates}
+        for compared in one.studies:
+            study, known = compared.study, reestimates.get(compared.name)
+            if known is None or compared.comparisons is None or study.seeds < LEAST_SEEDS:
+                continue
+            searches = alike.setdefault((study.task, known.epochs), [])
+            if all(other.study.run != study.run for other in searches):
+                searches.append(StudiedSearch(name=one.run.name, study=study, reestimates=known))
+    groups = [searches for searches in alike.values() if len(searches) > 1]
+    shown = {search.name for searches in groups for search in searches}
+    tasks = Counter(one.run.task for one in found)
+    alone = [
+        f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs, "
+        f"and of both a study on the run's data with {LEAST_SEEDS} seeds or more"
+        for one in found
+        if tasks[one.run.task] > 1 and one.run.name not in shown
+    ]
+    return [searches_table([best_by_reestimates(searches, half=half) for half in (0, 1)]) for searches in groups], alone
 
 
 def outcomes(run: Run, found: Studies) -> dict[str, Table]:

@@ -2,52 +2,66 @@
 
 from collections.abc import Sequence
 
-from analysis.statistics.effects import LEVEL
+from analysis.statistics.effects import LEVEL, RESAMPLES
 from analysis.studies.metrics import SHARES, metric_name
-from analysis.studies.searches import HandedOver
+from analysis.studies.scores import LOWER_IS_BETTER
+from analysis.studies.searches import Chosen
 from analysis.table import Between, Cell, PercentBetween, PValue, Table
 from analysis.tables.comparison import between, unit_of
 from tacevo.text import counted
 
 
-def searches_table(found: Sequence[HandedOver]) -> Table:
-    """Show what each search of a task hands over, and how far it differs from what the first one does."""
-    first = found[0].search
-    study, again = first.study, first.again
+def searches_table(halves: Sequence[Sequence[Chosen]]) -> Table:
+    """Show the network that each half of the seeds chooses of each search, and how far it differs from the first's."""
+    first = halves[0][0].search
+    study, metric = first.study, metric_name(first.study.primary)
+    better = "below" if LOWER_IS_BETTER[study.primary] else "above"
     return Table(
         name=f"searches_{study.task}",
-        caption=f"What the searches of {study.task} hand over, by test {metric_name(study.primary)}; each against that "
-        f"of {first.name}.",
+        caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
+        f"{first.name}.",
         columns=(
-            *("search", "candidate", "recorded fitness", "re-estimated", "parameters", "FLOPs"),
-            f"test {metric_name(study.primary)}",
-            *(f"difference of medians ({unit_of(study.primary)})", "A12", "p, Holm"),
+            *("chosen by", "search", "candidate", "recorded fitness", "re-estimated"),
+            *("chance of a lower loss", f"test {metric}", f"difference of medians ({unit_of(study.primary)})"),
+            *("A12", "p, Holm"),
         ),
-        rows=tuple(_cells(one, study.primary) for one in found),
+        rows=tuple(
+            (words, *_cells(one, study.primary))
+            for words, found in zip(("odd seeds", "even seeds"), halves, strict=True)
+            for one in found
+        ),
         notes=(
-            "Each search hands over the studied network with the lowest re-estimated fitness, the median of "
-            f"{counted(study.seeds, 'seed')} after {counted(again.epochs, 'epoch')}; no test score has a part in that. "
-            f"Tested: after {counted(study.recipe.epochs, 'epoch')} (weights of the best validation epoch), on "
-            f"{counted(study.data.counts[2], 'image')}. In brackets {100 * LEVEL:g} % intervals.",
+            f"Chosen: the network, baseline included, with the lowest median loss after "
+            f"{counted(first.reestimates.epochs, 'epoch')}, by every second of {counted(study.seeds, 'seed')}, counted "
+            "from 1. Re-estimates and tests are of the other seeds, so no training chooses a network and counts for "
+            "it. Where odd and even seeds choose different networks, re-estimates do not tell these apart.",
+            f"Tested: after {counted(study.recipe.epochs, 'epoch')}, weights of the best validation epoch, on "
+            f"{counted(study.data.counts[2], 'image')}.",
+            f"In brackets: {100 * LEVEL:g} % intervals, by order statistics of a median, Newcombe's method 5 (2006) "
+            f"of the chance and of A12, {RESAMPLES:,} bootstrap resamples of the seeds of the difference.",
+            f"A12 is the chance that a seed has a larger {metric} than one of {first.name}: {better} 0.5 it is the "
+            "better one. p: two-sided Mann-Whitney U of the test scores; of each half of the seeds, after Holm over "
+            "all searches but the first.",
             "One search each: intervals and p hold for the training seeds of these networks. They do not say what "
             "another search of either kind finds, nor what other images show.",
         ),
     )
 
 
-def _cells(one: HandedOver, metric: str) -> tuple[Cell, ...]:
-    shape = PercentBetween if metric in SHARES else Between
-    network, tested = one.network, one.tested
-    compared: tuple[Cell, ...] = (None, None, None)
-    if one.effects is not None and one.p_holm is not None:
-        factor = 100 if metric in SHARES else 1
-        compared = (
-            between(one.effects.median_difference, factor),
-            between(one.effects.a12),
-            PValue(one.p_holm),
-        )
+def _cells(one: Chosen, metric: str) -> tuple[Cell, ...]:
+    shape, factor = (PercentBetween, 100) if metric in SHARES else (Between, 1)
+    network, tested, difference = one.network, one.tested, one.difference
     return (
-        *(one.search.name, network.id, network.fitness, one.reestimated, network.parameters, network.flops),
+        *(one.search.name, network.id, network.fitness, between(one.reestimated)),
+        None if difference is None else between(difference.lower_loss),
         shape(tested.estimate, tested.low, tested.high),
-        *compared,
+        *(
+            (None, None, None)
+            if difference is None
+            else (
+                between(difference.tested.median_difference, factor),
+                between(difference.tested.a12),
+                PValue(difference.p_holm),
+            )
+        ),
     )

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from analysis.figures.style import render
-from analysis.report.collection import Collection, with_one_study
+from analysis.report.collection import side_by_side, with_one_study
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
 from analysis.report.page.contents import PageContents
@@ -22,10 +22,7 @@ from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated
-from analysis.studies.searches import Searched, handed_over
 from analysis.studies.study import check_alike
-from analysis.table import Table
-from analysis.tables.searches import searches_table
 from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DONE, Parser, existing_store, output_directory, place_of_results
 from tacevo.cli.tables import RUN, Gathered, finish, gather, place_of, read_gathered, say, show, with_published
@@ -125,8 +122,10 @@ def _paper(options: argparse.Namespace) -> int:
         directory = output_directory(options.output)
         published = with_published([one.run for one in found])
         chapters = [write_chapter("The paper beside these runs", published, [], directory / "published")]
-        if side_by_side := _searches(found):
-            chapters.append(write_chapter("These searches beside each other", side_by_side, [], directory / "searches"))
+        beside, alone = side_by_side(found)
+        say(alone)
+        if beside:
+            chapters.append(write_chapter("These searches beside each other", beside, [], directory / "searches"))
         # LaTeX reads no file whose name holds certain characters, so runs are numbered.
         chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(gathered, start=1)]
     document = write_document(chapters, directory)
@@ -155,18 +154,6 @@ def _for_paper(gathered: Gathered) -> Gathered:
         for name in sorted(names)
     )
     return replace(gathered, found=chosen)
-
-
-def _searches(found: Sequence[Collection]) -> list[Table]:
-    """Compare what the searches of each task hand over, where two or more have a study with re-estimates."""
-    by_task: dict[str, list[Searched]] = {}
-    for one in found:
-        again = {reestimates.name: reestimates for reestimates in one.reestimates}
-        for compared in one.studies:
-            if compared.comparisons is not None and compared.name in again:
-                search = Searched(name=one.run.name, study=compared.study, again=again[compared.name])
-                by_task.setdefault(compared.study.task, []).append(search)
-    return [searches_table(handed_over(searches)) for searches in by_task.values() if len(searches) > 1]
 
 
 def _chapter(gathered: Gathered, directory: Path) -> Chapter:

@@ -1,6 +1,9 @@
-"""Promise: a search hands over what its re-estimates choose, and test scores only compare what was chosen."""
+"""Promise: re-estimates choose a network of each search, and other trainings than these compare what was chosen."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,9 +11,10 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 from studies import around, network, study_of
 
+from analysis.report.collection import side_by_side
 from analysis.statistics.noise import Draws, noise
 from analysis.studies.noise import Reestimates
-from analysis.studies.searches import Searched, handed_over
+from analysis.studies.searches import StudiedSearch, best_by_reestimates
 from analysis.table import Between
 from analysis.tables.rendering import as_markdown
 from analysis.tables.searches import searches_table
@@ -19,10 +23,17 @@ from tacevo.records import Kind
 #: Test accuracies of the searches' networks.
 BASELINE, GOOD, BETTER = around(0.5, step=0.01), around(0.7, step=0.01), around(0.8, step=0.01)
 
+#: Losses of twenty seeds that choose one of several networks.
+HIGH, MIDDLE, LOW = around(0.9, step=0.001), around(0.5, step=0.001), around(0.3, step=0.001)
 
-def searched(name: str, scores: Mapping[str, Sequence[float]], losses: Mapping[str, Sequence[float]]) -> Searched:
-    """Make a search by the test accuracies and the re-estimates of its networks; each has a record of 0.1."""
-    study = study_of(scores, kind=Kind.classification)
+
+def studied(
+    name: str,
+    scores: Mapping[str, Sequence[float]],
+    losses: Mapping[str, Sequence[float]],
+    kind: Kind = Kind.classification,
+) -> StudiedSearch:
+    """Make a search by the test scores and the re-estimates of its networks; each has a record of 0.1."""
     estimates = np.array(list(losses.values()))
     again = Reestimates(
         name="study",
@@ -32,64 +43,136 @@ def searched(name: str, scores: Mapping[str, Sequence[float]], losses: Mapping[s
         noise=noise(Draws(recorded=np.full(len(losses), 0.1), estimates=estimates)),
         rankings=(),
     )
-    return Searched(name=name, study=study, again=again)
+    return StudiedSearch(name=name, study=replace(study_of(scores, kind=kind), run=name), reestimates=again)
 
 
-FIRST = searched(
-    "grammar", {"baseline": BASELINE, "variant 1": GOOD}, {"baseline": [0.9, 0.8], "variant 1": [0.5, 0.6]}
-)
-SECOND = searched(
+FIRST = studied("grammar", {"baseline": BASELINE, "variant 1": GOOD}, {"baseline": HIGH, "variant 1": MIDDLE})
+SECOND = studied(
     "model",
     {"baseline": BASELINE, "variant 1": BETTER, "variant 2": GOOD},
-    {"baseline": [0.9, 0.8], "variant 1": [0.7, 0.7], "variant 2": [0.3, 0.4]},
+    {"baseline": HIGH, "variant 1": MIDDLE, "variant 2": LOW},
 )
 
 
-def test_re_estimates_choose_and_test_scores_do_not() -> None:
+@pytest.mark.parametrize("half", [0, 1])
+def test_re_estimates_choose_and_test_scores_do_not(half: int) -> None:
     """The second search has a network that tests better; it was not to be known when it was chosen."""
-    first, second = handed_over([FIRST, SECOND])
-    assert (first.network.name, first.reestimated) == ("variant 1", 0.55)
-    assert (second.network.name, second.reestimated) == ("variant 2", 0.35)
-    assert first.effects is None
-    assert second.effects is not None
-    assert second.effects.median_difference.estimate == 0
-    assert second.p_holm == 1
+    first, second = best_by_reestimates([FIRST, SECOND], half=half)
+    assert (first.network.name, second.network.name) == ("variant 1", "variant 2")
+    assert first.reestimated.estimate == pytest.approx(np.median(MIDDLE[1 - half :: 2]))
+    assert second.tested.estimate == pytest.approx(np.median(GOOD[1 - half :: 2]))
+    assert first.difference is None
+    assert second.difference is not None
+    assert second.difference.lower_loss.estimate == 1
+    assert second.difference.tested.median_difference.estimate == 0
+    assert second.difference.p_holm == 1
 
 
-def test_a_baseline_that_nothing_beats_is_handed_over() -> None:
-    """A search that found nothing says so by what it hands over."""
-    losses = {"baseline": [0.2, 0.2], "variant 1": [0.5, 0.6]}
-    unlucky = searched("unlucky", {"baseline": BASELINE, "variant 1": GOOD}, losses)
-    assert handed_over([FIRST, unlucky])[1].network.name == "baseline"
+def test_luck_that_chooses_a_network_does_not_count_for_it() -> None:
+    """Two networks whose odd and even seeds are lucky in turn: what was chosen is judged by the unlucky ones."""
+    lucky, unlucky = [0.1, 0.9] * 10, [0.9, 0.1] * 10
+    search = studied(
+        "luck",
+        {"variant 1": [0.9, 0.5] * 10, "variant 2": [0.5, 0.9] * 10},
+        {"variant 1": lucky, "variant 2": unlucky},
+    )
+    for half, name in enumerate(("variant 1", "variant 2")):
+        _, chosen = best_by_reestimates([FIRST, search], half=half)
+        assert (chosen.network.name, chosen.reestimated.estimate, chosen.tested.estimate) == (name, 0.9, 0.5)
+
+
+def test_baseline_that_nothing_beats_is_chosen() -> None:
+    """A search that found nothing says so by it; so does one whose network is as good as the baseline."""
+    scores = {"baseline": BASELINE, "variant 1": GOOD}
+    for losses in ({"baseline": LOW, "variant 1": MIDDLE}, {"baseline": LOW, "variant 1": LOW}):
+        _, chosen = best_by_reestimates([FIRST, studied("unlucky", scores, losses)], half=0)
+        assert chosen.network.name == "baseline"
 
 
 def test_comparison_is_that_of_scipy_and_statsmodels() -> None:
     """Mann-Whitney U against the first search, and Holm over all the others."""
     near, far = ([value + 0.004 for value in sample] for sample in (GOOD, BETTER))
     others = [
-        searched(name, {"baseline": BASELINE, "variant 1": values}, {"baseline": [0.9], "variant 1": [0.5]})
+        studied(name, {"baseline": BASELINE, "variant 1": values}, {"baseline": HIGH, "variant 1": MIDDLE})
         for name, values in (("near", near), ("far", far))
     ]
-    _, *found = handed_over([FIRST, *others])
-    p_values = [stats.mannwhitneyu(values, GOOD, method="exact").pvalue for values in (near, far)]
-    expected = multipletests(p_values, method="holm")[1]
-    assert [one.p_holm for one in found] == pytest.approx(list(expected), rel=1e-6)
-    wins = np.mean([[(own > other) + (own == other) / 2 for other in GOOD] for own in near])
-    assert found[0].effects is not None
-    assert found[0].effects.a12.estimate == pytest.approx(wins)
+    _, *found = best_by_reestimates([FIRST, *others], half=0)
+    counted, against = [values[1::2] for values in (near, far)], GOOD[1::2]
+    p_values = [stats.mannwhitneyu(values, against, method="exact").pvalue for values in counted]
+    differences = [one.difference for one in found if one.difference is not None]
+    assert [one.p_holm for one in differences] == pytest.approx(
+        list(multipletests(p_values, method="holm")[1]), rel=1e-6
+    )
+    wins = np.mean([[(own > other) + (own == other) / 2 for other in against] for own in counted[0]])
+    assert differences[0].tested.a12.estimate == pytest.approx(wins)
+
+
+def test_renamed_run_has_the_same_interval() -> None:
+    """The bootstrap's numbers follow from the run, not from where it lies."""
+    found = [best_by_reestimates([FIRST, replace(SECOND, name=name)], half=1)[1].difference for name in ("a", "b")]
+    assert found[0] == found[1]
 
 
 def test_table_says_what_one_search_each_cannot_show() -> None:
     """A share of images is in per cent, its difference in points, and the first search is compared with nothing."""
-    found = handed_over([FIRST, SECOND])
-    table = searches_table(found)
+    halves = [best_by_reestimates([FIRST, SECOND], half=half) for half in (0, 1)]
+    table = searches_table(halves)
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
-    assert [row["search"] for row in rows] == ["grammar", "model"]
+    assert [(row["chosen by"], row["search"]) for row in rows] == [
+        *(("odd seeds", "grammar"), ("odd seeds", "model")),
+        *(("even seeds", "grammar"), ("even seeds", "model")),
+    ]
     assert rows[0]["p, Holm"] is None
-    assert found[1].effects is not None
-    difference = found[1].effects.median_difference
-    points = rows[1]["difference of medians (percentage points)"]
+    found = halves[0][1].difference
+    assert found is not None
+    difference, points = found.tested.median_difference, rows[1]["difference of medians (percentage points)"]
     assert isinstance(points, Between)
     assert (points.low, points.high) == pytest.approx((100 * difference.low, 100 * difference.high))
     assert any(note.startswith("One search each") for note in table.notes)
-    assert "| 70.0 % [65.5, 74.5] |" in as_markdown(table)
+    assert "70.5 % [63.5, 77.5]" in as_markdown(table)
+
+
+def collected(search: StudiedSearch) -> Any:
+    """Stand for a run with one study."""
+    study = SimpleNamespace(name="study", study=search.study, comparisons=())
+    run = SimpleNamespace(name=search.name, task=search.study.task)
+    return SimpleNamespace(run=run, studies=(study,), reestimates=(search.reestimates,))
+
+
+def test_runs_that_searched_alike_stand_in_one_table() -> None:
+    """Another task would have a table of its own; of a run that is alone in its task nothing is said."""
+    force = studied("force", {"baseline": HIGH}, {"baseline": HIGH}, Kind.regression)
+    (table,), alone = side_by_side([collected(one) for one in (FIRST, SECOND, force)])
+    assert (table.name, alone) == ("searches_grating", [])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(SECOND, study=replace(SECOND.study, run=FIRST.study.run)),
+        replace(SECOND, reestimates=replace(SECOND.reestimates, epochs=6)),
+        replace(SECOND, study=replace(SECOND.study, seeds=3)),
+        replace(SECOND, reestimates=replace(SECOND.reestimates, name="another study")),
+    ],
+    ids=["the same run", "other epochs", "three seeds", "no re-estimates"],
+)
+def test_run_that_cannot_be_compared_is_named(other: StudiedSearch) -> None:
+    """And what it would need; one that is there twice is one search."""
+    tables, alone = side_by_side([collected(FIRST), collected(other)])
+    assert tables == []
+    assert alone[-1].startswith(
+        "model is not beside the other runs of grating: expected another search of as many epochs"
+    )
+
+
+def test_error_of_a_regression_is_in_its_own_unit() -> None:
+    """And lower is better, which the note says."""
+    searches = [
+        studied(name, {"baseline": HIGH, "variant 1": errors}, {"baseline": HIGH, "variant 1": MIDDLE}, Kind.regression)
+        for name, errors in (("first", MIDDLE), ("second", LOW))
+    ]
+    table = searches_table([best_by_reestimates(searches, half=half) for half in (0, 1)])
+    difference = dict(zip(table.columns, table.rows[1], strict=True))["difference of medians (MSE)"]
+    assert isinstance(difference, Between)
+    assert difference.estimate == pytest.approx(-0.2)
+    assert any("below 0.5 it is the better one" in note for note in table.notes)
