@@ -118,7 +118,10 @@ class CandidateLine(TrainedLine):
 
     @property
     def sent_temperature(self) -> float | None:
-        """The temperature that the request was sent with; None where none was, as for the baseline."""
+        """The temperature that the request was sent with; None where none was, as for the baseline.
+
+        Ledgers of core 1 do not say what was dropped from a request: of these it is the planned one.
+        """
         return None if TEMPERATURE in self.dropped else self.temperature
 
 
