@@ -36,8 +36,9 @@ def linear(*, marks: Sequence[int] = (1_000, 20_000), niches: Sequence[int] = (1
     """Fold made-up candidates, in the paper's settings; the time of one should not depend on how many there were.
 
     Args:
-        marks: numbers of candidates, multiples of 100, each at least twice the one before; the time of one is taken over the half before each mark. Over
-            fewer candidates a collection of Python's garbage falls into that time or not, by chance.
+        marks: numbers of candidates, multiples of 100, each at least twice the one before; the time of one is taken
+            over the half before each mark. Over fewer candidates a collection of Python's garbage falls into it or not,
+            by chance.
         niches: of the archives to try.
     """
     for count in niches:
