@@ -23,7 +23,7 @@ from benchmarks.linear import linear
 from benchmarks.llm import asking, memory_of_many
 from benchmarks.peers import REQUIREMENT, peers
 from benchmarks.record import record, write
-from benchmarks.replay import cost_of, synthetic_replays
+from benchmarks.replay import command_cost, synthetic_replays
 from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
@@ -69,7 +69,7 @@ def archive_insertions(*, insertions: int = 5_000, rounds: int = 5) -> Figure:
             archive.add_single(np.zeros(1), objectives[index], points[index])
 
     found = medians({"tacevo": ours, "pyribs": peer}, rounds=rounds)
-    return report("archive, one insertion at a time", found, unit="insertions", per_second=insertions)
+    return report("archive, one insertion at a time", found, unit="insertions", count=insertions)
 
 
 def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
@@ -92,7 +92,7 @@ def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
                 subprocess.run([sys.executable, "-c", "import torch"], check=True)
 
         found = medians({"fork and probe": ours, "bare `python -c 'import torch'`": peer}, rounds=rounds)
-    return report("a candidate's process", found, unit="candidates", per_second=forks)
+    return report("a candidate's process", found, unit="candidates", count=forks)
 
 
 def pictures(*, images: int = 30, rounds: int = 5) -> Iterator[Figure]:
@@ -111,7 +111,7 @@ def _pictures(task: SensorTask, images: int, rounds: int) -> Figure:
             "drawn": lambda: [draw() for draw in pictures],
             "decoded": lambda: [decode(file, 256) for file in files],
         }
-        return report(f"{task} images of 256 px", medians(rivals, rounds=rounds), unit="images", per_second=images)
+        return report(f"{task} images of 256 px", medians(rivals, rounds=rounds), unit="images", count=images)
 
 
 def replaying(*, settings: Sequence[str] = SMALL, rounds: int = 5) -> Figure:
@@ -174,7 +174,7 @@ def _mirror(run: Path, uri: str) -> None:
 def memory(*, settings: Sequence[str] = SMALL) -> Figure:
     """Return the peak resident memory of the process that searches."""
     with tempfile.TemporaryDirectory() as folder:
-        cost = cost_of("search", *settings, f"run.dir={folder}/run", f"store.root={folder}/cache")
+        cost = command_cost("search", *settings, f"run.dir={folder}/run", f"store.root={folder}/cache")
     return Figure(title="peak memory", name="the process that searches", value=cost.memory, unit="MB")
 
 

@@ -1,4 +1,4 @@
-"""What it costs to hold a candidate: of its start, and of its training."""
+"""What confinement costs: at a candidate's start, and in its training."""
 
 import contextlib
 import itertools
@@ -24,8 +24,8 @@ from tacevo.training.numerics import environment
 
 JOBS = 10
 
-#: Size of the images in pixels: epochs of a training, which takes some seconds.
-EPOCHS = {64: 2, 128: 1}
+#: Size of the images in pixels: by how many epochs a training is longer than the one that it is compared with.
+EPOCHS = {64: 3, 128: 1}
 
 _LIMITS = Limits(seconds=60, memory_mib=2048)
 
@@ -39,31 +39,33 @@ def walls(*, rounds: int = 9) -> Figure:
         }
         with sandboxes["behind the walls"], sandboxes["without them"]:
             found = medians({name: partial(_starts, sandbox) for name, sandbox in sandboxes.items()}, rounds=rounds)
-    return report("starting and ending a candidate", found, unit="candidates", per_second=JOBS)
+    return report("starting and ending a candidate", found, unit="candidates", count=JOBS)
 
 
 def training(*, epochs: Mapping[int, int] = EPOCHS, rounds: int = 3) -> Iterator[Figure]:
     """Train a baseline, confined, with each numerics, on images of 64 and of 128 pixels.
 
     The peer is the best bare loop in an ordinary process, with any instruction set; a third figure gives it the
-    portable settings, so that only the walls and the trainer differ.
+    portable settings, so that only the walls and the trainer differ. A confined training is a new process, which
+    compiles its kernels, touches its memory and tries two memory layouts, while the peer's process stays warm. So the
+    rates are of what a longer training takes beside one of one epoch, and the start is a figure of its own. One thread
+    each: on a quiet machine wall time is processor time.
     """
     return itertools.chain.from_iterable(_training(size, count, rounds) for size, count in epochs.items())
 
 
 def _training(size: int, epochs: int, rounds: int) -> Iterator[Figure]:
     _, task = task_without_data("force", size)
-    header, payload = _job(task.baseline, to_json(task.contract), epochs)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         source = Path(folder) / "baseline.py"
         source.write_text(task.baseline, encoding="utf-8")
-        rivals: dict[str, Callable[[], object]] = {}
+        rivals: dict[str, Callable[[int], object]] = {}
         for numerics in Numerics:
             sandbox = stack.enter_context(_sandbox(Path(folder), Confinement.kernel, size, numerics))
-            rivals[f"confined, {numerics}"] = partial(_train, sandbox, header, payload)
+            rivals[f"confined, {numerics}"] = partial(_train, sandbox, task.baseline, to_json(task.contract))
             path = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
             order = environment(numerics) | path  # one thread, memory that is kept; `fast`: any instruction set
-            command = [sys.executable, "-m", plain.__name__, str(source), str(size), str(epochs)]
+            command = [sys.executable, "-m", plain.__name__, str(source), str(size)]
             peer = subprocess.Popen(command, env=order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
             stack.callback(peer.wait)
             assert peer.stdin is not None
@@ -71,16 +73,21 @@ def _training(size: int, epochs: int, rounds: int) -> Iterator[Figure]:
             stack.callback(peer.stdin.close)
             peer.stdout.readline()
             rivals[f"plain torch, {numerics}"] = partial(_ask, peer.stdin, peer.stdout)
-        medians(rivals, rounds=1)  # all have compiled their kernels and touched their memory
-        found = medians(rivals, rounds=rounds)
+            _ask(peer.stdin, peer.stdout, 1)  # it is warm from here on
+        work = {(name, count): partial(train, count) for name, train in rivals.items() for count in (1, 1 + epochs)}
+        seconds = medians(work, rounds=rounds)
+    epoch = {name: (seconds[name, 1 + epochs] - seconds[name, 1]) / epochs for name in rivals}
     for ours, theirs in ((Numerics.portable, Numerics.fast), (Numerics.fast, Numerics.fast), (Numerics.portable,) * 2):
-        pair = {name: found[name] for name in (f"confined, {ours}", f"plain torch, {theirs}")}
-        yield report(f"training at {size} px", pair, unit="images", per_second=epochs * plain.IMAGES)
+        pair = {name: epoch[name] for name in (f"confined, {ours}", f"plain torch, {theirs}")}
+        yield report(f"training at {size} px", pair, unit="images", count=plain.IMAGES)
+    for name in (f"confined, {numerics}" for numerics in Numerics):
+        title = f"start and end of a training at {size} px"
+        yield Figure(title=title, name=name, value=seconds[name, 1] - epoch[name], unit="s")
 
 
-def _ask(requests: IO[str], answers: IO[str]) -> None:
-    """Have the peer train once."""
-    print(file=requests, flush=True)
+def _ask(requests: IO[str], answers: IO[str], epochs: int) -> None:
+    """Have the peer train."""
+    print(epochs, file=requests, flush=True)
     answers.readline()
 
 
@@ -100,8 +107,8 @@ def _starts(sandbox: Sandbox, jobs: int = JOBS) -> None:
         sandbox.run("probe", {}, b"", _LIMITS)
 
 
-def _job(source: str, contract: Json, epochs: int) -> tuple[Json, bytes]:
-    """Write the job of a training on the random images."""
+def _train(sandbox: Sandbox, source: str, contract: Json, epochs: int) -> None:
+    """Have a confined candidate train on the random images."""
     recipe = Recipe(
         epochs=epochs,
         batch_size=plain.BATCH,
@@ -120,9 +127,5 @@ def _job(source: str, contract: Json, epochs: int) -> tuple[Json, bytes]:
         "validation": plain.IMAGES - plain.TRAINED,
     }
     targets = np.random.default_rng(1).random((plain.TRAINED, 3), dtype=np.float32)
-    return header, np.arange(plain.IMAGES).tobytes() + targets.tobytes()
-
-
-def _train(sandbox: Sandbox, header: Json, payload: bytes) -> None:
-    answer = sandbox.run("train", header, payload, _LIMITS)
+    answer = sandbox.run("train", header, np.arange(plain.IMAGES).tobytes() + targets.tobytes(), _LIMITS)
     assert isinstance(answer, Finished), answer

@@ -39,7 +39,7 @@ def asking(*, count: int = 1_000, rounds: int = 3) -> Figure:
             f"recorded, {CONCURRENCY} in flight": lambda: _ask(url, next(stores), requests, CONCURRENCY),
             "plain SDK": lambda: asyncio.run(_ask_plainly(url, requests)),
         }
-        return report("asking a model", medians(rivals, rounds=rounds), unit="requests", per_second=count)
+        return report("asking a model", medians(rivals, rounds=rounds), unit="requests", count=count)
 
 
 def memory_of_many(*, many: int = 10_000) -> Figure:

@@ -2,7 +2,7 @@
 
 Nothing of this project is imported. The loop is plain PyTorch, tuned: one thread a process, images standardised once
 and kept in memory, channels-last, fused Adam, any instruction set of the CPU, and the malloc settings of the process
-that starts it. It takes as many steps on the same images as our trainer: full batches of 32, validated every epoch.
+that starts it. It takes as many steps on the same images as our trainer: full batches only, validated every epoch.
 """
 
 import math
@@ -21,7 +21,7 @@ torch.set_num_threads(1)
 #: A copy of every network that was trained goes here, so that the benchmark can check which they were.
 TRAINED = os.environ["PEER_TRAINED"]
 EPOCHS = int(os.environ["PEER_EPOCHS"])
-BATCH, LEARNING_RATE = 32, 1e-3
+BATCH, LEARNING_RATE = int(os.environ["PEER_BATCH"]), float(os.environ["PEER_LEARNING_RATE"])
 
 #: `images` (float32, standardised), `targets`, and the rows `train` and `validation`.
 DATA = {name: torch.from_numpy(array) for name, array in np.load(os.environ["PEER_DATA"]).items()}

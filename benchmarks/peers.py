@@ -3,7 +3,7 @@
     make bench          or, alone: python -m benchmarks.peers
 
 Both get the same work. One server on this machine gives the same answers, each once and in the same order: the first
-distinct networks of the published force run. Each contender trains each of them, and the same baseline, with two
+distinct networks of the first published force run. Each contender trains each of them, and the same baseline, with two
 workers, for five epochs on the same 480 images of 32 pixels, and validates every epoch; after each round it is checked
 that it trained exactly these sources. The contenders are whole commands, timed from start to end, imports included.
 They take turns, after a short round that does not count. The data set is there before; all other stores are empty.
@@ -16,7 +16,8 @@ feedback by a model, so that a candidate is one request and one training; the re
 What ours does and the peer does not: every answer passes the gate's policy and probe; every candidate runs in a
 process of its own behind the kernel's walls, without the validation labels; answers, probes, trainings and decisions
 are recorded so that the search can be replayed; and generations wait for their last candidate, so that the number of
-workers changes no result. Tracking is off, because the peer has none.
+workers changes no result. Such a new process compiles its kernels, touches its memory and tries two memory layouts
+anew, where the peer's workers stay warm. Tracking is off, because the peer has none.
 """
 
 import io
@@ -42,8 +43,7 @@ import yaml
 from rich.console import Console
 
 from analysis.runs.run import load_run
-from benchmarks.replay import Cost
-from benchmarks.timing import Figure, children_seconds
+from benchmarks.timing import Cost, Figure, children_seconds
 from tacevo.bundles.open import opened
 from tacevo.choices import Numerics
 from tacevo.cli.inspect import task_without_data
@@ -58,12 +58,12 @@ REQUIREMENT = Path(__file__).with_name("peers.txt").read_text(encoding="utf-8").
 
 EVALUATOR = Path(__file__).with_name("peer_evaluator.py")
 
-PUBLISHED = Path("tests/golden/bundles/force-grammar.zip")
+FORCE_RUN = Path("tests/golden/bundles/force-grammar.zip")
 
 #: Answers of the round that does not count: enough to read every file and start every process once.
 WARM_UP = 2
 
-#: Candidates of a generation, and generations after the first; other settings of ours are those of the published run.
+#: Candidates of a generation, and generations after the first.
 GENERATION, GENERATIONS = 10, 3
 SETTINGS = ("experiment=published_force", "tracking=none", "executor.workers=2")
 
@@ -118,7 +118,8 @@ def peers(
     costs: dict[str, list[Cost]] = {name: [] for name in contenders}
     with tempfile.TemporaryDirectory() as folder:
         _write_data(Path(folder))
-        for number, served in enumerate([sources[:WARM_UP], *rounds * [sources]]):
+        given = [sources[:WARM_UP], *rounds * [sources]]
+        for number, served in enumerate(given):
             for name, contender in contenders.items():
                 place = Path(folder) / f"{name}{number}"
                 place.mkdir()
@@ -132,16 +133,16 @@ def peers(
                         epochs=epochs,
                     )
                     search = contender(work)
-                    costs[name].append(cost_of(search))
+                    costs[name].append(search_cost(search))
                 check_trained(name, search.trained(), [task.baseline, *served])
     counted = {name: found[1:] or found for name, found in costs.items()}
     for choice in numerics:
-        yield from _figures(counted, choice, 1 + len(served))
+        yield from _figures(counted, choice, 1 + len(given[-1]))
 
 
 def published(count: int) -> list[str]:
-    """Return the first distinct sources that the published force run trained after its baseline."""
-    with opened(PUBLISHED) as found:
+    """Return the first distinct sources that the first published force run trained after its baseline."""
+    with opened(FORCE_RUN) as found:
         names = [candidate.id for candidate in load_run(found.folder).trained[1:]]
         texts = ((found.folder / "candidates" / f"{name}.py").read_text(encoding="utf-8") for name in names)
         return list(dict.fromkeys(texts))[:count]
@@ -182,7 +183,14 @@ def openevolve(work: Work) -> Search:
         *("--config", f"{work.place}/config.yaml", "--output", f"{work.place}/output"),
         *("--iterations", str(work.answers)),
     ]
-    given = {"PEER_DATA": f"{work.data}/data.npz", "PEER_EPOCHS": str(work.epochs), "PEER_TRAINED": str(trained)}
+    recipe = compose(SETTINGS).training
+    given = {
+        "PEER_DATA": f"{work.data}/data.npz",
+        "PEER_EPOCHS": str(work.epochs),
+        "PEER_BATCH": str(recipe.batch_size),
+        "PEER_LEARNING_RATE": str(recipe.learning_rate),
+        "PEER_TRAINED": str(trained),
+    }
     return Search(
         command=command, environment=environment(Numerics.fast) | given, trained=lambda: list(trained.iterdir())
     )
@@ -232,7 +240,7 @@ def serving(answers: Sequence[str]) -> Iterator[str]:
         server.shutdown()
 
 
-def cost_of(search: Search) -> Cost:
+def search_cost(search: Search) -> Cost:
     """Run a contender's command to its end; its memory is the peak of all its processes together.
 
     Raises:
@@ -287,9 +295,9 @@ def check_trained(name: str, files: Sequence[Path], sources: Sequence[str]) -> N
         raise RuntimeError(f"{name} trained {len(texts)} networks, which are not the {len(sources)} that it was given")
 
 
-def _figures(costs: Mapping[str, Sequence[Cost]], ours: str, candidates: int) -> Iterator[Figure]:
+def _figures(costs: Mapping[str, Sequence[Cost]], choice: Numerics, candidates: int) -> Iterator[Figure]:
     """Compare the medians of one of ours with the peer's."""
-    rivals = (ours, "openevolve")
+    rivals = (choice, "openevolve")
     seconds, processor, memory = (
         [statistics.median(getattr(cost, of) for cost in costs[name]) for name in rivals]
         for of in ("seconds", "processor_seconds", "memory")
@@ -303,7 +311,7 @@ def _figures(costs: Mapping[str, Sequence[Cost]], ours: str, candidates: int) ->
     for what, (mine, theirs), unit in shown:
         yield Figure(
             title=f"{what} of a search of {candidates} candidates",
-            name=f"numerics={ours}",
+            name=f"numerics={choice}",
             value=mine,
             unit=unit,
             peer="openevolve",

@@ -1,7 +1,8 @@
 """The best bare training loop, in an ordinary process: the peer of a confined one.
 
-Run as a program, it prints a line when it is ready, and trains once for every line that it reads. Images are
-standardised once and lie in channels_last, and Adam is fused; the environment decides threads and instruction sets.
+Run as a program, it prints a line when it is ready, and trains for every line that it reads, which is a number of
+epochs. Images are standardised once and lie in channels_last (weights that lie so, too, gain nothing at these sizes),
+and Adam is fused; the environment decides threads and instruction sets.
 """
 
 import sys
@@ -41,8 +42,8 @@ def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int
     return torch.cat(predictions)
 
 
-def main(source: Path, size: int, epochs: int) -> None:
-    """Train the class that a file defines on images of size x size pixels, once for every line."""
+def main(source: Path, size: int) -> None:
+    """Train the class that a file defines on images of size x size pixels, for every line."""
     names: dict[str, type[nn.Module]] = {}
     exec(source.read_text(encoding="utf-8"), names)
     torch.manual_seed(0)
@@ -50,10 +51,10 @@ def main(source: Path, size: int, epochs: int) -> None:
     images = stored.to(torch.float32, memory_format=torch.channels_last).sub_(MEAN).div_(DEVIATION)
     targets = torch.rand(TRAINED, 3)
     print("ready", flush=True)
-    for _ in sys.stdin:
-        train(names["ImageRegressionCNN"], images, targets, epochs)
+    for epochs in sys.stdin:
+        train(names["ImageRegressionCNN"], images, targets, int(epochs))
         print("done", flush=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
+    main(Path(sys.argv[1]), int(sys.argv[2]))

@@ -7,13 +7,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 
 from benchmarks.synthetic import record_synthetic
-from benchmarks.timing import Figure
+from benchmarks.timing import Cost, Figure
 from tacevo.runs.progress import Progress
 
 #: Generations of 50 candidates: the paper's size, and twice that; ten times would take a third of `make bench`.
@@ -28,18 +27,6 @@ status = main(sys.argv[1:])
 print(json.dumps([time.process_time(), resident("VmHWM")]))
 sys.exit(status)
 """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
-    """What one command took."""
-
-    #: Wall time, the start of the interpreter included.
-    seconds: float
-    #: Of all processors, without waiting for disks and other processes.
-    processor_seconds: float
-    #: Peak of its resident memory, in MB (1,000,000 bytes).
-    memory: float
 
 
 def synthetic_replays(*, generations: Sequence[int] = GENERATIONS) -> Iterator[Figure]:
@@ -71,13 +58,13 @@ def _costs(generations: int) -> tuple[int, dict[str, Cost]]:
         run, bundle = f"{folder}/run", f"{folder}/run.zip"
         candidates = Path(run, "ledger.jsonl").read_text(encoding="utf-8").count('"kind":"candidate"')
         return candidates, {
-            "replay of a run": cost_of("replay", run),
-            "publication": cost_of("publish", run, "-o", bundle),
-            "replay of a bundle": cost_of("replay", bundle),
+            "replay of a run": command_cost("replay", run),
+            "publication": command_cost("publish", run, "-o", bundle),
+            "replay of a bundle": command_cost("replay", bundle),
         }
 
 
-def cost_of(*arguments: str) -> Cost:
+def command_cost(*arguments: str) -> Cost:
     """Run a command of tacevo in a process of its own.
 
     Raises:

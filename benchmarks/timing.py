@@ -6,6 +6,9 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
+
+Name = TypeVar("Name")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,14 +40,26 @@ class Figure:
         return f"{ours}, {self.peer} {number(self.peer_value)} {self.unit}; ratio {self.ratio:.2f}"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """What a command took."""
+
+    #: Wall time, the start of the interpreter included.
+    seconds: float
+    #: Of all processors, without waiting for disks and other processes.
+    processor_seconds: float
+    #: Peak of its memory, in MB (1,000,000 bytes).
+    memory: float
+
+
 def number(value: float) -> str:
     """Write a value with three significant digits, and whole where it has more."""
     return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
-def medians(rivals: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[str, float]:
+def medians(rivals: Mapping[Name, Callable[[], object]], *, rounds: int) -> dict[Name, float]:
     """Time rivals in turn, round by round; return each one's median in seconds."""
-    seconds: dict[str, list[float]] = {name: [] for name in rivals}
+    seconds: dict[Name, list[float]] = {name: [] for name in rivals}
     for _ in range(rounds):
         for name, work in rivals.items():
             began = time.perf_counter()
@@ -53,25 +68,25 @@ def medians(rivals: Mapping[str, Callable[[], object]], *, rounds: int) -> dict[
     return {name: statistics.median(values) for name, values in seconds.items()}
 
 
-def report(title: str, found: Mapping[str, float], *, unit: str, per_second: int | None = None) -> Figure:
+def report(title: str, found: Mapping[str, float], *, unit: str, count: int | None = None) -> Figure:
     """Return the figure that two medians give.
 
     Args:
         title: what was measured.
         found: two medians in seconds, ours first.
         unit: what is counted.
-        per_second: how many units one measurement holds; None reports seconds.
+        count: of the units that one measurement holds; None reports seconds.
     """
     (name, mine), (peer, theirs) = found.items()
-    if per_second is None:
+    if count is None:
         return Figure(title=title, name=name, value=mine, unit=unit, peer=peer, peer_value=theirs)
     return Figure(
         title=title,
         name=name,
-        value=per_second / mine,
+        value=count / mine,
         unit=f"{unit}/s",
         peer=peer,
-        peer_value=per_second / theirs,
+        peer_value=count / theirs,
         more_is_better=True,
     )
 

@@ -24,7 +24,7 @@ def test_ratio_of_a_time_is_the_peers_by_ours() -> None:
 
 def test_ratio_of_a_rate_is_ours_by_the_peers() -> None:
     """Twice the peer's rate is a ratio of 2."""
-    figure = report("images", {"ours": 0.5, "theirs": 1.0}, unit="images", per_second=1000)
+    figure = report("images", {"ours": 0.5, "theirs": 1.0}, unit="images", count=1000)
     assert (figure.value, figure.peer_value, figure.ratio) == (2000, 1000, 2)
     assert str(figure) == "images: ours 2,000 images/s, theirs 1,000 images/s; ratio 2.00"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.peers import Search, check_trained, cost_of, published, serving
+from benchmarks.peers import Search, check_trained, published, search_cost, serving
 
 
 def ask(url: str) -> str:
@@ -48,11 +48,11 @@ def test_cost_counts_processes_below_the_command(tmp_path: Path) -> None:
     worker = "import time; block = bytearray(200_000_000); time.sleep(1.5)"
     script = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {worker!r}], check=True)"
     search = Search(command=[sys.executable, "-c", script], environment={}, trained=list)
-    assert cost_of(search).memory > 200
+    assert search_cost(search).memory > 200
 
 
 def test_failed_contender_shows_its_output() -> None:
     """A broken peer is not a quick one."""
     search = Search(command=[sys.executable, "-c", "exit('no such thing')"], environment={}, trained=list)
     with pytest.raises(RuntimeError, match="no such thing"):
-        cost_of(search)
+        search_cost(search)
