@@ -20,7 +20,7 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
-from tacevo.runs.session import Result, record, require_means
+from tacevo.runs.session import Result, needed_llm, record
 from tacevo.search.files import RulesLine
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
@@ -69,7 +69,7 @@ def continue_run(
     eras = _eras(recorded.eras, end, mix_rules, view)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
-    llm = require_means(config)
+    llm = needed_llm(config)
     read = sorted(check(published))
     data = load_same(config, recorded.record.data, view)
     written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))

@@ -34,7 +34,7 @@ from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.storage.store import sweep_stores
+from tacevo.storage.store import remove_leftovers_in_stores
 from tacevo.tracking.process import Mirror
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
@@ -60,13 +60,13 @@ def search(config: RunConfig, view: Progress) -> Result:
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    llm = require_means(config)
+    llm = needed_llm(config)
     with start_zygote(config) as zygote:
         data = load_data(config, view)
         return record(config, load_task(config, data.facts), data, view, zygote=zygote, llm=llm)
 
 
-def require_means(config: RunConfig) -> LLM:
+def needed_llm(config: RunConfig) -> LLM:
     """Check, before anything is made, that this machine has what a search needs; return its model.
 
     Raises:
@@ -105,8 +105,8 @@ def record(
     directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
-        directory.sweep()
-        sweep_stores(Path(config.store.root))
+        directory.remove_leftovers()
+        remove_leftovers_in_stores(Path(config.store.root))
         _begin(directory, config, task, facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view):
@@ -124,7 +124,7 @@ def record(
                 llm=llm,
             ) as bench:
                 state = run_eras(plan, eras, bench.tools, ledger, observer)
-            _refuse_longer(ledger, directory)
+            _check_length(ledger, directory)
             found = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
@@ -204,7 +204,7 @@ def _stage(ledger: Ledger) -> str:
     return "new" if ledger.recorded == 0 else f"resumed after {ledger.recorded} ledger lines"
 
 
-def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
+def _check_length(ledger: Ledger, directory: RunDirectory) -> None:
     if ledger.recorded > ledger.committed:
         raise RunError(
             f"a longer run of {ledger.recorded} ledger lines",

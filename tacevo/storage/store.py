@@ -18,7 +18,7 @@ from typing import Literal
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode, Record
 from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
-from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.typed import FreeJson, UncheckedJson, parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
@@ -209,10 +209,10 @@ class Store:
         )
 
 
-def sweep_stores(root: Path) -> None:
+def remove_leftovers_in_stores(root: Path) -> None:
     """Remove what killed writers left in the stores, and in the records of batches, below `root`."""
     for kind in (*KINDS, "batches"):
-        sweep(root / kind)
+        remove_leftovers(root / kind)
 
 
 def _sha256(text: str) -> str:

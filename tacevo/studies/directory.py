@@ -17,7 +17,7 @@ from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import to_json, written
 from tacevo.storage.canonical import content_hash, readable
-from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
@@ -63,7 +63,7 @@ class StudyDirectory:
 
         These are the fields of a `StudyRecord` that do not decide the scores: scale, units, versions and machine.
         """
-        sweep(self.path)
+        remove_leftovers(self.path)
         with contextlib.suppress(RunError):
             if describes(self.read(), header):
                 return

@@ -29,7 +29,7 @@ from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import Plan, read_plan
-from tacevo.storage.store import Seen, sweep_stores
+from tacevo.storage.store import Seen, remove_leftovers_in_stores
 from tacevo.studies.directory import StudyDirectory, describes, find_study, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
 from tacevo.studies.networks import given_networks, networks_of
@@ -150,7 +150,7 @@ def _carry_out(
     else:
         data = load_data(run, view, catalogue=catalogue)
         plan = _moved(plan, elsewhere, data.facts)
-    sweep_stores(Path(run.store.root))
+    remove_leftovers_in_stores(Path(run.store.root))
     directory = find_study(plan.run.directory.path, plan.header, searched=plan.run.searched)
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())

@@ -96,7 +96,7 @@ def without_locks(code: str, error: int, library: Path, folder: Path) -> str:
 
 WRITE = "import sys, pathlib, tacevo.storage.store as s; s.write_durably(pathlib.Path(sys.argv[1]) / 'file', 'new')"
 
-SWEEP = "import sys, pathlib, tacevo.storage.store as s; s.sweep(pathlib.Path(sys.argv[1]))"
+REMOVAL = "import sys, pathlib, tacevo.storage.store as s; s.remove_leftovers(pathlib.Path(sys.argv[1]))"
 
 
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK])
@@ -105,7 +105,7 @@ def test_file_system_without_locks_is_written_to_and_never_swept(error: int, loc
     part = tmp_path / ".file.0123456789abcdef.part"
     part.write_text("{")
     assert without_locks(WRITE, error, lockless, tmp_path) == ""
-    assert without_locks(SWEEP, error, lockless, tmp_path) == ""
+    assert without_locks(REMOVAL, error, lockless, tmp_path) == ""
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {part.name: "{", "file": "new"}
 
 
