@@ -60,9 +60,9 @@ def continue_run(
     end = recorded.generations[-1].generation
     if not recorded.searched:
         raise ConfigError(
-            "one of given networks, or of a baseline alone",
+            f"a run of {counted(len(recorded.candidates), 'network')} that asked no model",
             place=str(run),
-            expected="a run that searches: no model was chosen that could answer for this one",
+            expected="a run that searches",
             remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",
         )
     config = continued(recorded.config, overrides, end=end, spent=recorded.spent)

@@ -5,7 +5,7 @@ from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
 
-#: Settings of the archive that decide nothing with a kind of it; that it is `cvt` was no setting at first.
+#: Archive settings without effect, by archive kind. Early releases had no `archive.kind`: their archive was `cvt`.
 _NO_EFFECT = {
     ArchiveKind.cvt: ("kind", "kept", "reevaluated"),
     ArchiveKind.best: ("reevaluated",),

@@ -70,7 +70,7 @@ def load(
         "normalisation": normalisation,
         "target_scaling": target_scaling,
     }
-    if held_out != TENTHS:  # which were no setting at first
+    if held_out != TENTHS:  # which was not a setting at first
         content["held_out"] = held_out
     directory = cache / content_hash(content)
     if not directory.is_dir():

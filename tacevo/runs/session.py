@@ -135,7 +135,7 @@ def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
     """Open the ledger, which begins with the lines of the run that is continued, if one is.
 
     Raises:
-        RunError: another ledger stands there.
+        RunError: a ledger stands there that does not begin so.
     """
     if begun is not None:
         standing = read_ledger(directory)
@@ -143,9 +143,9 @@ def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
             write_durably(directory.ledger, sealed_text(begun.lines)[0])
         elif standing.hashes[: len(begun.hashes)] != begun.hashes:
             raise RunError(
-                "another run, or less of this one",
+                "a different or shorter ledger",
                 place=f"run.dir={directory.path}",
-                expected="the run that is continued",
+                expected="a ledger that begins with the lines of the continued run",
                 remedy="choose another run.dir",
             )
     return Ledger.open(directory.ledger, line_kind)
@@ -182,7 +182,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
 
 
 def _publishable(config: RunConfig) -> dict[str, Json]:
-    """Write the configuration without what an address may tell: a run directory is there to be shared."""
+    """Return the configuration without passwords and addresses, because run directories are shared."""
     base_url = None if config.llm.base_url is None else without_password(config.llm.base_url)
     executor = replace(config.executor, address=None)
     return to_plain(replace(config, llm=replace(config.llm, base_url=base_url), executor=executor))
@@ -193,7 +193,7 @@ def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> 
         ledger.commit(header)
     except DivergenceError as error:
         raise RunError(
-            f"another run, or one under other rules ({error})",
+            f"another run: in {error.place}, it has {error.expected}, and this one has {error.got}",
             place=f"run.dir={directory.path}",
             expected="no run, or this one",
             remedy="choose another run.dir, or remove that directory",

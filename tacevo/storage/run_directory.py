@@ -173,9 +173,9 @@ class RunDirectory:
         source = self.read_kept(name)
         if source is None or hashlib.sha256(source.encode()).hexdigest() != sha256:
             raise RunError(
-                "a file that is missing or was edited",
+                "no file" if source is None else "another source: the file was edited",
                 place=f"{self.path}/candidates/{name}.py",
-                expected="the source of the ledger",
+                expected=f"the source whose hash the ledger has, {sha256[:12]}",
                 remedy="restore it",
             )
         return source

@@ -241,4 +241,13 @@ def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
         if (kind, key, read.key, read.checksum) == (read.kind, read.key, sealed["key"], sealed["checksum"]):
             return entry
     expected = "an entry that fits its name and its checksum"
-    raise StoreError("another: it was edited, renamed or damaged", place=str(path), expected=expected, remedy=_RESTORE)
+    raise StoreError(_misfit(read, kind, key), place=str(path), expected=expected, remedy=_RESTORE)
+
+
+def _misfit(read: _Sealed, kind: str, key: str) -> str:
+    """Say what does not fit in a damaged entry."""
+    if read.kind != kind:
+        return f"kind {read.kind!r} in the directory of kind {kind!r}"
+    if read.key != key:
+        return f"an entry with the key {read.key!r}: it was renamed or edited"
+    return f"content that does not fit its key {key[:12]} and its checksum: it was edited or damaged"

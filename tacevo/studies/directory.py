@@ -134,9 +134,9 @@ class StudyDirectory:
         record, scores = self.read(), self.read_scores()
         if record.digest != scores.digest:
             raise RunError(
-                "another digest, or none",
-                place=f"{self.path}/study.json",
-                expected="the digest that scores.jsonl ends with",
+                "null" if record.digest is None else record.digest,
+                place=f"{self.path}/study.json, digest",
+                expected=f"{scores.digest}, with which scores.jsonl ends",
                 remedy=_CONTINUES,
             )
         return record, scores

@@ -55,7 +55,8 @@ def _check_different_jobs(jobs: Sequence[Job]) -> None:
     for job in jobs:
         other = by_hash.setdefault(job.config, job.name)
         if other != job.name:
-            raise DivergenceError("the same", place=f"jobs {other} and {job.name}", expected="different configurations")
+            got = f"the same one, of hash {job.config[:12]}"
+            raise DivergenceError(got, place=f"jobs {other} and {job.name}", expected="different configurations")
 
 
 def _check_arms(jobs: Sequence[Job], settings: Sequence[str]) -> None:
@@ -65,10 +66,11 @@ def _check_arms(jobs: Sequence[Job], settings: Sequence[str]) -> None:
     for job, chosen in zip(jobs, settings, strict=True):
         if by_arm.setdefault(job.arm, chosen) != chosen:
             raise DivergenceError(
-                "one that differs in more",
+                f"settings of the hash {chosen[:12]}, without the seed; those of the arm have {by_arm[job.arm][:12]}",
                 place=f"job {job.name}",
-                expected=f"a run of arm {job.arm!r} with another seed",
+                expected=f"the settings of arm {job.arm!r}, except for the seed",
             )
         other = by_settings.setdefault(chosen, job.arm)
         if other != job.arm:
-            raise DivergenceError("the same", place=f"arms {other!r} and {job.arm!r}", expected="different settings")
+            got = f"the same ones, of hash {chosen[:12]}"
+            raise DivergenceError(got, place=f"arms {other!r} and {job.arm!r}", expected="different settings")

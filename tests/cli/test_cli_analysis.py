@@ -344,7 +344,7 @@ def _remove(run: Path) -> None:
 @pytest.mark.parametrize("command", ["tables", "figures", "report", "paper"])
 @pytest.mark.parametrize(
     ("spoil", "said"),
-    [(_cut, "is not finished"), (_remove, "run.json"), (shutil.rmtree, "run: it does not exist; name the directory")],
+    [(_cut, "is not finished"), (_remove, "run.json"), (shutil.rmtree, "got a path that does not exist")],
 )
 def test_what_is_no_finished_run_is_refused(
     command: str, spoil: Callable[[Path], None], said: str, run: Path, capsys: pytest.CaptureFixture[str]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tacevo.errors import StoreError
-from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.store import Store
 
 #: Writes answers of 100,000 equal digits under one key, again and again.
@@ -47,11 +47,11 @@ def test_sweep_takes_the_parts_of_the_dead_and_leaves_those_of_the_living(tmp_pa
         assert writer.stdout is not None
         assert writer.stdout.readline() == "writing\n"
         assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
-        sweep(tmp_path)
+        remove_leftovers(tmp_path)
         assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
         writer.kill()
     assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
-    sweep(tmp_path)
+    remove_leftovers(tmp_path)
     assert {path for path in tmp_path.rglob("*") if path.is_file()} == before | {foreign}
 
 
@@ -59,7 +59,7 @@ def test_writers_are_not_disturbed_by_sweeps(tmp_path: Path) -> None:
     """A sweep that never ends takes no file from a living writer."""
     writers = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), digit]) for digit in "12"]
     while any(writer.poll() is None for writer in writers):
-        sweep(tmp_path)
+        remove_leftovers(tmp_path)
     assert [writer.returncode for writer in writers] == [0, 0]
     assert len(list(tmp_path.rglob("*.part"))) == 0
 

@@ -117,7 +117,7 @@ def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any
     except Exception as error:  # as above
         raise DataError("a damaged array, or Python objects", place=f"{path}, {name}", remedy=_REMEDY) from error
     if not isinstance(array, np.ndarray):
-        raise DataError("something else", place=f"{path}, {name}", expected="an array", remedy=_REMEDY)
+        raise DataError(type(array).__name__, place=f"{path}, {name}", expected="an array", remedy=_REMEDY)
     return array
 
 
