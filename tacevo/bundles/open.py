@@ -147,7 +147,7 @@ def _jobs(folder: Path) -> tuple[str, ...]:
     names = tuple(job.name for job in jobs)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not names:
-        got = f"{twice[0]!r} twice" if twice else "none"
+        got = f"{twice[0]!r} twice" if twice else "no job"
         raise RunError(got, place=f"{folder}/sweep.json", expected="at least one job, each of another name")
     return names
 

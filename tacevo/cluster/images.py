@@ -68,7 +68,7 @@ def directory_here() -> Path:
     found = default.lstat()
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
         raise DataError(
-            f"mode {stat.filemode(found.st_mode)}, owner {found.st_uid}",
+            f"{'a link' if stat.S_ISLNK(found.st_mode) else stat.filemode(found.st_mode)} of the user {found.st_uid}",
             place=str(default),
             expected=f"a directory of the user {os.getuid()} that others may not write to",
             remedy=f"remove it, or name another in {DIRECTORY}",

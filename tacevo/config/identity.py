@@ -58,8 +58,13 @@ def config_hash(config: RunConfig) -> str:
 
     Unlike a ledger's header it is known without the data, and holds what ends the run.
     """
-    decisive: dict[str, Json] = {"config": identity(config), **length(config)}
-    return content_hash({**decisive, "data": written(config.data), "task": to_json(config.task)})
+    return content_hash(decisive(config))
+
+
+def decisive(config: RunConfig) -> dict[str, Json]:
+    """Return what `config_hash` hashes."""
+    settings: dict[str, Json] = {"config": identity(config), **length(config)}
+    return {**settings, "data": written(config.data), "task": to_json(config.task)}
 
 
 def length(config: RunConfig) -> dict[str, Json]:

@@ -114,6 +114,6 @@ def _content(request: Json, answer: Json, place: str) -> NDArray[Any]:
         array = np.frombuffer(data, question.dtype).reshape(question.shape)
     except ValueError as error:
         raise StoreError(str(error), place=place, expected=expected) from error
-    if not np.isfinite(array).all():
-        raise StoreError("NaN or infinity", place=place, expected="finite numbers")
+    if (broken := int((~np.isfinite(array)).sum())) > 0:
+        raise StoreError(f"{broken} of {array.size} that are NaN or infinite", place=place, expected="finite numbers")
     return array

@@ -150,7 +150,7 @@ class SweepDirectory:
         if not path.exists():
             is_run = (self.path / "run.json").exists()
             raise RunError(
-                "one without sweep.json" if self.path.exists() else "a path that does not exist",
+                "a directory without sweep.json" if self.path.exists() else "a path that does not exist",
                 place=str(self.path),
                 expected="the directory of a sweep",
                 remedy="this is a run, which the other commands take" if is_run else "`tacevo search -m` makes one",

@@ -179,7 +179,12 @@ def studies_of(run: Path) -> list[StudyDirectory]:
 
 def describes(study: StudyRecord, header: StudyHeader) -> bool:
     """Return whether a study.json says what a header says."""
-    return all(getattr(study, field.name) == getattr(header, field.name) for field in fields(Design))
+    return not misfits(study, header)
+
+
+def misfits(study: StudyRecord, header: StudyHeader) -> list[str]:
+    """List the fields in which a study.json and a header differ."""
+    return [field.name for field in fields(Design) if getattr(study, field.name) != getattr(header, field.name)]
 
 
 def is_stated(study: Design, retraining: Retraining) -> bool:

@@ -30,12 +30,12 @@ from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import Plan, read_plan
 from tacevo.storage.store import Seen, remove_leftovers_in_stores
-from tacevo.studies.directory import StudyDirectory, describes, find_study, studies_of
+from tacevo.studies.directory import StudyDirectory, find_study, misfits, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
 from tacevo.studies.networks import given_networks, networks_of
 from tacevo.studies.noise import estimates_of, noise_digest, noise_runs
 from tacevo.studies.terms import Terms, fewest_seeds
-from tacevo.text import counted
+from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
 
@@ -207,9 +207,9 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
     if recorded.other_data and recorded.data.fingerprint != run.record.data.fingerprint:
         plan = replace(plan, header=replace(plan.header, data=recorded.data, other_data=recorded.other_data))
     place = f"{directory.path}/study.json"
-    if not describes(recorded, plan.header):
+    if differing := misfits(recorded, plan.header):
         raise DivergenceError(
-            "one that was edited, or that describes another run or other networks",
+            f"other values of {listed(differing)}: it was edited, or is the study of another run",
             place=place,
             expected="the study that follows from the run",
         )

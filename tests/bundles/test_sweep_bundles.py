@@ -168,7 +168,7 @@ def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None
     told = json.loads(whole[JOBS])
     fewer = {**told, "jobs": told["jobs"][:2]}
     refused({**whole, JOBS: jobs_text(fewer)}, "got directory 'fixed_temperature-seed0', which is not a job")
-    refused({**whole, JOBS: jobs_text({**told, "jobs": []})}, "each of another name; got none")
+    refused({**whole, JOBS: jobs_text({**told, "jobs": []})}, "each of another name; got no job")
     without = {name: data for name, data in whole.items() if not name.startswith("sweep/none-seed1/")}
     refused(without, "no directory of the job 'none-seed1'")
     refused(

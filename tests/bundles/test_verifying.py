@@ -112,8 +112,8 @@ def test_edited_checksum_is_named(whole: Members, refused: Refused) -> None:
 def test_member_more_or_less_is_named(whole: Members, refused: Refused) -> None:
     """In the zip file or in the manifest."""
     less = {name: data for name, data in whole.items() if name != "run/summary.md"}
-    refused(less, "x.zip: expected a published run; got none of run/summary.md", seal=False)
-    refused(honest(less), "x.zip: expected a published run; got none of run/summary.md", seal=False)
+    refused(less, "x.zip: expected a published run or sweep; got a file without run/summary.md", seal=False)
+    refused(honest(less), "x.zip: expected a published run or sweep; got a file without run/summary.md", seal=False)
     table = next(name for name in whole if name.startswith("tables/"))
     gone = {name: data for name, data in whole.items() if name != table}
     refused(gone, f"'{table}' is missing", seal=False)

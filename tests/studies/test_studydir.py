@@ -46,7 +46,7 @@ def test_scores_of_another_study_are_refused(tmp_path: Path) -> None:
         directory.begin(HEADER, **SURROUNDINGS)
         directory.finish(HEADER, rows)
     ours.scores.write_bytes(other.scores.read_bytes())
-    with refused(RunError, place="ours/study.json", expected="the digest that scores.jsonl ends with"):
+    with refused(RunError, place="ours/study.json", expected="with which scores.jsonl ends"):
         ours.read_finished()
 
 

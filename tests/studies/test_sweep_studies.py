@@ -186,7 +186,7 @@ def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
 def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One of both is meant."""
     assert main(["noise", "run=sweep/none-seed0", "sweep=sweep"]) == 2
-    assert "got both" in capsys.readouterr().err
+    assert "got both run=sweep/none-seed0 and sweep=sweep" in capsys.readouterr().err
 
 
 def test_trivial_predictor_stands_beside_the_arms(folder: Path) -> None:

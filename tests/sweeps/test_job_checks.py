@@ -84,7 +84,7 @@ def test_arm_has_settings_of_its_own(sweep: Path) -> None:
         sweep,
         place="job fixed_temperature-seed0",
         expected="the settings of arm 'none', except for the seed",
-        got="settings of the hash",
+        got="other values of config.temperature.",
     )
     edit(sweep, lambda told: told["jobs"][1].update(arm="mine"))
     edit(sweep, lambda told: told["jobs"].pop())
