@@ -129,7 +129,7 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     assert [measures["level"] for measures in told] == [Confinement.none]
 
 
-@pytest.mark.parametrize(("visible", "said"), [("", "none"), ("0", "equipped or confined")])
+@pytest.mark.parametrize(("visible", "said"), [("", "a machine without one"), ("0", "equipped or confined")])
 def test_gpu_that_fails_is_no_verdict(visible: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a GPU, or with a torch without CUDA, no candidate is rejected: the search stops, and stores nothing."""
     if gpus():
