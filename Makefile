@@ -31,7 +31,7 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
 	$(BIN)/tacevo noise runs/demo elites=3 seeds=8
 
-test: $(READY) ## run the tests, two at a time (six minutes)
+test: $(READY) ## run the tests, two at a time (under six minutes on two quiet cores)
 	$(BIN)/pytest $(TWO)
 
 test-slow: $(READY) ## run the tests that attack each promise further (five minutes)

@@ -36,8 +36,9 @@ CURRENT = Rules(static=2, probe=5, training=3, core=2)
 #: Numbers of the core that this code can compute. Remove one only with its last release in `LAST_RELEASES`.
 CORES = frozenset({1, 2})
 
-#: Numbers of training whose bits this code's trainer gives, so that `--retrain` can compare them. Those of 1 it gives
-#: for candidates that the policy of today lets through: one that redefined what a module is asked trained as it said.
+#: Numbers of training whose bits this code's trainer gives, so that `--retrain` can compare them. Number 1
+#: is reproduced only for candidates that today's policy admits. A class that redefined methods of nn.Module was
+#: trained with its own methods then.
 TRAININGS = frozenset({1, 2, 3})
 
 #: Those of them whose images keep torch's default memory layout.

@@ -113,9 +113,9 @@ def read_studies(run: Run, store: Path | None = None) -> Studies:
             recorded = directory.read()
             if recorded.run != run.digest:
                 raise RunError(
-                    "the run before it was continued",
+                    f"one of its digest {recorded.run[:12]}, before it was continued",
                     place=str(directory.path),
-                    expected="a study of the run as it is",
+                    expected=f"a study of the run as it is, of digest {run.digest[:12]}",
                     remedy="study it again",
                 )
             if recorded.terms is not None:

@@ -22,7 +22,7 @@ from analysis.tables.ablation import ablation_tables
 from analysis.tables.archives_of_arms import common_note, corrected_arms_table, extents_note
 from tacevo.choices import Primary
 from tacevo.errors import ConfigError, IncomparableError
-from tacevo.text import listed
+from tacevo.text import counted, listed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ def measuring(
         if len(centroids) and centroids.shape[1] == 2:
             return one, centroids
     raise IncomparableError(
-        "none",
+        f"{counted(len(sweep.finished), 'finished job')} without one",
         place=str(sweep.path),
         expected="a finished job with an archive over both descriptors, in whose niches all runs are measured",
         remedy=f"add the arm {wanted} to the sweep",

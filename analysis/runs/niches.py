@@ -44,9 +44,9 @@ def load_niches(run: Run, store: Path | None = None) -> Niches:
     prompts = _centroids(root, archive, archive.prompt_niches, 2)
     if content_hash([networks, prompts]) != run.centroids:
         raise RunError(
-            "others, in the store and computed on this machine",
+            "centroids of another hash, in the store and computed on this machine",
             place=str(root),
-            expected=f"the niches that {run.path} was searched with",
+            expected=f"the niches that {run.path} was searched with, of hash {run.centroids[:12]}",
             remedy="name the run's own stores with --store",
         )
     return Niches(networks=np.array(networks).reshape(-1, len(archive.axes)), prompts=np.array(prompts))

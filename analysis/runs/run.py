@@ -29,9 +29,10 @@ from tacevo.search.files import (
 )
 from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, not_sent
 from tacevo.search.reevaluation import fitness_by_id
+from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.text import drawn
+from tacevo.text import drawn, listed
 from tacevo.typed import convert
 
 #: How many of the best networks tables and figures look at, as the paper does.
@@ -199,9 +200,12 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
 
 def _check_description(path: Path, config: RunConfig, task: Task, header: RunLine) -> None:
     """Check that run.json has the configuration and the task of the ledger's first line."""
-    if to_json(identity(config)) != header.config or task_hash(task) != header.task:
+    differing = [shown(field) for field in differences(header.config, to_json(identity(config)))]
+    if task_hash(task) != header.task:
+        differing.append("task")
+    if differing:
         raise RunError(
-            "another one",
+            f"other values of {listed(differing)}",
             place=f"{path}/run.json",
             expected="the configuration and the task that the ledger begins with",
             remedy="restore the file",

@@ -171,7 +171,7 @@ def _check_size(study: Study) -> None:
     """Check that some outcome of a comparison could be significant."""
     place = f"the study of {study.task}"
     if len(study.networks) < 2:
-        raise RunError("none", place=place, expected="a variant beside the baseline")
+        raise RunError("the baseline alone", place=place, expected="a baseline and at least one variant")
     needed = fewest_seeds(study.terms.alpha)
     if study.seeds < needed:
         raise RunError(

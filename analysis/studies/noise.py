@@ -139,5 +139,6 @@ def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
         )
     training = read_verdict(FullTraining, "full", read_entry(path).answer, place=str(path))
     if not isinstance(training, FullTraining):
-        raise RunError("a rejection", place=str(path), expected="a training, as the study's scores say")
+        got = f"a rejection ({training.reason})"
+        raise RunError(got, place=str(path), expected="a training, as the study's scores say")
     return training.training.validation_losses

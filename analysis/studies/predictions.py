@@ -13,6 +13,7 @@ from tacevo.errors import RunError
 from tacevo.records import Mode
 from tacevo.storage.arrays import KIND, ArrayStore
 from tacevo.storage.store import Store
+from tacevo.text import listed
 from tacevo.training.full import read_kept, score
 
 
@@ -45,11 +46,11 @@ def load_predictions(study: Study, store: Path) -> Predictions | None:
     kept = [one.kept for one in study.scores]
     if not any(kept):
         return None
-    labels = {one and one.labels for one in kept}
+    labels = {None if one is None else one.labels for one in kept}
     if len(labels) > 1:
-        raise RunError(
-            "others, or none", place=f"the study of {study.task}", expected="the same test labels everywhere"
-        )
+        digests = listed("none" if each is None else each[:12] for each in sorted(labels, key=str))
+        expected = "the same test labels in every training"
+        raise RunError(f"labels of the digests {digests}", place=f"the study of {study.task}", expected=expected)
     arrays = ArrayStore(Store(store, KIND, Mode.replay))
     found: dict[str, list[NDArray[np.float32]]] = {network.name: [] for network in study.networks}
     truth: NDArray[Any] = np.empty(0)

@@ -26,7 +26,7 @@ def load_study(path: Path) -> Study:
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
     found, facts = scores.header, scores.header.data
     if found.terms is None:
-        raise RunError("a noise run", place=str(path), expected="a study with test scores")
+        raise RunError("a noise run, which has none", place=str(path), expected="a study with test scores")
     if len(record.units) not in {0, len(facts.names)}:
         raise RunError(
             listed(record.units), place=f"{path}/study.json, units", expected=f"one for each of {listed(facts.names)}"

@@ -19,7 +19,7 @@ from tacevo.search.lines import CandidateLine
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.text import counted
+from tacevo.text import counted, listed
 
 #: A candidate that took less, in seconds, was recalled from a store and not trained.
 RECALLED = 0.1
@@ -169,14 +169,16 @@ def _scaled(values: ArrayLike, metric: Measure) -> NDArray[np.float64]:
     if not is_error(metric):
         return found
     if not (found > 0).all():
-        raise RunError("0", place=f"a pilot's {metric}", expected="values above 0, which have a logarithm")
+        got = f"{found.min():g}"
+        raise RunError(got, place=f"a pilot's {metric}", expected="values above 0, which have a logarithm")
     return np.log(found)
 
 
 def _pooled(samples: Sequence[NDArray[np.float64]], needed: str) -> Spread:
     spread = pooled([sample for sample in samples if len(sample) > 1])
     if spread is None:
-        raise RunError("none", place="the pilots", expected=f"{needed}, to estimate a spread from")
+        got = f"samples of {listed(str(len(sample)) for sample in samples)} values"
+        raise RunError(got, place="the pilots", expected=f"{needed}, to estimate a spread from")
     return spread
 
 

@@ -80,9 +80,9 @@ def load_sweep(path: Path) -> Sweep:
             missing.append(absent)
     if not finished:
         raise RunError(
-            "none",
+            f"{len(jobs)} of {len(jobs)} that are not finished",
             place=str(path),
-            expected="a finished job",
+            expected="at least one finished job",
             remedy="continue the sweep by the `tacevo search -m` command that began it",
         )
     terms = directory.read_terms()
@@ -121,8 +121,9 @@ def _load(directory: SweepDirectory, job: Job) -> Finished:
     found = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
     if run.config.seed != job.seed:
         raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **found)
-    if config_hash(run.config) != job.config:
-        raise RunError("another one", expected=f"the configuration that sweep.json states of job {job.name}", **found)
+    if (came := config_hash(run.config)) != job.config:
+        expected = f"{job.config[:12]}, the hash that sweep.json states of job {job.name}"
+        raise RunError(f"a run whose configuration has the hash {came[:12]}", expected=expected, **found)
     return Finished(job=job, run=run)
 
 

@@ -68,7 +68,7 @@ def _check_temperatures(sweep: Sweep, one: Finished, two: Finished) -> None:
             f"different ones in {one.job.name} and {two.job.name}, and in {idle[0].job.name} "
             f"{idle[0].run.not_sent[TEMPERATURE]}",
             place=f"{sweep.path}, {TEMPERATURE}",
-            expected="temperatures that had an effect",
+            expected=f"equal temperatures, because the model of {idle[0].job.name} refuses temperatures",
             remedy=_REMEDIES[TEMPERATURE],
         )
 

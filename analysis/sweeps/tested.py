@@ -68,9 +68,9 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
         raise faults[-1]
     if len(set(sound)) != 1:
         raise RunError(
-            f"{len(set(sound))} that differ" if sound else "none",
+            f"{len(set(sound))} with different scores" if sound else "none of its settings",
             place=f"{run.path}/studies",
-            expected="a finished study as the sweep states it",
+            expected="one finished study with the settings that the sweep states",
             remedy="delete all but one" if sound else "`tacevo study sweep=` makes it",
         )
     return sound[0]
@@ -82,7 +82,8 @@ def _score(run: Run, study: Design, rows: Sequence[Row]) -> JobScore:
     # The baseline and the best elite; the earlier one wins a tie, as everywhere.
     found = [one for one in study.networks[:2] if one.id in fitness]
     if not found:
-        raise RunError("none", place=str(run.path), expected="a network that trained with every seed of the search")
+        got = f"{listed(one.id for one in study.networks[:2])} without a fitness"
+        raise RunError(got, place=str(run.path), expected="a network that trained with every seed of the search")
     best = min(found, key=lambda one: (fitness[one.id], one.id))
     metric, own = PRIMARY[study.data.kind], [row for row in rows if row.network == best.name]
     if failed := [row for row in own if isinstance(row, FailedLine)]:
@@ -108,4 +109,6 @@ def _fitness(run: Run, study: Design) -> dict[str, float]:
     for directory in studies_of(run.path):
         if directory.read().digest == study.chosen_by:
             return median_losses(directory.read_finished()[1].rows)
-    raise RunError("none", place=f"{run.path}/studies", expected=f"the noise run {study.chosen_by[:12]} that chose")
+    digests = listed(str(directory.read().digest)[:12] for directory in studies_of(run.path))
+    expected = f"the noise run {study.chosen_by[:12]}, by which the elites were chosen"
+    raise RunError(f"studies of the digests {digests}", place=f"{run.path}/studies", expected=expected)

@@ -20,7 +20,7 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
-from tacevo.runs.session import Result, record, require_means
+from tacevo.runs.session import Result, needed_llm, record
 from tacevo.search.files import RulesLine
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
@@ -60,16 +60,16 @@ def continue_run(
     end = recorded.generations[-1].generation
     if not recorded.searched:
         raise ConfigError(
-            "one of given networks, or of a baseline alone",
+            f"a run of {counted(len(recorded.candidates), 'network')} that asked no model",
             place=str(run),
-            expected="a run that searches: no model was chosen that could answer for this one",
+            expected="a run that searches",
             remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",
         )
     config = continued(recorded.config, overrides, end=end, spent=recorded.spent)
     eras = _eras(recorded.eras, end, mix_rules, view)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
-    llm = require_means(config)
+    llm = needed_llm(config)
     read = sorted(check(published))
     data = load_same(config, recorded.record.data, view)
     written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))

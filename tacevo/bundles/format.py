@@ -126,7 +126,8 @@ def _check_layout(source: Path, names: Collection[str]) -> None:
     needed = {f"{folder}/{name}" for folder in folders for name in set(RUN_FILES) - _OPTIONAL}
     missing = sorted((_ALWAYS | needed | ({JOBS} if is_sweep else set())) - set(names))
     if missing:
-        raise BundleError(f"none of {', '.join(missing)}", place=str(source), expected="a published run")
+        got = f"a file without {', '.join(missing)}"
+        raise BundleError(got, place=str(source), expected="a published run or sweep")
     foreign = sorted(name for name in names if is_sweep and name.startswith("run/"))
     if foreign:
         raise BundleError(repr(foreign[0]), place=str(source), expected="files of a published sweep only")
@@ -139,7 +140,8 @@ def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> 
         match = _MANIFEST_LINE.fullmatch(line)
         if match is None or match[2] in listed:
             place = f"{source}, {MANIFEST}, line {number}"
-            raise BundleError("another or a second one", place=place, expected="the digest of a member")
+            got = repr(line[:100]) if match is None else f"{match[2]!r} a second time"
+            raise BundleError(got, place=place, expected="the digest and the name of a member, each once")
         listed[match[2]] = match[1]
     for name in sorted(listed.keys() | digests.keys()):
         if listed.get(name) != digests.get(name):

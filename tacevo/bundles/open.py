@@ -63,7 +63,7 @@ def opened(path: Path) -> Iterator[Opened]:
         RunError: it is neither a run's or a sweep's directory nor a file.
     """
     if not path.exists():
-        raise RunError("it does not exist", place=str(path), remedy="name the directory of a run, or a bundle")
+        raise RunError("a path that does not exist", place=str(path), expected="the directory of a run, or a bundle")
     if not path.is_file():
         yield located(path)
         return
@@ -136,8 +136,8 @@ def _unpacked(source: Path, folder: Path) -> Opened:
         what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
         raise BundleError(what, place=f"{source}/{JOBS}", expected="one directory for each job")
     if (folder / JOBS).read_bytes() != written.encode():
-        expected = "the text that `tacevo publish` writes"
-        raise BundleError("another: it was edited", place=f"{source}/{JOBS}", expected=expected)
+        expected = "the text that `tacevo publish` writes of these jobs"
+        raise BundleError("the same jobs in another text: it was edited", place=f"{source}/{JOBS}", expected=expected)
     return replace(found, jobs=jobs)
 
 
@@ -147,7 +147,7 @@ def _jobs(folder: Path) -> tuple[str, ...]:
     names = tuple(job.name for job in jobs)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not names:
-        got = f"{twice[0]!r} twice" if twice else "none"
+        got = f"{twice[0]!r} twice" if twice else "no job"
         raise RunError(got, place=f"{folder}/sweep.json", expected="at least one job, each of another name")
     return names
 
@@ -161,9 +161,9 @@ def _check_finished(directory: SweepDirectory) -> None:
             unfinished.append(job.name if failure is None else f"{job.name} (failed: {failure.reason})")
     if unfinished:
         raise RunError(
-            f"some are not finished: {', '.join(unfinished)}",
+            f"unfinished ones: {', '.join(unfinished)}",
             place=str(directory.path),
-            expected="finished jobs",
+            expected="finished jobs only",
             remedy="repeat the `tacevo search -m` command that began the sweep; it continues them",
         )
 

@@ -154,7 +154,7 @@ def _last_day(run: Path) -> str:
     if not day:
         place = f"{run}/timings.jsonl"
         raise ConfigError(
-            "none", place=place, expected="lines with a time", remedy="set the day with --date YYYY-MM-DD"
+            "no line", place=place, expected="lines with the time of each slot", remedy="set --date YYYY-MM-DD"
         )
     return day
 

@@ -1,4 +1,4 @@
-"""Zip files that tell nothing of where they were written, and that are read without believing anything in them.
+"""Zip files whose bytes do not depend on the machine that wrote them. A reader checks every field.
 
 What reading promises: nothing is written outside the directory it is given, and no more than the limits below. Every
 byte that is not a member's data must be the one that `packed` writes there, so no link, directory, encryption, extra

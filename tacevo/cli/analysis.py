@@ -43,7 +43,9 @@ def add_figures(parser: Parser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", help="where to write them (default for a directory: RUN/figures)"
     )
-    parser.add_argument("--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="default: all three")
+    parser.add_argument(
+        "--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="of the files (default: all three)"
+    )
     finish(parser, _figures)
 
 
@@ -53,7 +55,9 @@ def add_report(parser: Parser) -> None:
         "Write one HTML file with which a finished run and its studies, or a finished sweep, can be looked into."
     )
     parser.add_argument("run", metavar="RUN", help="the directory or bundle of a run or a sweep")
-    parser.add_argument("-o", "--output", metavar="FILE", help="default for a directory: RUN/report.html")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write (default for a directory: RUN/report.html)"
+    )
     finish(parser, _report)
 
 
@@ -64,7 +68,9 @@ def add_paper(parser: Parser) -> None:
         "its PDF where LaTeX is installed."
     )
     parser.add_argument("runs", metavar="RUN", nargs="+", help=RUN)
-    parser.add_argument("-o", "--output", metavar="DIR", default="build/paper", help="default: build/paper")
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", default="build/paper", help="directory to write to (default: build/paper)"
+    )
     finish(parser, _paper)
 
 

@@ -54,7 +54,9 @@ def output_directory(name: str | Path) -> Path:
     except OSError as error:
         raise ConfigError(str(error.strerror), place=str(directory), expected=expected) from error
     if not os.access(directory, os.W_OK | os.X_OK):
-        raise ConfigError("a write-protected one", place=str(directory), expected=expected, remedy="name another by -o")
+        raise ConfigError(
+            "a write-protected directory", place=str(directory), expected=expected, remedy="name another by -o"
+        )
     return directory
 
 

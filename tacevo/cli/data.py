@@ -6,7 +6,7 @@ import json
 from rich.console import Console
 
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
-from tacevo.runs.data_check import check, show, simulate
+from tacevo.runs.data_check import inspect_data, show, simulate
 from tacevo.runs.data_report import describe, report
 
 _EPILOG = """\
@@ -55,7 +55,7 @@ def add_data(parser: Parser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    found = check(options.overrides, options.output, Console(stderr=True))
+    found = inspect_data(options.overrides, options.output, Console(stderr=True))
     print(json.dumps(describe(found), indent=2) if options.json else report(found))
     return DIFFERENT if found.survey.leaks else DONE
 

@@ -37,7 +37,7 @@ from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.notes import HEADING, read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.studies.directory import studies_of
-from tacevo.text import printable, table
+from tacevo.text import listed, printable, table
 from tacevo.typed import parse
 
 
@@ -47,9 +47,11 @@ def add_check(parser: Parser) -> None:
         "Put raw answers through the gate: text files, or JSON recordings with a `response`. The exit status is 0 "
         "also where answers are rejected; --json says which."
     )
-    parser.add_argument("files", nargs="+", metavar="FILE")
+    parser.add_argument("files", nargs="+", metavar="FILE", help="a text file, or JSON with a `response` or `source`")
     parser.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
-    parser.add_argument("--image-size", type=int, metavar="PIXELS", help="default: that of the task's data")
+    parser.add_argument(
+        "--image-size", type=int, metavar="PIXELS", help="side of the images (default: that of the task's data)"
+    )
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     parser.set_defaults(command=_check)
 
@@ -119,7 +121,8 @@ def _recorded(path: Path, text: str) -> tuple[str, str]:
     recording = parse(_Recording, text, place=str(path), error=ConfigError)
     answer = recording.source if recording.response is None else recording.response
     if answer is None:
-        raise ConfigError("neither", place=str(path), expected="a text `response` or `source`")
+        keys = listed(sorted(json.loads(text)), "no field")
+        raise ConfigError(keys, place=str(path), expected="a field `response` or `source` with a text")
     return answer, recording.stop_reason
 
 

@@ -14,7 +14,7 @@ from tacevo.config.folder import groups
 from tacevo.records import Mode
 from tacevo.runs.estimate import describe_estimate
 from tacevo.runs.progress import Progress
-from tacevo.runs.providers import require_temperature
+from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.plan import sweep
@@ -55,7 +55,7 @@ def _search(options: argparse.Namespace) -> int:
     if options.estimate:
         print(describe_estimate(config))
         return DONE
-    require_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
+    check_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
     with Progress() as view:
         result = search(config, view)
     told = []

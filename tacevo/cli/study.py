@@ -262,8 +262,8 @@ done. docs/statistics.md says how it is simulated."""
 def add_plan(parser: Parser) -> None:
     """Describe `tacevo plan`."""
     parser.description = (
-        "Say how many seeds find a wished effect after Holm's correction, by the spread of finished pilots, and what\n"
-        "they cost. The exit status is 1 if no number of seeds that is tried suffices."
+        "Compute how many seeds are needed to detect an effect of a given size after Holm's correction, and the cost.\n"
+        "The spread is that of finished pilot runs. The exit status is 1 if no number of seeds that is tried suffices."
     )
     parser.epilog = _PLAN_EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
@@ -273,10 +273,9 @@ def add_plan(parser: Parser) -> None:
 
 
 def _add_kind(parser: argparse.ArgumentParser, source: str, kind: str, compared: str) -> None:
-    others = " of its finished studies, or the directory of a study" if kind == "study" else ""
-    parser.add_argument(
-        "pilots", metavar=source, nargs="+", help=f"the directory or bundle of a pilot {source.lower()}{others}"
-    )
+    of_study = "a pilot run (directory or bundle; all its finished studies are used), or the directory of one study"
+    of_sweep = "a pilot sweep (directory or bundle)"
+    parser.add_argument("pilots", metavar=source, nargs="+", help=of_study if kind == "study" else of_sweep)
     parser.add_argument(
         "--effect",
         type=_part,
@@ -288,7 +287,9 @@ def _add_kind(parser: argparse.ArgumentParser, source: str, kind: str, compared:
     )
     parser.add_argument("--power", type=_part, default=0.8, help="wished chance of finding it (0.8)")
     parser.add_argument("--alpha", type=_part, default=ALPHA, help=f"level of the tests, after Holm ({ALPHA:g})")
-    parser.add_argument("-o", "--output", metavar="DIR", default="build/plan", help="default: build/plan")
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", default="build/plan", help="directory to write to (default: build/plan)"
+    )
     parser.set_defaults(command=_plan, kind=kind)
 
 
@@ -327,7 +328,7 @@ def _located_sweep(path: Path, open_bundles: contextlib.ExitStack) -> Path:
     """Return the directory of a sweep, which need not be finished, or of a bundle's."""
     folder = open_bundles.enter_context(opened(path)).folder if path.is_file() else path
     if not SweepDirectory(folder).is_one:
-        raise RunError("one without sweep.json", place=str(path), expected="the directory or bundle of a sweep")
+        raise RunError("a directory without sweep.json", place=str(path), expected="the directory or bundle of a sweep")
     return folder
 
 
@@ -346,7 +347,7 @@ def _finished_studies(path: Path, open_bundles: contextlib.ExitStack) -> Iterato
                 yield run, load_study(directory.path)
     if not found:
         remedy = f"`tacevo study run={path}` makes one; a few seeds will do for a pilot"
-        raise RunError("none", place=str(path), expected="a finished study", remedy=remedy)
+        raise RunError("no finished study", place=str(path), expected="at least one", remedy=remedy)
 
 
 def _part(text: str) -> float:

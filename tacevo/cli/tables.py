@@ -99,7 +99,7 @@ def _tables(options: argparse.Namespace) -> int:
         return _paper_tables(options)
     if options.run is None:
         raise ConfigError(
-            "neither",
+            "neither RUN nor --paper",
             place="tacevo tables",
             expected="the directory or bundle of a run, or --paper for the paper's tables",
         )

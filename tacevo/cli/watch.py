@@ -47,7 +47,9 @@ def add_watch(parser: Parser) -> None:
     )
     parser.add_argument("run", metavar="RUN", help="the directory of a run or a sweep, begun or not")
     parser.add_argument("--open", action="store_true", help="open it in the browser")
-    parser.add_argument("--port", metavar="N", type=int, default=0, help="default: any that is free")
+    parser.add_argument(
+        "--port", metavar="N", type=int, default=0, help="port to listen on (default: any that is free)"
+    )
     parser.add_argument("--store", metavar="DIR", help="directory of the stores, if it was moved")
     parser.set_defaults(command=_watch, interrupted="the search was not touched")
 

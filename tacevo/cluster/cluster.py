@@ -116,14 +116,17 @@ class Cluster:
         ]
         self._ray = ray = connect(address, workers)
         if not is_guarded():
-            self._tell("warning: the cluster asks for no token; whoever reaches it runs code there (docs/cluster.md)")
+            self._tell(
+                "warning: this Ray cluster has no token: anyone who can connect to it can run code on it "
+                "(docs/cluster.md)"
+            )
         again = [ray.exceptions.RayActorError, SandboxError]
         self._task = ray.remote(max_retries=_RETRIES, retry_exceptions=again)(run_job)
         self._head: str = ray.get_runtime_context().gcs_address
         try:
             refused = self._welcome(ray.nodes())
             if not self._members:
-                raise refused[0] if refused else SandboxError("none", place="Ray", expected="a node with a CPU")
+                raise refused[0] if refused else SandboxError("no node", place="Ray", expected="a node with a CPU")
             self._introduce(refused, workers)
         except BaseException:
             self.close()

@@ -15,7 +15,7 @@ from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import to_json
 from tacevo.redaction import secret_variables
 from tacevo.rules import CURRENT, STUDY
-from tacevo.sandbox.confinement import available, require
+from tacevo.sandbox.confinement import available, check_confinement
 from tacevo.training.numerics import check_machine, environment
 
 #: Packages whose code makes a profile or a training.
@@ -141,7 +141,7 @@ def _fault(order: Order) -> TacevoError | None:
             remedy="unset it before `ray start`",
         )
     try:
-        require(order.require)
+        check_confinement(order.require)
         check_machine(order.numerics, order.device, order.gpu)
     except TacevoError as error:
         return error

@@ -68,9 +68,9 @@ def directory_here() -> Path:
     found = default.lstat()
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
         raise DataError(
-            "a link, or one that another user owns or may write to",
+            f"{'a link' if stat.S_ISLNK(found.st_mode) else stat.filemode(found.st_mode)} of the user {found.st_uid}",
             place=str(default),
-            expected="a directory of this user",
+            expected=f"a directory of the user {os.getuid()} that others may not write to",
             remedy=f"remove it, or name another in {DIRECTORY}",
         )
     return default
@@ -118,7 +118,8 @@ def receive(images: Images, directory: Path, chunks: Iterable[bytes]) -> Path:
                     file.write(chunk)
     path = find(images, directory)
     if path is None:
-        raise DataError("other bytes", place=str(directory), expected="the images of the search")
+        got, expected = "other bytes", f"the images of the search, of SHA-256 {images.digest[:12]}"
+        raise DataError(got, place=str(directory), expected=expected)
     return path
 
 

@@ -100,7 +100,8 @@ class Node:
         directory = files.directory_here()
         path = files.find(self._images, directory)
         if path is None:
-            raise SandboxError("none", place=str(directory), expected="the images that were brought here")
+            expected = f"the images {self._images.digest[:12]}, which were brought here"
+            raise SandboxError("a directory without them", place=str(directory), expected=expected)
         return {"images": path}
 
     def _note(self, measures: tuple[str, ...]) -> None:

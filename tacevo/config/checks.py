@@ -55,9 +55,9 @@ def check_together(config: RunConfig) -> None:
 def _check_executor(config: RunConfig) -> None:
     executor = config.executor
     if executor.kind is ExecutorKind.local:
-        _require(executor.address is None, "executor.address", "null without executor=ray", executor.address)
+        _check_that(executor.address is None, "executor.address", "null without executor=ray", executor.address)
     if config.training.device is Device.cpu:
-        _require(executor.per_gpu == 1, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
+        _check_that(executor.per_gpu == 1, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
 
 
 def _check_gpu(config: RunConfig) -> None:
@@ -66,41 +66,43 @@ def _check_gpu(config: RunConfig) -> None:
         for name in ("gpu", "precision", "gpu_memory_mib"):
             value, default = getattr(training, name), getattr(TrainingConfig, name)
             expected = f"{json.dumps(to_json(default))} with training.device=cpu"
-            _require(value == default, f"training.{name}", expected, value)
+            _check_that(value == default, f"training.{name}", expected, value)
         return
     why = "with training.device=cuda, whose driver does not work in a sandbox"
-    _require(walls is Confinement.none, "sandbox.require", f"none {why}", walls)
+    _check_that(walls is Confinement.none, "sandbox.require", f"none {why}", walls)
     why = "with training.device=cuda, where equal bits are promised on one GPU only"
-    _require(numerics is Numerics.fast, "numerics.kind", f"fast {why}", numerics)
+    _check_that(numerics is Numerics.fast, "numerics.kind", f"fast {why}", numerics)
     why = "with training.device=cuda, whose bits depend on it; `tacevo doctor` names it"
-    _require(training.gpu is not None, "training.gpu", f"the GPU's model, e.g. 'NVIDIA H200', {why}", training.gpu)
+    _check_that(training.gpu is not None, "training.gpu", f"the GPU's model, e.g. 'NVIDIA H200', {why}", training.gpu)
 
 
-def _require(holds: bool, key: str, expected: str, got: object) -> None:
+def _check_that(holds: bool, key: str, expected: str, got: object) -> None:
     if not holds:
         raise ConfigError(json.dumps(to_json(got)), place=key, expected=expected)
 
 
 def _check_task(task: TaskConfig) -> None:
     classes = task.kind is Kind.classification
-    _require(task.outputs >= 2 or not classes, "task.outputs", "at least 2 for classification", task.outputs)
+    _check_that(task.outputs >= 2 or not classes, "task.outputs", "at least 2 for classification", task.outputs)
     loss = Loss.cross_entropy if classes else Loss.mse
-    _require(task.loss is loss, "task.loss", f"{loss} for {task.kind}", task.loss)
+    _check_that(task.loss is loss, "task.loss", f"{loss} for {task.kind}", task.loss)
 
 
 def _check_data(data: DataConfig) -> None:
     simulated = data.source is DataSource.simulated
     most = 256 if simulated else 1024
-    _require(data.image_size <= most, "data.image_size", f"at most {most} for data={data.source}", data.image_size)
+    _check_that(data.image_size <= most, "data.image_size", f"at most {most} for data={data.source}", data.image_size)
     trained = 1 - Fraction(str(data.validation_part)) - Fraction(str(data.test_part))  # as they are written
     expected = "less than 1 together with data.validation_part, so that images are left for training"
-    _require(trained > 0, "data.test_part", expected, data.test_part)
+    _check_that(trained > 0, "data.test_part", expected, data.test_part)
     what = "file" if data.source is DataSource.numpy else "directory"
-    _require(simulated or bool(data.root), "data.root", f"the {what} of the data set for data={data.source}", data.root)
+    _check_that(
+        simulated or bool(data.root), "data.root", f"the {what} of the data set for data={data.source}", data.root
+    )
     columns = data.target_columns
     named = data.source is not DataSource.csv or _distinct(columns)
-    _require(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
-    _require(_distinct(data.spacings_mm), "data.spacings_mm", "different spacings, at least one", data.spacings_mm)
+    _check_that(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
+    _check_that(_distinct(data.spacings_mm), "data.spacings_mm", "different spacings, at least one", data.spacings_mm)
 
 
 def _distinct(values: tuple[object, ...]) -> bool:
@@ -110,11 +112,11 @@ def _distinct(values: tuple[object, ...]) -> bool:
 def _check_llm(llm: LLMConfig) -> None:
     sound = llm.base_url is None or _is_address(llm.base_url)
     shown = (llm.base_url or "").rpartition("@")[2]  # an error holds no login
-    _require(sound, "llm.base_url", "an address such as http://localhost:8000/v1, without ? and #, or null", shown)
+    _check_that(sound, "llm.base_url", "an address such as http://localhost:8000/v1, without ? and #, or null", shown)
     known = llm.delivery in deliveries(llm.provider)
-    _require(known, "llm.delivery", f"direct for llm={llm.provider}", llm.delivery)
+    _check_that(known, "llm.delivery", f"direct for llm={llm.provider}", llm.delivery)
     kept = llm.budget_usd is None or llm.mode is not Mode.live
-    _require(kept, "llm.budget_usd", "null with llm.mode=live, which pays for every answer again", llm.budget_usd)
+    _check_that(kept, "llm.budget_usd", "null with llm.mode=live, which pays for every answer again", llm.budget_usd)
 
 
 def _is_address(value: str) -> bool:
@@ -132,25 +134,25 @@ def _check_sampling(llm: LLMConfig) -> None:
     for key, providers in OPTIONAL_SAMPLING.items():
         value = getattr(llm, key)
         known = llm.provider in providers or not value
-        _require(known, f"llm.{key}", f"nothing for llm={llm.provider}, which does not have this setting", value)
+        _check_that(known, f"llm.{key}", f"nothing for llm={llm.provider}, which does not have this setting", value)
     thinking, most = llm.thinking_tokens, llm.max_tokens
     fits = thinking is None or thinking < most
-    _require(fits, "llm.thinking_tokens", f"a number below llm.max_tokens={most}", thinking)
+    _check_that(fits, "llm.thinking_tokens", f"a number below llm.max_tokens={most}", thinking)
 
 
 def _check_archive(archive: ArchiveConfig) -> None:
     known = archive.axes in (tuple(Axis), *((axis,) for axis in Axis))
-    _require(known, "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]", archive.axes)
+    _check_that(known, "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]", archive.axes)
     whole = archive.kind is not ArchiveKind.best or len(archive.axes) == len(Axis)
-    _require(whole, "archive.axes", "[arch_div,eff_ratio] with archive.kind=best, which has no axes", archive.axes)
+    _check_that(whole, "archive.axes", "[arch_div,eff_ratio] with archive.kind=best, which has no axes", archive.axes)
     for key in ("niches", "prompt_niches"):
         value = getattr(archive, key)
-        _require(value <= archive.samples, f"archive.{key}", f"at most archive.samples={archive.samples}", value)
+        _check_that(value <= archive.samples, f"archive.{key}", f"at most archive.samples={archive.samples}", value)
     logarithmic = archive.bounds is BoundsRule.fixed and archive.eff_ratio_scale is Scale.log
     for key, least in (("arch_div_bounds", -math.inf), ("eff_ratio_bounds", 0 if logarithmic else -math.inf)):
         pair = getattr(archive, key)
-        _require(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
-        _require(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)
+        _check_that(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
+        _check_that(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)
 
 
 def _check_reevaluations(config: RunConfig) -> None:
@@ -158,21 +160,21 @@ def _check_reevaluations(config: RunConfig) -> None:
         return
     slots, bound = config.search.candidates, config.search.training_flops
     why = "with archive.kind=extract"
-    _require(slots >= 2, "search.candidates", f"at least 2 {why}, one of which trains an elite again", slots)
+    _check_that(slots >= 2, "search.candidates", f"at least 2 {why}, one of which trains an elite again", slots)
     least = math.ceil(1e6 / slots) / 1e6  # rounded up: it must itself be accepted
     expected = f"at least {least:g}, one slot of search.candidates={slots}, {why}"
-    _require(config.archive.reevaluations(slots) >= 1, "archive.reevaluated", expected, config.archive.reevaluated)
-    _require(bound is None, "search.training_flops", f"null {why}, whose re-evaluations it lacks", bound)
+    _check_that(config.archive.reevaluations(slots) >= 1, "archive.reevaluated", expected, config.archive.reevaluated)
+    _check_that(bound is None, "search.training_flops", f"null {why}, whose re-evaluations it lacks", bound)
 
 
 def _check_proposals(proposals: ProposalsConfig) -> None:
     p_m, parents = proposals.mutation_probability, proposals.parents
     crosses = parents not in {ParentPolicy.baseline, ParentPolicy.none} or p_m == 1
     why = f"with proposals.parents={parents}, where a crossover lacks a second parent"
-    _require(crosses, "proposals.mutation_probability", f"1 {why}", p_m)
+    _check_that(crosses, "proposals.mutation_probability", f"1 {why}", p_m)
     drawn = proposals.operator_for is OperatorScope.generation or 0 < p_m < 1
     scope = f"generation with proposals.mutation_probability={p_m:g}"
-    _require(drawn, "proposals.operator_for", scope, proposals.operator_for)
+    _check_that(drawn, "proposals.operator_for", scope, proposals.operator_for)
 
 
 def _check_parents(config: RunConfig) -> None:
@@ -180,7 +182,7 @@ def _check_parents(config: RunConfig) -> None:
     parents, provider, kind = config.proposals.parents, config.llm.provider, config.archive.kind
     draws = parents is not ParentPolicy.none or provider is Provider.grammar
     why = "which cannot draw a network at random: llm=grammar can"
-    _require(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
+    _check_that(draws, "proposals.parents", f"another one with llm={provider}, {why}", parents)
     counts = parents is not ParentPolicy.best_k or kind is not ArchiveKind.best
     why = "which has no niches to count elites in"
-    _require(counts, "proposals.parents", f"another one with archive.kind={kind}, {why}", parents)
+    _check_that(counts, "proposals.parents", f"another one with archive.kind={kind}, {why}", parents)

@@ -119,7 +119,8 @@ def compose_noise(overrides: Sequence[str]) -> NoiseConfig:
     config = _compose_command("noise", NoiseConfig, overrides)
     if (config.run is None) == (config.sweep is None):
         expected = "the directory of a finished run, as in run=runs/NAME, or that of a sweep, as in sweep=sweeps/NAME"
-        raise ConfigError("neither" if config.run is None else "both", place="run", expected=expected)
+        got = "neither run= nor sweep=" if config.run is None else f"both run={config.run} and sweep={config.sweep}"
+        raise ConfigError(got, place="run", expected=expected)
     return config
 
 

@@ -66,7 +66,9 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
             known = ", ".join(sorted(_OF_A_RUN - _OF_A_STUDY))
             raise ConfigError(override, place=key, expected=f"a setting of a study, or of its run: of {known}")
     if not {"task", "experiment"} & set(keys.values()):
-        raise ConfigError("none", place="task", expected="the task of the networks", remedy="add it, as in task=force")
+        raise ConfigError(
+            "no task", place="task", expected="the task of the networks", remedy="add it, as in task=force"
+        )
     of_study = [override for override, key in keys.items() if _group(key) in _OF_A_STUDY]
     of_run = [override for override, key in keys.items() if _group(key) in _OF_A_RUN]
     study = compose_study(of_study, given=True)

@@ -5,7 +5,7 @@ from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
 
-#: Settings of the archive that decide nothing with a kind of it; that it is `cvt` was no setting at first.
+#: Archive settings without effect, by archive kind. Early releases had no `archive.kind`: their archive was `cvt`.
 _NO_EFFECT = {
     ArchiveKind.cvt: ("kind", "kept", "reevaluated"),
     ArchiveKind.best: ("reevaluated",),
@@ -58,8 +58,13 @@ def config_hash(config: RunConfig) -> str:
 
     Unlike a ledger's header it is known without the data, and holds what ends the run.
     """
-    decisive: dict[str, Json] = {"config": identity(config), **length(config)}
-    return content_hash({**decisive, "data": written(config.data), "task": to_json(config.task)})
+    return content_hash(decisive(config))
+
+
+def decisive(config: RunConfig) -> dict[str, Json]:
+    """Return what `config_hash` hashes."""
+    settings: dict[str, Json] = {"config": identity(config), **length(config)}
+    return {**settings, "data": written(config.data), "task": to_json(config.task)}
 
 
 def length(config: RunConfig) -> dict[str, Json]:

@@ -17,8 +17,8 @@ from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
-from tacevo.data.source import Catalogue, Picture, Source, refuse
-from tacevo.data.splitting import TENTHS, Split, random_split, refuse_unbalanced
+from tacevo.data.source import Catalogue, Picture, Source, check_no_faults
+from tacevo.data.splitting import TENTHS, Split, check_balance, random_split
 from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import DataError
@@ -70,7 +70,7 @@ def load(
         "normalisation": normalisation,
         "target_scaling": target_scaling,
     }
-    if held_out != TENTHS:  # which were no setting at first
+    if held_out != TENTHS:  # which was not a setting at first
         content["held_out"] = held_out
     directory = cache / content_hash(content)
     if not directory.is_dir():
@@ -111,7 +111,7 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple
         got = "release, and the source does not name a split"
         raise DataError(got, place="data.split", remedy="set data.split=random")
     if classes is not None:
-        refuse_unbalanced(parts, classes, catalogue.names)
+        check_balance(parts, classes, catalogue.names)
     return parts
 
 
@@ -125,7 +125,7 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
         return catalogue.labels.astype(np.int64), (), ()
     labels = catalogue.labels.astype(np.float64)
     excessive = np.flatnonzero((np.abs(labels) > LARGEST_LABEL).any(axis=1))
-    refuse(
+    check_no_faults(
         f"some labels are beyond {LARGEST_LABEL:g} in size",
         _named(catalogue, excessive),
         "correct them, or choose a larger unit",
@@ -135,7 +135,7 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
         targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
     infinite = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     problem = "some labels are too far from those of the training split for the 32-bit numbers of a training"
-    refuse(problem, _named(catalogue, infinite), "correct them")
+    check_no_faults(problem, _named(catalogue, infinite), "correct them")
     return targets, offset, scale
 
 
@@ -205,7 +205,7 @@ def make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progre
             faults.extend(f"{_place(catalogue, row)} ({fault})" for row, fault in found)
             if progress is not None and not faults:  # "all images made" must be true
                 progress(min(done * CHUNK, len(pictures)), len(pictures))
-    refuse("some images cannot be read", faults, "repair or remove them")
+    check_no_faults("some images cannot be read", faults, "repair or remove them")
     return path
 
 

@@ -69,7 +69,7 @@ class Source(Protocol):
         ...
 
 
-def refuse(problem: str, faults: Sequence[str], remedy: str) -> None:
+def check_no_faults(problem: str, faults: Sequence[str], remedy: str) -> None:
     """Raise one error about all faults of one kind; do nothing without faults.
 
     The problem is, say, `labels.csv names images that do not exist`; of the faults, the first few are shown.

@@ -119,8 +119,8 @@ def _split_at(order: npt.NDArray[np.int64], ends: tuple[int, int]) -> Split:
     return Split(train=train, validation=validation, test=test)
 
 
-def refuse_unbalanced(parts: Split, classes: npt.NDArray[np.int64], names: tuple[str, ...]) -> None:
-    """Refuse a split that leaves a part without images of a class: it could be neither learnt nor measured.
+def check_balance(parts: Split, classes: npt.NDArray[np.int64], names: tuple[str, ...]) -> None:
+    """Check that each part of a split has images of each class: without, it could be neither learnt nor measured.
 
     Raises:
         DataError: a class is absent from a part.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from tacevo.choices import Numerics
 from tacevo.gate.extraction import extract, first_look
 from tacevo.gate.operations import NOT_PORTABLE
-from tacevo.gate.policy.check import check
+from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Completion, Contract, Json, Limits, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT, Rules
@@ -82,7 +82,7 @@ class Gate:
         written for another version of Python. Under other rules than the current ones it is not checked, because the
         recorded probe was made only after the policy of that time had admitted the text.
         """
-        rejection = check(source, self.contract) if self.rules.static == CURRENT.static else None
+        rejection = rejection_of(source, self.contract) if self.rules.static == CURRENT.static else None
         return rejection or self.measure(source)
 
     def measure(self, source: str) -> Admitted | Rejection:
@@ -101,7 +101,7 @@ class Gate:
 
     def _extract(self, completion: Completion) -> str | Rejection:
         source = extract(completion, self.contract)
-        return source if isinstance(source, Rejection) else check(source, self.contract) or source
+        return source if isinstance(source, Rejection) else rejection_of(source, self.contract) or source
 
     def _asked(self, source: str) -> dict[str, Json]:
         """Return the header of a probe's job."""

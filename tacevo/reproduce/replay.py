@@ -121,9 +121,10 @@ class _Verifier(Watcher):
         else:
             return
         self.files.append(f"{name}{ending}")
-        if self._directory.read_kept(name) != expected:
+        kept = self._directory.read_kept(name)
+        if kept != expected:
             raise DivergenceError(
-                "a file that is missing or was edited",
+                "no file" if kept is None else "another text: it was edited",
                 place=f"{self._directory.path}/candidates/{name}{ending}",
-                expected="what was judged",
+                expected="the text that was judged",
             )

@@ -18,7 +18,7 @@ from tacevo.rules import TRAININGS, Rules, check_known
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
-from tacevo.sandbox.confinement import require
+from tacevo.sandbox.confinement import check_confinement
 from tacevo.search.files import by_rules
 from tacevo.search.lines import TrainedLine, with_training
 from tacevo.storage.run_directory import RunRecord
@@ -110,7 +110,7 @@ def _retrain(
     `name` stands before a candidate's id; it is empty where there is one run only.
     """
     config = run.config
-    require(config.sandbox.require)
+    check_confinement(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device, config.training.gpu)
     doubts = doubts_of(run.record, config.numerics.kind, config.training.device, versions(), machine())
     for doubt in doubts:

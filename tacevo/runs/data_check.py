@@ -29,7 +29,7 @@ from tacevo.storage.run_directory import RunDirectory
 _NO_MODEL = "llm=grammar"
 
 
-def check(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
+def inspect_data(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
     """Load a data set as a search would, count it and write a contact sheet.
 
     Without `output`, the sheet is `contact-sheet-<fingerprint>.png` in the current directory.
@@ -52,7 +52,7 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
     """Draw the sample pictures of a data set; return the file.
 
     Raises:
-        TacevoError: as `check`.
+        TacevoError: as `inspect_data`.
     """
     path = _writable(output)
     _, catalogue, dataset = _loaded(overrides, console)

@@ -47,8 +47,8 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     return RecordingLLM(budgeted, store, price=prices.price_of, count=account.add)
 
 
-def require_temperature(overrides: Sequence[str], config: RunConfig) -> None:
-    """Reject a comparison of temperatures for a model that refuses them, as far as the recorded answers say.
+def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
+    """Check that the model takes a temperature, if temperatures are compared, as far as the recorded answers say.
 
     The overrides are what tells a search apart from those that it is compared with, among them its arm. An answer
     counts if it was given to the same model, token limit and settings.

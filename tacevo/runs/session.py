@@ -34,7 +34,7 @@ from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.storage.store import sweep_stores
+from tacevo.storage.store import remove_leftovers_in_stores
 from tacevo.tracking.process import Mirror
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
@@ -60,13 +60,13 @@ def search(config: RunConfig, view: Progress) -> Result:
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    llm = require_means(config)
+    llm = needed_llm(config)
     with start_zygote(config) as zygote:
         data = load_data(config, view)
         return record(config, load_task(config, data.facts), data, view, zygote=zygote, llm=llm)
 
 
-def require_means(config: RunConfig) -> LLM:
+def needed_llm(config: RunConfig) -> LLM:
     """Check, before anything is made, that this machine has what a search needs; return its model.
 
     Raises:
@@ -105,8 +105,8 @@ def record(
     directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger:
         _commit_header(ledger, header, directory)
-        directory.sweep()
-        sweep_stores(Path(config.store.root))
+        directory.remove_leftovers()
+        remove_leftovers_in_stores(Path(config.store.root))
         _begin(directory, config, task, facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         with _mirrored(config, directory, view):
@@ -124,7 +124,7 @@ def record(
                 llm=llm,
             ) as bench:
                 state = run_eras(plan, eras, bench.tools, ledger, observer)
-            _refuse_longer(ledger, directory)
+            _check_length(ledger, directory)
             found = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
@@ -135,7 +135,7 @@ def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
     """Open the ledger, which begins with the lines of the run that is continued, if one is.
 
     Raises:
-        RunError: another ledger stands there.
+        RunError: a ledger stands there that does not begin so.
     """
     if begun is not None:
         standing = read_ledger(directory)
@@ -143,9 +143,9 @@ def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
             write_durably(directory.ledger, sealed_text(begun.lines)[0])
         elif standing.hashes[: len(begun.hashes)] != begun.hashes:
             raise RunError(
-                "another run, or less of this one",
+                "a different or shorter ledger",
                 place=f"run.dir={directory.path}",
-                expected="the run that is continued",
+                expected="a ledger that begins with the lines of the continued run",
                 remedy="choose another run.dir",
             )
     return Ledger.open(directory.ledger, line_kind)
@@ -182,7 +182,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
 
 
 def _publishable(config: RunConfig) -> dict[str, Json]:
-    """Write the configuration without what an address may tell: a run directory is there to be shared."""
+    """Return the configuration without passwords and addresses, because run directories are shared."""
     base_url = None if config.llm.base_url is None else without_password(config.llm.base_url)
     executor = replace(config.executor, address=None)
     return to_plain(replace(config, llm=replace(config.llm, base_url=base_url), executor=executor))
@@ -193,7 +193,7 @@ def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> 
         ledger.commit(header)
     except DivergenceError as error:
         raise RunError(
-            f"another run, or one under other rules ({error})",
+            f"another run: in {error.place}, it has {error.expected}, and this one has {error.got}",
             place=f"run.dir={directory.path}",
             expected="no run, or this one",
             remedy="choose another run.dir, or remove that directory",
@@ -204,7 +204,7 @@ def _stage(ledger: Ledger) -> str:
     return "new" if ledger.recorded == 0 else f"resumed after {ledger.recorded} ledger lines"
 
 
-def _refuse_longer(ledger: Ledger, directory: RunDirectory) -> None:
+def _check_length(ledger: Ledger, directory: RunDirectory) -> None:
     if ledger.recorded > ledger.committed:
         raise RunError(
             f"a longer run of {ledger.recorded} ledger lines",

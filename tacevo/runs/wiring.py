@@ -24,7 +24,7 @@ from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.datasets import source_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Run, Sandbox, Zygote
-from tacevo.sandbox.confinement import in_force, require
+from tacevo.sandbox.confinement import check_confinement, in_force
 from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
 from tacevo.search.descriptors import scaled
 from tacevo.search.development import LLM, Tools
@@ -151,7 +151,7 @@ def check_means(config: RunConfig) -> None:
     """
     match config.executor.kind:
         case ExecutorKind.local:
-            require(config.sandbox.require)
+            check_confinement(config.sandbox.require)
             check_machine(config.numerics.kind, config.training.device, config.training.gpu)
         case ExecutorKind.ray:
             import_ray(config.executor.address)

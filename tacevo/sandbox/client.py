@@ -20,7 +20,7 @@ from tacevo.choices import Confinement
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.records import Json, Limits, Reason, to_json
 from tacevo.sandbox import boot
-from tacevo.sandbox.confinement import require
+from tacevo.sandbox.confinement import check_confinement
 from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
 from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe, one_line
@@ -135,7 +135,7 @@ class Sandbox:
         zygote: "Zygote | None" = None,
         equip: str | None = None,
     ) -> None:
-        require(Confinement.process)
+        check_confinement(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
         self._entries, self._environment, self._arrays = entries, environment, arrays
         self._strongest, self._equip = strongest, equip

@@ -41,7 +41,7 @@ _MISSING = {
 }
 
 
-def require(level: Confinement, offered: Confinement | None = None) -> None:
+def check_confinement(level: Confinement, offered: Confinement | None = None) -> None:
     """Check that a machine confines candidates as strongly as a run demands: one that offers a level, or this one.
 
     Raises:

@@ -144,7 +144,7 @@ class Splitter:
         sort = Sort(number)
         middle, end = _HEAD.size + header_length, _HEAD.size + header_length + payload_length
         if self._bounds is not None:
-            self._refuse_excess(self._bounds, header_length, end)
+            self._check_size(self._bounds, header_length, end)
         if len(self._buffer) < end:
             return None
         message = Message(sort, bytes(self._buffer[_HEAD.size : middle]), bytes(self._buffer[middle:end]))
@@ -153,7 +153,7 @@ class Splitter:
         self._messages += 1
         return message
 
-    def _refuse_excess(self, bounds: Bounds, header_length: int, length: int) -> None:
+    def _check_size(self, bounds: Bounds, header_length: int, length: int) -> None:
         """Compare the lengths of the first message in the buffer with the bounds; raises as `feed` does."""
         if self._bytes - len(self._buffer) + length > bounds.total_bytes:
             raise TooMuchError(f"expected at most {bounds.total_bytes} bytes in all; got a message of {length} bytes")

@@ -256,7 +256,7 @@ def _judge(
     trainings: _Trainings,
     asked: _Asked | None,
 ) -> _Judged:
-    """Take an answer, or a source that nobody was asked for, through the gate and, where it passes, have it trained."""
+    """Take an answer, or a given source, through the gate and, where it passes, have it trained."""
     began = time.perf_counter()
     try:
         gated = _gate(proposal, completion, tools)

@@ -20,6 +20,7 @@ from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine,
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed, read_lines
 from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.text import counted
 from tacevo.typed import FreeJson, parse
 
 T = TypeVar("T")
@@ -148,7 +149,10 @@ def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:
     record, ledger = directory.read_run(), read_ledger(directory)
     if record.digest != ledger.digest or not any(isinstance(line, GenerationLine) for line in ledger.lines):
         raise RunError(
-            "one that is not finished, or whose digest was edited",
+            "one that is not finished"
+            if record.digest in {None, ledger.digest}
+            else "one that is not finished, or was edited: "
+            f"run.json has the digest {record.digest:.12}, and the ledger ends with {ledger.digest:.12}",
             place=str(directory.path),
             expected="a finished run",
             remedy="the command that began it continues it",
@@ -270,27 +274,27 @@ def read_archives(directory: RunDirectory, last: GenerationLine) -> tuple[Networ
     _check(directory, NETWORKS, elites, len(networks.elites), last.archive)
     _check(directory, PROMPTS, trials, len(prompts.trials), last.prompt_archive)
     if networks.bounds != last.bounds:
-        raise _edited(directory, NETWORKS)
+        raise _misfit(directory, NETWORKS, "other bounds: it was edited")
     return networks, prompts
 
 
 def _read(directory: RunDirectory, name: str, kind: type[T]) -> T:
     path = directory.path / name
     if not path.exists():
-        raise _edited(directory, name)
+        raise _misfit(directory, name, "no file")
     return parse(kind, path.read_bytes(), place=str(path), error=RunError, remedy=_REMEDY)
 
 
 def _check(directory: RunDirectory, name: str, occupants: dict[str, Json], count: int, recorded: str) -> None:
     """Compare the occupants of niches, and their number, with the hash that the ledger has of them."""
     if len(occupants) != count or content_hash(occupants) != recorded:
-        raise _edited(directory, name)
+        raise _misfit(directory, name, f"{counted(count, 'occupant')} of another hash: it was edited")
 
 
-def _edited(directory: RunDirectory, name: str) -> RunError:
+def _misfit(directory: RunDirectory, name: str, got: str) -> RunError:
     return RunError(
-        "a file that is missing or was edited",
+        got,
         place=str(directory.path / name),
-        expected="what the ledger ends with",
+        expected="the archive that the ledger ends with",
         remedy=_REMEDY,
     )

@@ -72,7 +72,8 @@ class ArrayStore:
         place = f"{KIND} {self._store.key(request)[:12]}"
         answer = self._store.read(request)
         if answer is None:
-            raise CacheMissError("none", place=place, expected=f"an array of shape {shape}, SHA-256 {digest[:12]}")
+            expected = f"an array of shape {shape}, SHA-256 {digest[:12]}"
+            raise CacheMissError("no entry in this store", place=place, expected=expected)
         return _content(request, answer, place)
 
 
@@ -108,11 +109,11 @@ def _content(request: Json, answer: Json, place: str) -> NDArray[Any]:
     expected = f"the {question.dtype} of shape {question.shape} whose digest stands in the request"
     try:
         data = base64.b64decode(content.base64, validate=True)
-        if hashlib.sha256(data).hexdigest() != question.sha256:
-            raise ValueError("other bytes")
+        if (came := hashlib.sha256(data).hexdigest()) != question.sha256:
+            raise ValueError(f"bytes of the digest {came[:12]}, not {question.sha256[:12]}")
         array = np.frombuffer(data, question.dtype).reshape(question.shape)
     except ValueError as error:
         raise StoreError(str(error), place=place, expected=expected) from error
-    if not np.isfinite(array).all():
-        raise StoreError("NaN or infinity", place=place, expected="finite numbers")
+    if (broken := int((~np.isfinite(array)).sum())) > 0:
+        raise StoreError(f"{broken} of {array.size} that are NaN or infinite", place=place, expected="finite numbers")
     return array

@@ -110,7 +110,8 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
             raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(KINDS)}")
         key = entry.key
         if key in keys or number > count:
-            raise StoreError("one more, or one that came before", place=place, expected=expected)
+            got = f"the key {key[:12]} a second time" if key in keys else f"entry {number} of {count}"
+            raise StoreError(got, place=place, expected=expected)
         keys.add(key)
         yield entry
     if number != count:
@@ -128,9 +129,11 @@ def _lines(source: Path, budget: Budget) -> Iterator[bytes]:
             rest.clear()
         rest += tail
         if len(rest) > LONGEST_LINE:
-            raise StoreError("a longer one", place=str(source), expected=f"lines of at most {LONGEST_LINE} bytes")
+            got = f"one of at least {len(rest)}"
+            raise StoreError(got, place=str(source), expected=f"lines of at most {LONGEST_LINE} bytes")
     if rest:
-        raise StoreError("half a line", place=str(source), expected="a line feed at the end", remedy="fetch it again")
+        got = repr(bytes(rest[-20:]))
+        raise StoreError(got, place=str(source), expected="a line feed at the end", remedy="fetch it again")
 
 
 def _chunks(source: Path) -> Iterator[bytes]:
@@ -148,4 +151,5 @@ def _chunks(source: Path) -> Iterator[bytes]:
         expected = "store entries as `tacevo cache export` and `tacevo publish` write them"
         raise StoreError(str(error), place=str(source), expected=expected, remedy="fetch it again") from error
     if unpacker.unused_data:
-        raise StoreError("more bytes", place=str(source), expected="nothing after its end", remedy="fetch it again")
+        got = f"{len(unpacker.unused_data)} bytes"
+        raise StoreError(got, place=str(source), expected="nothing after its end", remedy="fetch it again")

@@ -118,7 +118,7 @@ def write_durably(path: Path, content: str | bytes) -> None:
         ) from error
 
 
-def sweep(folder: Path) -> None:
+def remove_leftovers(folder: Path) -> None:
     """Remove the unfinished files of dead writers, anywhere in a directory; those of living ones stay.
 
     What cannot be removed stays, too: it is another user's, the disk is read-only, or the file system has no `flock`.
@@ -138,7 +138,7 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
         with part.open("xb") as file:
             try:
                 _lock(file)
-                if os.fstat(file.fileno()).st_nlink:  # else it was swept up before it was locked
+                if os.fstat(file.fileno()).st_nlink:  # else it was removed as a leftover before it was locked
                     yield file
                     return
             finally:
@@ -147,7 +147,7 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
 
 
 def _lock(file: BinaryIO) -> None:
-    """Lock a new file; where the file system cannot, it needs no lock, since `sweep` fails there too."""
+    """Lock a new file; where the file system cannot, it needs no lock, since `remove_leftovers` fails there too."""
     try:
         flock(file.fileno(), fcntl.LOCK_EX)
     except OSError as error:

@@ -151,9 +151,9 @@ def read_lines(
         line, previous, own = read_line(text, kind_of, place)
         if previous != hashes[-1] or own != seal(written(line), previous)[1]:
             raise RunError(
-                "another one: it, or the line before it, was edited",
+                "another hash: this line or the one before it was edited",
                 place=place,
-                expected="the line of its hash",
+                expected="a line that matches its hash",
                 remedy=_RESTORE,
             )
         lines.append(line)

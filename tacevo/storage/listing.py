@@ -10,7 +10,7 @@ from tacevo.costs import Spending, spending_on, total, usd
 from tacevo.errors import ConfigError, StoreError
 from tacevo.records import Completion, Json, Request
 from tacevo.storage.arrays import KIND, check_array
-from tacevo.storage.canonical import content_hash, readable, shown, value_at
+from tacevo.storage.canonical import content_hash, differences, readable, shown, value_at
 from tacevo.storage.files import write_durably
 from tacevo.storage.store import KINDS, Entry, Store, check_entry, read_entry
 from tacevo.text import counted, table
@@ -113,7 +113,7 @@ def explain(root: Path, what: str) -> str:
 
 def _check_folder(root: Path) -> None:
     if not root.is_dir():
-        raise StoreError("no such directory", place=str(root), expected="the directory of stores", remedy=_NAME_IT)
+        raise StoreError("a path that is not one", place=str(root), expected="the directory of stores", remedy=_NAME_IT)
 
 
 def _inspect(root: Path, kind: str, path: Path) -> Found:
@@ -124,7 +124,8 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
         size = len(data)
         entry = check_entry(path, data, kind, path.stem)
         if path != root / entry.place:
-            raise StoreError("another place", place=str(path), expected=entry.place, remedy="move it, or delete it")
+            got = str(path.relative_to(root))
+            raise StoreError(got, place=str(path), expected=entry.place, remedy="move it, or delete it")
         model, completion = _completion(path, entry)
         return Found(kind=kind, path=path, bytes=size, entry=entry, model=model, completion=completion)
     except StoreError as error:
@@ -244,15 +245,16 @@ def _is_new(source: Path, root: Path, entry: Entry) -> bool:
     _completion(source / entry.place, entry)
     target = root / entry.place
     if not target.resolve().is_relative_to(root.resolve()) or target.is_symlink():
-        raise StoreError("a link that leads out of it", place=str(target), expected=f"a file or a new place in {root}")
+        got = f"a link to {target.resolve()}"
+        raise StoreError(got, place=str(target), expected=f"a file or a new place in {root}")
     if not target.exists():
         return True
     standing = check_entry(target, target.read_bytes(), entry.kind, entry.key)
     if content_hash(standing.answer) != content_hash(entry.answer):
         raise StoreError(
-            "another answer",
+            f"an answer that differs in {shown(differences(entry.answer, standing.answer)[0])}",
             place=str(target),
-            expected=f"the answer that {source} holds, or none",
+            expected=f"no entry, or the answer that {source} holds",
             remedy="import into a store of its own (--store, or store.root of `tacevo continue`)",
         )
     return False

@@ -27,7 +27,7 @@ from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json, written
 from tacevo.rules import FIRST_PAGES
 from tacevo.storage.canonical import canonical, readable
-from tacevo.storage.files import flock, locked, sweep, write_durably
+from tacevo.storage.files import flock, locked, remove_leftovers, write_durably
 from tacevo.typed import FreeJson, parse
 
 #: A candidate's file holds its source, or the answer that was rejected.
@@ -111,9 +111,9 @@ class RunDirectory:
         except OSError:  # nobody ever held it, or the file system has no locks
             return False
 
-    def sweep(self) -> None:
+    def remove_leftovers(self) -> None:
         """Remove what killed writers left here."""
-        sweep(self.path)
+        remove_leftovers(self.path)
 
     def write_json(self, name: str, value: Json) -> None:
         """Write one of the JSON files whole."""
@@ -173,9 +173,9 @@ class RunDirectory:
         source = self.read_kept(name)
         if source is None or hashlib.sha256(source.encode()).hexdigest() != sha256:
             raise RunError(
-                "a file that is missing or was edited",
+                "no file" if source is None else "another source: the file was edited",
                 place=f"{self.path}/candidates/{name}.py",
-                expected="the source of the ledger",
+                expected=f"the source whose hash the ledger has, {sha256[:12]}",
                 remedy="restore it",
             )
         return source

@@ -18,7 +18,7 @@ from typing import Literal
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode, Record
 from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
-from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.typed import FreeJson, UncheckedJson, parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
@@ -209,10 +209,10 @@ class Store:
         )
 
 
-def sweep_stores(root: Path) -> None:
+def remove_leftovers_in_stores(root: Path) -> None:
     """Remove what killed writers left in the stores, and in the records of batches, below `root`."""
     for kind in (*KINDS, "batches"):
-        sweep(root / kind)
+        remove_leftovers(root / kind)
 
 
 def _sha256(text: str) -> str:
@@ -241,4 +241,13 @@ def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
         if (kind, key, read.key, read.checksum) == (read.kind, read.key, sealed["key"], sealed["checksum"]):
             return entry
     expected = "an entry that fits its name and its checksum"
-    raise StoreError("another: it was edited, renamed or damaged", place=str(path), expected=expected, remedy=_RESTORE)
+    raise StoreError(_misfit(read, kind, key), place=str(path), expected=expected, remedy=_RESTORE)
+
+
+def _misfit(read: _Sealed, kind: str, key: str) -> str:
+    """Say what does not fit in a damaged entry."""
+    if read.kind != kind:
+        return f"kind {read.kind!r} in the directory of kind {kind!r}"
+    if read.key != key:
+        return f"an entry with the key {read.key!r}: it was renamed or edited"
+    return f"content that does not fit its key {key[:12]} and its checksum: it was edited or damaged"

@@ -18,7 +18,7 @@ from tacevo.choices import ChosenBy, Primary, Varied
 from tacevo.errors import RunError
 from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
-from tacevo.storage.files import locked, sweep, write_durably
+from tacevo.storage.files import locked, remove_leftovers, write_durably
 from tacevo.storage.plan import Plan
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.typed import parse
@@ -124,7 +124,7 @@ class SweepDirectory:
 
     def write(self, overrides: Sequence[str], jobs: Sequence[Job], terms: SweepTerms = UNSTATED) -> None:
         """Write sweep.json whole."""
-        sweep(self.path)
+        remove_leftovers(self.path)
         write_durably(self.path / "sweep.json", sweep_text(overrides, jobs, terms))
 
     def read(self) -> tuple[tuple[str, ...], tuple[Job, ...]]:
@@ -150,7 +150,7 @@ class SweepDirectory:
         if not path.exists():
             is_run = (self.path / "run.json").exists()
             raise RunError(
-                "one without sweep.json" if self.path.exists() else "a path that does not exist",
+                "a directory without sweep.json" if self.path.exists() else "a path that does not exist",
                 place=str(self.path),
                 expected="the directory of a sweep",
                 remedy="this is a run, which the other commands take" if is_run else "`tacevo search -m` makes one",

@@ -17,7 +17,7 @@ from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import to_json, written
 from tacevo.storage.canonical import content_hash, readable
-from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
@@ -63,7 +63,7 @@ class StudyDirectory:
 
         These are the fields of a `StudyRecord` that do not decide the scores: scale, units, versions and machine.
         """
-        sweep(self.path)
+        remove_leftovers(self.path)
         with contextlib.suppress(RunError):
             if describes(self.read(), header):
                 return
@@ -134,9 +134,9 @@ class StudyDirectory:
         record, scores = self.read(), self.read_scores()
         if record.digest != scores.digest:
             raise RunError(
-                "another digest, or none",
-                place=f"{self.path}/study.json",
-                expected="the digest that scores.jsonl ends with",
+                "null" if record.digest is None else record.digest,
+                place=f"{self.path}/study.json, digest",
+                expected=f"{scores.digest}, with which scores.jsonl ends",
                 remedy=_CONTINUES,
             )
         return record, scores
@@ -179,7 +179,12 @@ def studies_of(run: Path) -> list[StudyDirectory]:
 
 def describes(study: StudyRecord, header: StudyHeader) -> bool:
     """Return whether a study.json says what a header says."""
-    return all(getattr(study, field.name) == getattr(header, field.name) for field in fields(Design))
+    return not misfits(study, header)
+
+
+def misfits(study: StudyRecord, header: StudyHeader) -> list[str]:
+    """List the fields in which a study.json and a header differ."""
+    return [field.name for field in fields(Design) if getattr(study, field.name) != getattr(header, field.name)]
 
 
 def is_stated(study: Design, retraining: Retraining) -> bool:

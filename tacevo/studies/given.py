@@ -19,7 +19,7 @@ from tacevo.records import Completion, Given, Mode, Rejection, Task
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
-from tacevo.runs.session import record, require_means
+from tacevo.runs.session import needed_llm, record
 from tacevo.runs.wiring import Workbench, start_zygote
 
 
@@ -34,7 +34,7 @@ def record_given(config: RunConfig, files: Sequence[NetworkFile], view: Progress
             one network.
         TacevoError: as `tacevo.runs.session.search`; what was computed so far is kept.
     """
-    llm = require_means(config)
+    llm = needed_llm(config)
     with start_zygote(config) as zygote:
         data = load_data(config, view)
         task = load_task(config, data.facts)

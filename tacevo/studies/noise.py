@@ -5,6 +5,7 @@ from tacevo.errors import RunError
 from tacevo.studies.directory import studies_of
 from tacevo.studies.lines import StudyRecord
 from tacevo.studies.networks import median_losses
+from tacevo.text import listed
 
 
 def noise_digest(run: RecordedRun) -> str:
@@ -17,7 +18,10 @@ def noise_digest(run: RecordedRun) -> str:
     if not found:
         path = run.directory.path
         raise RunError(
-            "none", place=str(path), expected="a finished noise run to choose by", remedy=f"run `tacevo noise {path}`"
+            "a run without a finished noise run",
+            place=str(path),
+            expected="one to choose the elites by",
+            remedy=f"run `tacevo noise {path}`",
         )
     return max(found)[-1]
 
@@ -45,7 +49,7 @@ def estimates_of(run: RecordedRun, digest: str) -> dict[str, float]:
             break
     else:
         raise RunError(
-            "none",
+            f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run.directory.path))}",
             place=f"{run.directory.path}/studies",
             expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
             remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",

@@ -63,9 +63,11 @@ def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> 
 
 def _finished(directory: SweepDirectory) -> list[Job]:
     """Return the finished jobs of a sweep, at least one."""
-    finished = [job for job in directory.read()[1] if finished_digest(directory.run(job)) is not None]
+    jobs = directory.read()[1]
+    finished = [job for job in jobs if finished_digest(directory.run(job)) is not None]
     if not finished:
-        raise RunError("none", place=str(directory.path), expected="a finished job", remedy="continue the sweep")
+        got, expected = f"{len(jobs)} of {len(jobs)} that are not finished", "at least one finished job"
+        raise RunError(got, place=str(directory.path), expected=expected, remedy="continue the sweep")
     return finished
 
 

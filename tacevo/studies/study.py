@@ -29,13 +29,13 @@ from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import Plan, read_plan
-from tacevo.storage.store import Seen, sweep_stores
-from tacevo.studies.directory import StudyDirectory, describes, find_study, studies_of
+from tacevo.storage.store import Seen, remove_leftovers_in_stores
+from tacevo.studies.directory import StudyDirectory, find_study, misfits, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
 from tacevo.studies.networks import given_networks, networks_of
 from tacevo.studies.noise import estimates_of, noise_digest, noise_runs
 from tacevo.studies.terms import Terms, fewest_seeds
-from tacevo.text import counted
+from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
 
@@ -150,7 +150,7 @@ def _carry_out(
     else:
         data = load_data(run, view, catalogue=catalogue)
         plan = _moved(plan, elsewhere, data.facts)
-    sweep_stores(Path(run.store.root))
+    remove_leftovers_in_stores(Path(run.store.root))
     directory = find_study(plan.run.directory.path, plan.header, searched=plan.run.searched)
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
@@ -207,9 +207,9 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
     if recorded.other_data and recorded.data.fingerprint != run.record.data.fingerprint:
         plan = replace(plan, header=replace(plan.header, data=recorded.data, other_data=recorded.other_data))
     place = f"{directory.path}/study.json"
-    if not describes(recorded, plan.header):
+    if differing := misfits(recorded, plan.header):
         raise DivergenceError(
-            "one that was edited, or that describes another run or other networks",
+            f"other values of {listed(differing)}: it was edited, or is the study of another run",
             place=place,
             expected="the study that follows from the run",
         )

@@ -10,12 +10,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from tacevo.config.compose import from_plain, to_plain
-from tacevo.config.identity import config_hash
+from tacevo.config.identity import config_hash, decisive
 from tacevo.config.recorded import read_run
 from tacevo.errors import DivergenceError
+from tacevo.records import Json
 from tacevo.runs.publishable import published_config
+from tacevo.storage.canonical import content_hash, differences, shown
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.terms import varied
+from tacevo.text import listed
+
+#: How many settings that differ a message names.
+_SHOWN = 6
 
 
 def check_jobs(directory: SweepDirectory) -> None:
@@ -30,10 +36,10 @@ def check_jobs(directory: SweepDirectory) -> None:
     settings = []
     for job in jobs:
         config, _, _ = read_run(directory.run(job))
-        for field, listed, recorded in (("seed", job.seed, config.seed), ("config", job.config, config_hash(config))):
-            if listed != recorded:
+        for field, stated, recorded in (("seed", job.seed, config.seed), ("config", job.config, config_hash(config))):
+            if stated != recorded:
                 raise DivergenceError(
-                    repr(listed),
+                    repr(stated),
                     place=f"{directory.path / 'sweep.json'}, job {job.name}, {field}",
                     expected=f"{recorded!r}, as in its run",
                 )
@@ -43,8 +49,8 @@ def check_jobs(directory: SweepDirectory) -> None:
                 place=f"{directory.path / 'sweep.json'}, terms.vary, job {job.name}",
                 expected=f"settings that are {job.seed} in its run, the seed of the job",
             )
-        shown = from_plain(published_config(to_plain(config)))  # paths by their last part, as in a bundle
-        settings.append(config_hash(replace(varied(shown, vary, 0), seed=0)))
+        published = from_plain(published_config(to_plain(config)))  # paths by their last part
+        settings.append(decisive(replace(varied(published, vary, 0), seed=0)))
     _check_different_jobs(jobs)
     _check_arms(jobs, settings)
 
@@ -55,20 +61,23 @@ def _check_different_jobs(jobs: Sequence[Job]) -> None:
     for job in jobs:
         other = by_hash.setdefault(job.config, job.name)
         if other != job.name:
-            raise DivergenceError("the same", place=f"jobs {other} and {job.name}", expected="different configurations")
+            got = f"the same one, of hash {job.config[:12]}"
+            raise DivergenceError(got, place=f"jobs {other} and {job.name}", expected="different configurations")
 
 
-def _check_arms(jobs: Sequence[Job], settings: Sequence[str]) -> None:
+def _check_arms(jobs: Sequence[Job], settings: Sequence[Json]) -> None:
     """Check that runs of one arm differ in their seeds only, and those of two arms in more."""
-    by_arm: dict[str, str] = {}
+    by_arm: dict[str, Json] = {}
     by_settings: dict[str, str] = {}
     for job, chosen in zip(jobs, settings, strict=True):
-        if by_arm.setdefault(job.arm, chosen) != chosen:
+        if fields := differences(by_arm.setdefault(job.arm, chosen), chosen):
             raise DivergenceError(
-                "one that differs in more",
+                f"other values of {listed(map(shown, fields), most=_SHOWN)}",
                 place=f"job {job.name}",
-                expected=f"a run of arm {job.arm!r} with another seed",
+                expected=f"the settings of arm {job.arm!r}, except for the seed",
             )
-        other = by_settings.setdefault(chosen, job.arm)
+        other = by_settings.setdefault(content_hash(chosen), job.arm)
         if other != job.arm:
-            raise DivergenceError("the same", place=f"arms {other!r} and {job.arm!r}", expected="different settings")
+            raise DivergenceError(
+                "the same, apart from the seed", place=f"arms {other!r} and {job.arm!r}", expected="different settings"
+            )

@@ -21,9 +21,9 @@ from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError, RunError
 from tacevo.redaction import check_address, secret_variables
 from tacevo.runs.progress import Progress
-from tacevo.runs.providers import require_temperature
+from tacevo.runs.providers import check_temperature
 from tacevo.runs.publishable import published_overrides
-from tacevo.runs.session import require_means
+from tacevo.runs.session import needed_llm
 from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
@@ -85,8 +85,8 @@ def sweep(
     terms = settled(directory, asked, first.task)
     planned = plan(shared, own, terms.vary)
     for entry in planned:
-        require_temperature(entry.job.overrides, entry.config)
-        require_means(entry.config)
+        check_temperature(entry.job.overrides, entry.config)
+        needed_llm(entry.config)
     if len(planned) < len(own):
         view.say(f"{len(own) - len(planned)} of {len(own)} jobs are the same searches as others, and run once")
     jobs = [entry.job for entry in planned]

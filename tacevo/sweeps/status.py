@@ -77,11 +77,11 @@ def check_is_run_of(job: Job, run: RunDirectory) -> None:
     Raises:
         RunError: it has another one; or as `RunDirectory.read_run`.
     """
-    if config_hash(from_plain(run.read_run().config)) != job.config:
+    if (came := config_hash(from_plain(run.read_run().config))) != job.config:
         raise RunError(
-            "another configuration's run",
+            f"a run whose configuration has the hash {came[:12]}",
             place=str(run.path),
-            expected=f"a run of the job {job.name}",
+            expected=f"a run of the job {job.name}, whose configuration has the hash {job.config[:12]}",
             remedy="move that directory away, or choose another --into",
         )
 

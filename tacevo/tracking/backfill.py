@@ -85,7 +85,9 @@ def find_runs(path: Path) -> tuple[Path, ...]:
             found.append(Path(directory))
     if not found:
         raise RunError(
-            "a directory without run.json", place=str(path), expected="a run directory, or one that contains some"
+            "a directory without run.json, here and below" if path.exists() else "a path that does not exist",
+            place=str(path),
+            expected="a run directory, or one that contains some",
         )
     return tuple(found)
 

@@ -160,7 +160,10 @@ class TrainingStore(ABC, Generic[Data, Result]):
         """
         if self._examples is None:
             raise DataError(
-                "none", place=f"training {self.key(source, seed)[:12]}", expected="a recorded answer", remedy=_LOAD
+                "no entry in the store",
+                place=f"training {self.key(source, seed)[:12]}",
+                expected="a recorded answer",
+                remedy=_LOAD,
             )
         return self._train(self._examples, source, seed)
 

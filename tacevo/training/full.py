@@ -123,9 +123,11 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
     def _check(self, verdict: FullTraining, place: str) -> None:
         """Compute the metrics of a training from what it keeps, and compare."""
         if verdict.kept is None:
-            raise DivergenceError("none", place=place, expected="the test predictions that its rules keep")
-        if self._examples is not None and digest_of(self._examples[1].targets) != verdict.kept.labels:
-            raise DivergenceError("others", place=f"{place}, kept.labels", expected="the labels of the test images")
+            got = f"a training under rules {self._rules} that names none"
+            raise DivergenceError(got, place=place, expected="test predictions, which these rules keep")
+        if self._examples is not None and (ours := digest_of(self._examples[1].targets)) != verdict.kept.labels:
+            expected = f"{ours[:12]}, the digest of the labels of the test images"
+            raise DivergenceError(verdict.kept.labels[:12], place=f"{place}, kept.labels", expected=expected)
         try:
             predictions, labels = read_kept(self._arrays, verdict.kept, self._facts)
         except CacheMissError as error:
@@ -134,8 +136,8 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
             raise
         metrics, counts = score(self._facts.kind, predictions, labels, names=self._facts.names, scale=self._scale)
         if counts != verdict.confusion:
-            expected = "that of the test predictions"
-            raise DivergenceError("another", place=f"{place}, confusion", expected=expected)
+            expected = f"{counts}, by the test predictions"
+            raise DivergenceError(f"{verdict.confusion}", place=f"{place}, confusion", expected=expected)
         for name in sorted(metrics.keys() | verdict.metrics.keys()):
             if metrics.get(name) != verdict.metrics.get(name):
                 expected = f"{metrics.get(name)}, by the test predictions"
@@ -193,8 +195,9 @@ def read_kept(arrays: ArrayStore, kept: Kept, facts: DataFacts) -> tuple[NDArray
     if facts.kind is Kind.regression:
         return predictions, arrays.read(kept.labels, "<f4", (images, outputs))
     labels = arrays.read(kept.labels, "<i8", (images,))
-    if not ((labels >= 0) & (labels < outputs)).all():
-        raise StoreError("others", place=f"the test labels {kept.labels[:12]}", expected=f"classes below {outputs}")
+    if (wrong := labels[(labels < 0) | (labels >= outputs)]).size:
+        place, expected = f"the test labels {kept.labels[:12]}", f"class numbers 0 to {outputs - 1}"
+        raise StoreError(f"{wrong[0]}", place=place, expected=expected)
     return predictions, labels
 
 

@@ -105,7 +105,7 @@ def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "cut")
     scores = path / "scores.jsonl"
     scores.write_text("\n".join(scores.read_text().splitlines()[:-1]) + "\n")
-    with refused(RunError, place="cut/study.json", expected="the digest that scores.jsonl ends with"):
+    with refused(RunError, place="cut/study.json", expected="with which scores.jsonl ends"):
         load_study(path)
 
 

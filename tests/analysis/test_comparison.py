@@ -178,7 +178,7 @@ def test_few_seeds_are_named_or_refused() -> None:
 
 def test_baseline_alone_is_refused() -> None:
     """There is nothing to compare it with."""
-    with refused(RunError, place="the study of force", expected="a variant beside the baseline", got="none"):
+    with refused(RunError, place="the study of force", expected="at least one variant", got="the baseline alone"):
         compare(study_of({"baseline": [0.1, 0.2, 0.3, 0.4]}))
 
 

@@ -60,7 +60,7 @@ def test_predictions_that_are_missing_are_told(tmp_path: Path) -> None:
         load_predictions(FORCES, tmp_path)
     keep(FORCE_PREDICTIONS, tmp_path)
     first, *others = FORCES.scores
-    with refused(RunError, expected="the same test labels everywhere"):
+    with refused(RunError, expected="the same test labels in every training", got="none"):
         load_predictions(replace(FORCES, scores=(replace(first, kept=None), *others)), tmp_path)
     (table,) = image_tables(FORCES, None)
     assert table.rows[0] == ("baseline", "not found")

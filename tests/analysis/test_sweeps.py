@@ -27,7 +27,7 @@ def test_sweep_of_nothing_but_plans_is_refused(tmp_path: Path) -> None:
     (tmp_path / "begun").mkdir()
     RunDirectory(tmp_path / "begun").write_run(run_record())
     directory.fail(job("broken", seed=1), "no answer came")
-    with refused(RunError, expected="a finished job", got="none"):
+    with refused(RunError, expected="at least one finished job", got="that are not finished"):
         load_sweep(tmp_path)
 
 

@@ -86,7 +86,9 @@ def test_score_is_read_from_the_runs_own_study(run: Path) -> None:
 )
 def test_other_study_does_not_count(stated: Retraining, run: Path) -> None:
     """A study that happens to be there was not stated beforehand."""
-    with refused(RunError, place="run/studies", expected="a finished study as the sweep states it", got="none"):
+    with refused(
+        RunError, place="run/studies", expected="one finished study with the settings that the sweep states", got="none"
+    ):
         job_score(load_run(run), stated)
 
 
@@ -100,7 +102,7 @@ def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> N
     scores.write_text(whole)
     described = scores.parent / "study.json"
     described.write_text(json.dumps({**json.loads(described.read_text()), "digest": None}))
-    with refused(RunError, expected="a finished study", got="none"):
+    with refused(RunError, expected="one finished study", got="none"):
         job_score(load_run(run), STATED)
 
 

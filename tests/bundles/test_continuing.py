@@ -115,7 +115,7 @@ def test_folder_of_another_run_is_refused(
     shutil.copytree(swept / "sweep" / "none-seed1", place / "mine")
     before = content(place / "mine")
     assert main(["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]) == 2
-    assert "got another run" in capsys.readouterr().err
+    assert "got a different or shorter ledger" in capsys.readouterr().err
     assert content(place / "mine") == before
 
 

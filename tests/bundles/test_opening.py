@@ -33,7 +33,10 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     """Neither a directory of something else nor a name of nothing."""
-    for path, words in ((tmp_path, "expected the directory of a run"), (tmp_path / "missing", "does not exist")):
+    for path, words in (
+        (tmp_path, "expected the directory of a run"),
+        (tmp_path / "missing", "got a path that does not exist"),
+    ):
         with pytest.raises(RunError, match=words), opened(path):
             pass
 

@@ -230,7 +230,7 @@ def test_run_without_times_needs_a_day(run: Path, capsys: pytest.CaptureFixture[
     (run / "timings.jsonl").unlink()
     assert main(["publish", str(run), "-o", "x.zip"]) == 2
     told = capsys.readouterr().err
-    assert "run/timings.jsonl: expected lines with a time; got none; set the day with --date YYYY-MM-DD" in told
+    assert "run/timings.jsonl: expected lines with the time of each slot; got no line; set --date YYYY-MM-DD" in told
 
 
 def test_study_of_a_sweep_cannot_be_chosen(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -247,5 +247,8 @@ def test_run_that_its_stores_do_not_give_is_not_published(
     edited = tmp_path / "run" / "candidates" / "g00s00.py"
     edited.write_text(edited.read_text() + "# edited\n")
     assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 1
-    assert f"{tmp_path / 'run'}/candidates/g00s00.py: expected what was judged" in capsys.readouterr().err
+    assert (
+        f"{tmp_path / 'run'}/candidates/g00s00.py: expected the text that was judged; got another text: it was edited"
+        in capsys.readouterr().err
+    )
     assert not (tmp_path / "x.zip").exists()

@@ -168,7 +168,7 @@ def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None
     told = json.loads(whole[JOBS])
     fewer = {**told, "jobs": told["jobs"][:2]}
     refused({**whole, JOBS: jobs_text(fewer)}, "got directory 'fixed_temperature-seed0', which is not a job")
-    refused({**whole, JOBS: jobs_text({**told, "jobs": []})}, "each of another name; got none")
+    refused({**whole, JOBS: jobs_text({**told, "jobs": []})}, "each of another name; got no job")
     without = {name: data for name, data in whole.items() if not name.startswith("sweep/none-seed1/")}
     refused(without, "no directory of the job 'none-seed1'")
     refused(
@@ -204,7 +204,7 @@ def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) ->
 def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> None:
     """A difference in one of many runs is told with the job."""
     source = "sweep/none-seed1/candidates/g00s00.py"
-    refused({**whole, source: whole[source] + b"# mine\n"}, "candidates/g00s00.py: expected what was judged")
+    refused({**whole, source: whole[source] + b"# mine\n"}, "candidates/g00s00.py: expected the text that was judged")
     foreign = {**whole, "sweep/none-seed1/candidates/g99s99.py": b"class Mine: pass\n"}
     refused(foreign, "job none-seed1, ")
 

@@ -112,8 +112,8 @@ def test_edited_checksum_is_named(whole: Members, refused: Refused) -> None:
 def test_member_more_or_less_is_named(whole: Members, refused: Refused) -> None:
     """In the zip file or in the manifest."""
     less = {name: data for name, data in whole.items() if name != "run/summary.md"}
-    refused(less, "x.zip: expected a published run; got none of run/summary.md", seal=False)
-    refused(honest(less), "x.zip: expected a published run; got none of run/summary.md", seal=False)
+    refused(less, "x.zip: expected a published run or sweep; got a file without run/summary.md", seal=False)
+    refused(honest(less), "x.zip: expected a published run or sweep; got a file without run/summary.md", seal=False)
     table = next(name for name in whole if name.startswith("tables/"))
     gone = {name: data for name, data in whole.items() if name != table}
     refused(gone, f"'{table}' is missing", seal=False)
@@ -129,7 +129,7 @@ def test_edited_ledger_line_is_found(whole: Members, refused: Refused) -> None:
     """Alone, it breaks the chain; with the chain made anew, generation, slot, field and both values are named."""
     better = {**whole, "run/ledger.jsonl": whole["run/ledger.jsonl"].replace(b'"fitness":0.', b'"fitness":0.0', 1)}
     assert better != whole
-    refused(better, "x.zip/run/run/ledger.jsonl, line 2: expected the line of its hash")
+    refused(better, "x.zip/run/run/ledger.jsonl, line 2: expected a line that matches its hash")
 
     def improve(line: dict[str, Any]) -> None:
         line["fitness"] = 0.000001
@@ -164,7 +164,7 @@ def test_edited_answer_is_found(whole: Members, refused: Refused) -> None:
         ("run/timings.jsonl", rb'"output_tokens":\s*\d+', b'"output_tokens":12345', "timings.jsonl, g00s00: expected "),
         ("run/archive.json", rb'"coverage": [\d.]+', b'"coverage": 1.5', "archive.json, coverage: expected "),
         ("run/prompts.json", rb'"coverage": [\d.]+', b'"coverage": 1.5', "prompts.json, coverage: expected "),
-        ("run/candidates/g00s01.py", rb"\Z", b"# mine\n", "candidates/g00s01.py: expected what was judged"),
+        ("run/candidates/g00s01.py", rb"\Z", b"# mine\n", "candidates/g00s01.py: expected the text that was judged"),
         ("run/candidates/g99s99.py", rb"\Z", b"class Mine: pass\n", "expected only files of the ledger; got g99s99.py"),
         ("run/summary.md", rb"Best fitness 0", b"Best fitness -0", "summary.md: line "),
         ("tables/generations_force.tex", rb"\\toprule", rb"\\midrule", "table generations_force.tex: line "),
@@ -201,7 +201,7 @@ def test_exchanged_predictions_are_found(whole: Members, refused: Refused) -> No
     def exchange(answer: Any) -> None:
         answer["base64"] = "AAAA" + answer["base64"][4:]
 
-    refused(with_entries(whole, changed(entries_of(whole), "arrays", exchange)), "got other bytes")
+    refused(with_entries(whole, changed(entries_of(whole), "arrays", exchange)), "got bytes of the digest ")
     others = [entry for entry in entries_of(whole) if entry["kind"] != "arrays"]
     refused(with_entries(whole, others), "expected an array of shape")
 

@@ -150,7 +150,10 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["search", "archive.niches=0"], "archive.niches: expected"),
         (["search", "task=forse"], "one of force, grating, hardness"),
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
-        (["replay", "nowhere"], "nowhere: it does not exist"),
+        (
+            ["replay", "nowhere"],
+            "nowhere: expected the directory of a run, or a bundle; got a path that does not exist",
+        ),
         (["show", "nowhere"], "nowhere: expected the directory of a run"),
         (["check", "nowhere.py"], "nowhere.py: No such file or directory"),
         (["search", "--estimate", "-m", "seed=0,1"], "--estimate is for one search"),

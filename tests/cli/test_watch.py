@@ -85,7 +85,7 @@ def test_edited_ledger_is_refused(begun: Path) -> None:
     """A live page shows nothing that its search did not decide."""
     text = (begun / "ledger.jsonl").read_text()
     (begun / "ledger.jsonl").write_text(text.replace('"slot":0', '"slot":7', 1))
-    with refused(RunError, expected="the line of its hash"):
+    with refused(RunError, expected="a line that matches its hash"):
         load_begun(begun)
 
 
@@ -161,7 +161,7 @@ def test_sweep_shows_its_runs_before_its_arms_can_be_compared(swept: Path, tmp_p
     contents = LivePage(sweep).now().contents
     assert (len(contents.runs), contents.sweep) == (3, None)
     assert contents.state.startswith("0 of 3 runs finished, 0 at work. The arms are not compared yet: ")
-    assert "expected a finished job" in contents.state
+    assert "expected at least one finished job" in contents.state
 
 
 def test_watching_writes_nothing(server: Server, begun: Path) -> None:

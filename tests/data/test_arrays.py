@@ -200,7 +200,7 @@ def spoilt(path: Path, member: str, content: bytes) -> Arrays:
 @pytest.mark.parametrize(
     ("member", "content", "got"),
     [
-        ("images", b"pixels", "something else"),
+        ("images", b"pixels", "bytes"),
         ("images.npy", b"", ""),
         ("images.npy", b"\x93NUMPY\x01\x00", "a damaged array"),
         ("images.npy", b"\x93NUMPY\x01\x00\x0c\x00{'descr': (((", "a damaged array"),

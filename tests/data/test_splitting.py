@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
 
-from tacevo.data.splitting import Split, ordered_split, random_split, refuse_unbalanced
+from tacevo.data.splitting import Split, check_balance, ordered_split, random_split
 from tacevo.errors import DataError
 
 
@@ -177,7 +177,7 @@ def test_class_that_a_part_lacks_is_named(part: str) -> None:
     parts = {"train": [0, 1], "validation": [2, 3], "test": [4, 5]}
     rows = {name: np.array(numbers) for name, numbers in parts.items()}
     classes = np.array([0, 1, 0, 1, 0, 1])
-    refuse_unbalanced(Split(**rows), classes, ("wood", "felt"))
+    check_balance(Split(**rows), classes, ("wood", "felt"))
     classes[parts[part][1]] = 0
     with refused(DataError, place=f"the {part} split", got="no images of 1 of 2 classes (felt)"):
-        refuse_unbalanced(Split(**rows), classes, ("wood", "felt"))
+        check_balance(Split(**rows), classes, ("wood", "felt"))

@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.gate.policy import allowed
-from tacevo.gate.policy.check import DEEPEST, check
+from tacevo.gate.policy.check import DEEPEST, rejection_of
 from tacevo.records import Reason, Rejection, Stage
 
 CONTRACT = contract()
 
 
-def rejection_of(source: str) -> Rejection:
+def rejected(source: str) -> Rejection:
     """Check and insist on a rejection at this stage."""
-    rejection = check(source, CONTRACT)
+    rejection = rejection_of(source, CONTRACT)
     assert rejection is not None
     assert rejection.stage is Stage.policy
     return rejection
@@ -44,13 +44,13 @@ def rejection_of(source: str) -> Rejection:
 )
 def test_network_passes(preamble: str) -> None:
     """What networks are made of is allowed."""
-    assert check(f"{preamble}\n\n\n{VALID}", CONTRACT) is None
+    assert rejection_of(f"{preamble}\n\n\n{VALID}", CONTRACT) is None
 
 
 def test_usage_below_the_class_passes() -> None:
     """Models like to show how the class is called; the sandbox does not run that part."""
     usage = 'if __name__ == "__main__":\n    print(ImageRegressionCNN()(torch.randn(2, 3, 64, 64)).shape)\n'
-    assert check(f"{VALID}\n\n{usage}", CONTRACT) is None
+    assert rejection_of(f"{VALID}\n\n{usage}", CONTRACT) is None
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_usage_below_the_class_passes() -> None:
 )
 def test_import_off_the_list_is_refused(line: str) -> None:
     """Anything not listed is refused, also inside a function, and the message says what is listed."""
-    rejection = rejection_of(f"{line}\n\n\n{VALID}")
+    rejection = rejected(f"{line}\n\n\n{VALID}")
     assert rejection.reason is Reason.forbidden_import
     assert "may not be imported; allowed is what networks need from abc, collections" in rejection.detail
 
@@ -124,7 +124,7 @@ NAMES = """
 )
 def test_name_off_the_list_is_refused(expression: str) -> None:
     """Wherever a forbidden name is read, its line is named."""
-    rejection = rejection_of(candidate(f"{expression}\nreturn x"))
+    rejection = rejected(candidate(f"{expression}\nreturn x"))
     assert rejection.reason is Reason.forbidden_name
     assert rejection.detail.startswith("line 10: ")
 
@@ -146,7 +146,7 @@ def test_name_off_the_list_is_refused(expression: str) -> None:
 )
 def test_forbidden_name_is_found_in_every_construct(code: str) -> None:
     """Decorators, defaults, annotations, bases, comprehensions, patterns and statements are all searched."""
-    assert rejection_of(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_name
+    assert rejected(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_name
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,7 @@ def test_forbidden_name_is_found_in_every_construct(code: str) -> None:
 )
 def test_change_to_what_was_imported_is_refused(code: str) -> None:
     """Every form that stores or deletes is seen: assignment, loop, comprehension, with, unpacking, del."""
-    rejection = rejection_of(f"{code}\n\n\n{VALID}")
+    rejection = rejected(f"{code}\n\n\n{VALID}")
     assert rejection.reason in (Reason.forbidden_construct, Reason.forbidden_name)
     assert rejection.detail.startswith(("line 1: ", "line 2: "))
 
@@ -187,7 +187,7 @@ def test_change_to_what_was_imported_is_refused(code: str) -> None:
 )
 def test_module_keeps_its_name(code: str, message: str) -> None:
     """A name that meant two things would make the allow-list meaningless."""
-    rejection = rejection_of(f"{code}\n\n\n{VALID}")
+    rejection = rejected(f"{code}\n\n\n{VALID}")
     assert rejection.reason is Reason.forbidden_construct
     assert message in rejection.detail
 
@@ -205,7 +205,7 @@ def test_module_keeps_its_name(code: str, message: str) -> None:
 )
 def test_construct_that_runs_unseen_is_refused(code: str) -> None:
     """Methods and patterns that Python calls or reads by itself have no place in a network."""
-    assert rejection_of(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_construct
+    assert rejected(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_construct
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_construct_that_runs_unseen_is_refused(code: str) -> None:
 )
 def test_set_is_refused(expression: str) -> None:
     """The order of a set of classes follows memory addresses, so an equal source would build another network."""
-    rejection = rejection_of(candidate(f"{expression}\nreturn x"))
+    rejection = rejected(candidate(f"{expression}\nreturn x"))
     assert rejection.reason is Reason.forbidden_construct
     assert rejection.detail.startswith("line 10: ")
     assert "the order of sets differs between processes; use a list, a tuple or a dict" in rejection.detail
@@ -232,7 +232,7 @@ def test_set_is_refused(expression: str) -> None:
 @pytest.mark.parametrize("expression", ["id(x) % 2", "sorted([nn.ReLU, nn.GELU], key=id)"])
 def test_memory_address_is_refused(expression: str) -> None:
     """No two processes agree on it."""
-    rejection = rejection_of(candidate(f"{expression}\nreturn x"))
+    rejection = rejected(candidate(f"{expression}\nreturn x"))
     assert rejection.reason is Reason.forbidden_construct
     assert rejection.detail == "line 10: id may not be used: memory addresses differ between processes"
 
@@ -250,12 +250,12 @@ def test_memory_address_is_refused(expression: str) -> None:
 )
 def test_ordered_container_and_own_name_pass(code: str) -> None:
     """Dictionaries keep their order, the hash of a text is fixed, and a text may call its own things as it likes."""
-    assert check(f"{code}\n\n\n{VALID}", CONTRACT) is None
+    assert rejection_of(f"{code}\n\n\n{VALID}", CONTRACT) is None
 
 
 def test_identifier_must_be_ascii() -> None:
     """Python folds an italic letter to a plain one, so the text would not say what it does."""
-    rejection = rejection_of(candidate("\N{MATHEMATICAL ITALIC SMALL P}rint(x)\nreturn x"))
+    rejection = rejected(candidate("\N{MATHEMATICAL ITALIC SMALL P}rint(x)\nreturn x"))
     assert rejection.reason is Reason.forbidden_construct
     assert rejection.detail == "line 10: expected identifiers in ASCII; got '\N{MATHEMATICAL ITALIC SMALL P}rint'"
 
@@ -270,30 +270,30 @@ def test_no_allowed_name_is_another_module() -> None:
 
 def test_words_in_strings_and_comments_are_free() -> None:
     """Only code is judged."""
-    assert check(f'# torch.load, naïve\n"""import os; é"""\n{VALID}', CONTRACT) is None
+    assert rejection_of(f'# torch.load, naïve\n"""import os; é"""\n{VALID}', CONTRACT) is None
 
 
 @pytest.mark.parametrize("line", ["# -*- coding: utf-7 -*-", "\n# vim: set fileencoding=latin-1 :"])
 def test_other_encoding_is_refused(line: str) -> None:
     """Tools that read the file would see other code than the gate."""
-    assert rejection_of(f"{line}\n{VALID}").reason is Reason.forbidden_construct
+    assert rejected(f"{line}\n{VALID}").reason is Reason.forbidden_construct
 
 
 def test_deep_expression_is_too_complex() -> None:
     """A long sum is refused before anything walks it by recursion; a short one passes."""
-    assert check(candidate("return " + " + ".join(["x"] * (DEEPEST - 10))), CONTRACT) is None
+    assert rejection_of(candidate("return " + " + ".join(["x"] * (DEEPEST - 10))), CONTRACT) is None
     for terms in (DEEPEST, 2_500):
-        assert rejection_of(candidate("return " + " + ".join(["x"] * terms))).reason is Reason.too_complex
+        assert rejected(candidate("return " + " + ".join(["x"] * terms))).reason is Reason.too_complex
 
 
 def test_first_breach_is_named() -> None:
     """Of several, the reader hears of the one that comes first in the text."""
-    assert rejection_of(candidate("torch.save(x)\nopen(x)", "eval(x)")).detail.startswith("line 8: eval ")
+    assert rejected(candidate("torch.save(x)\nopen(x)", "eval(x)")).detail.startswith("line 8: eval ")
 
 
 def test_class_must_be_there() -> None:
     """A task's own baseline with a wrong name is refused without a sandbox."""
-    rejection = rejection_of(VALID.replace("ImageRegressionCNN", "Net"))
+    rejection = rejected(VALID.replace("ImageRegressionCNN", "Net"))
     assert rejection.reason is Reason.no_class
     assert "ImageRegressionCNN" in rejection.detail
 
@@ -312,7 +312,7 @@ MADE = "self.w = nn.Parameter(torch.ones(4, 4))"
 )
 def test_weight_is_known_however_it_was_made_and_is_called(init: str, forward: str) -> None:
     """With a type, by registration, under another name, and a part of it at fixed places."""
-    assert rejection_of(candidate(f"{forward}\nreturn x", init)).reason is Reason.changes_its_weights
+    assert rejected(candidate(f"{forward}\nreturn x", init)).reason is Reason.changes_its_weights
 
 
 @pytest.mark.parametrize(
@@ -325,7 +325,7 @@ def test_weight_is_known_however_it_was_made_and_is_called(init: str, forward: s
 )
 def test_name_of_a_module_is_bound_in_no_way(binding: str) -> None:
     """Also by an error that is caught, and by a pattern."""
-    rejection = rejection_of(f"{VALID}\nclass Block(nn.Module):\n    {binding}\n")
+    rejection = rejected(f"{VALID}\nclass Block(nn.Module):\n    {binding}\n")
     assert rejection.reason is Reason.redefines_module
 
 
@@ -335,17 +335,17 @@ def test_name_of_a_module_is_bound_in_no_way(binding: str) -> None:
 )
 def test_text_that_one_of_pythons_readers_refuses_is_no_network(ending: str, words: str) -> None:
     """Half a character, which the parser refuses, and an open line, which it takes and the tokenizer does not."""
-    rejection = rejection_of(VALID + ending)
+    rejection = rejected(VALID + ending)
     assert (rejection.reason, rejection.detail.startswith(words)) == (Reason.syntax, True)
 
 
 @given(st.sampled_from(["exec", "eval", "open", "globals"]), st.integers(0, 20))
 def test_wrapping_does_not_hide_a_name(name: str, depth: int) -> None:
     """However deep a forbidden name sits, it is found."""
-    assert rejection_of(candidate(f"return {'[' * depth}{name}{']' * depth}")).reason is Reason.forbidden_name
+    assert rejected(candidate(f"return {'[' * depth}{name}{']' * depth}")).reason is Reason.forbidden_name
 
 
 @given(st.lists(st.sampled_from([*VALID.split("\n"), "\x0c", "x = '\\", "é = 1", '"""', "\tpass", "\\"]), max_size=30))
 def test_any_lines_get_an_answer(lines: list[str]) -> None:
     """No shuffling of code makes the policy raise."""
-    check("\n".join(lines), CONTRACT)
+    rejection_of("\n".join(lines), CONTRACT)

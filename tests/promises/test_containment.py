@@ -20,7 +20,7 @@ from waiting import eventually
 from witness import living, watching_candidates
 
 from tacevo.choices import Numerics
-from tacevo.gate.policy.check import check
+from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Limits, Mode, Reason, Rejection, Request, Stage, Training, to_json
 from tacevo.sandbox.client import Sandbox
@@ -139,7 +139,7 @@ def test_patched_code_makes_nobody_better(trainer: Trainer, alone: Training, sou
 def test_patched_seeds_are_refused_by_the_policy(trainer: Trainer) -> None:
     """A known limit of the trainer, in which they are another draw; what stands against it is the check of the text."""
     assert isinstance(trainer.train(sources.SEEDS), Training)
-    refused = check(sources.SEEDS, CONTRACT)
+    refused = rejection_of(sources.SEEDS, CONTRACT)
     assert refused is not None
     assert refused.stage is Stage.policy
 
@@ -157,10 +157,10 @@ def test_more_steps_than_asked_for_pay_and_are_refused_by_the_policy(trainer: Tr
     assert steps_of(found) == 20 * batches * RECIPE.epochs
     assert found.fitness < alone.fitness
     assert trainer.train(sources.MORE_STEPS) == found  # as `replay --retrain` shows it to whoever reads the source
-    refused = check(sources.MORE_STEPS, CONTRACT)
+    refused = rejection_of(sources.MORE_STEPS, CONTRACT)
     assert refused is not None
     assert (refused.stage, refused.reason) == (Stage.policy, Reason.forbidden_import)
-    assert check(SOURCE, CONTRACT) is None
+    assert rejection_of(SOURCE, CONTRACT) is None
 
 
 def test_more_steps_than_the_time_limit_allows_give_no_fitness(trainer: Trainer) -> None:

@@ -15,7 +15,7 @@ from lying_sources import GOOD, LIES, RETURN, Lie
 
 from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy import allowed
-from tacevo.gate.policy.check import check
+from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.probe import run
 from tacevo.records import Reason, to_json
 from tacevo.sandbox.candidate import check_leaves
@@ -42,7 +42,7 @@ def probed(source: str) -> Any:
 def test_lie_that_stands_in_the_text_is_refused_by_the_policy(lie: Lie) -> None:
     """Each form of definition, assignment and change has its reason and its line; only text that hides it passes."""
     assert lie.policy or lie.probe, "whatever one of the two does not see, the other does"
-    rejection = check(lie.source, contract())
+    rejection = rejection_of(lie.source, contract())
     if lie.policy is None:
         assert rejection is None
     else:
@@ -62,14 +62,14 @@ def test_lie_past_the_policy_is_seen_by_the_probe(lie: Lie) -> None:
 @pytest.mark.parametrize("source", HONEST.values(), ids=HONEST.keys())
 def test_honest_candidate_is_admitted(source: str) -> None:
     """Initialisation, buffers, activations in place and reading the mode are what networks do."""
-    assert check(source, contract()) is None
+    assert rejection_of(source, contract()) is None
     assert "profile" in probed(source), probed(source)
 
 
 def test_grammar_is_honest() -> None:
     """Whatever the grammar provider can write passes the policy."""
     task = replace(contract(), class_name="Net")
-    assert [check(source, task) for source in sources_of_grammar()] == [None] * len([*sources_of_grammar()])
+    assert [rejection_of(source, task) for source in sources_of_grammar()] == [None] * len([*sources_of_grammar()])
 
 
 def test_list_of_names_is_that_of_torch() -> None:
@@ -88,7 +88,7 @@ def test_network_that_waits_is_not_seen() -> None:
         f"self.calls += 1\nif self.calls > 9:\n    getattr(self.conv.weight, 'da' + 'ta').neg_()\n{RETURN}",
         "self.calls = 0",
     )
-    assert check(patient, contract()) is None
+    assert rejection_of(patient, contract()) is None
     assert "profile" in probed(patient)
 
 
@@ -99,7 +99,7 @@ def test_change_of_a_class_of_torch_is_seen() -> None:
         "self.drop = nn.Dropout(0.3)\n"
         "setattr(type(self.drop), 'train' + 'ing', property(lambda self: True, lambda self, value: None))",
     )
-    assert check(source, contract()) is None
+    assert rejection_of(source, contract()) is None
     try:
         answer = probed(source)
     finally:
@@ -110,7 +110,7 @@ def test_change_of_a_class_of_torch_is_seen() -> None:
 def test_frozen_weights_outside_are_not_counted() -> None:
     """What does not learn is not a parameter, wherever it is kept; docs/security.md says so."""
     frozen = candidate(f"return {GOOD} @ self.mix", "self.mix = torch.randn(3, 3)")
-    assert check(frozen, contract()) is None
+    assert rejection_of(frozen, contract()) is None
     assert probed(frozen)["profile"]["parameters"] == probed(VALID)["profile"]["parameters"]
 
 

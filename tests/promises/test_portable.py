@@ -23,7 +23,7 @@ from torch import nn
 from tacevo.choices import Numerics
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy import allowed
-from tacevo.gate.policy.check import check
+from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.portability import watching_portability
 from tacevo.training.numerics import environment
 
@@ -204,4 +204,4 @@ def test_networks_are_twelve_that_the_policy_admits() -> None:
     found = list(candidates())
     assert len(found) == 3 + 12
     assert len(list(NETWORKS.iterdir())) == 12
-    assert [check(source, task) for _, source, task in found] == [None] * 15
+    assert [rejection_of(source, task) for _, source, task in found] == [None] * 15

@@ -131,7 +131,7 @@ def unreachable(path: Path) -> None:
     [
         (truncated, "expected JSON"),
         (unreachable, "expected a file that can be read; got No such file"),
-        (moved, "got another place; move it"),
+        (moved, ".json; move it"),
     ],
 )
 def test_damage_is_named_and_gives_status_1(
@@ -252,5 +252,5 @@ def test_file_without_a_request_is_refused(content: str, words: str, root: Path,
 def test_missing_store_is_one_line(arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A directory that is not there is the user's mistake, and is not made."""
     assert main(["cache", *arguments, "--store", str(tmp_path / "nowhere")]) == 2
-    assert "expected the directory of stores; got no such directory; name it by --store" in capsys.readouterr().err
+    assert "expected the directory of stores; got a path that is not one; name it by --store" in capsys.readouterr().err
     assert not (tmp_path / "nowhere").exists()

@@ -47,5 +47,5 @@ def test_edited_source_is_refused(folder: Path) -> None:
     """What was trained is what is looked at."""
     path = folder / "run" / "candidates" / "g00s00.py"
     path.write_text(path.read_text() + "# edited\n")
-    with refused(RunError, place="g00s00.py", got="missing or was edited"):
+    with refused(RunError, place="g00s00.py", got="another source: the file was edited"):
         recall_profiles(folder / "run", None)

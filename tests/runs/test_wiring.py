@@ -21,7 +21,7 @@ from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data
 from tacevo.runs.pace import noise
 from tacevo.runs.progress import Progress
-from tacevo.runs.providers import provider_settings, require_temperature
+from tacevo.runs.providers import check_temperature, provider_settings
 from tacevo.runs.wiring import Workbench
 from tacevo.storage.store import Store
 
@@ -129,7 +129,7 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     assert [measures["level"] for measures in told] == [Confinement.none]
 
 
-@pytest.mark.parametrize(("visible", "said"), [("", "none"), ("0", "equipped or confined")])
+@pytest.mark.parametrize(("visible", "said"), [("", "a machine without one"), ("0", "equipped or confined")])
 def test_gpu_that_fails_is_no_verdict(visible: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a GPU, or with a torch without CUDA, no candidate is rejected: the search stops, and stores nothing."""
     if gpus():
@@ -201,5 +201,5 @@ def test_refusal_of_a_temperature_is_of_one_choice_of_model(tmp_path: Path, othe
     Store(tmp_path, "completions").write(to_json(request), to_json(completion))
     arm = ["ablation=fixed_temperature"]
     with pytest.raises(ConfigError, match="refuses temperatures"):
-        require_temperature(arm, config)
-    require_temperature(arm, compose([*chosen, other]))
+        check_temperature(arm, config)
+    check_temperature(arm, compose([*chosen, other]))

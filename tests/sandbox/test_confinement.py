@@ -14,7 +14,7 @@ from refusals import refused
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError
 from tacevo.records import Limits
-from tacevo.sandbox.confinement import available, confine, in_force, report, require
+from tacevo.sandbox.confinement import available, check_confinement, confine, in_force, report
 from tacevo.sandbox.kernel import can_fix_addresses
 
 LEVELS = list(Confinement)
@@ -25,13 +25,13 @@ def test_level_that_is_not_offered_is_refused(weaker: Confinement, wanted: Confi
     """A run that demands more than the machine has does not start, and the error says why and what to do."""
     expected, remedy = f"a machine that offers the level {wanted}", f"set sandbox.require={weaker}"
     with refused(SandboxError, place="sandbox.require", expected=expected, got=weaker, remedy=remedy):
-        require(wanted, weaker)
+        check_confinement(wanted, weaker)
 
 
 def is_granted(wanted: Confinement, offered: Confinement) -> bool:
     """Return whether a run that demands a level starts on a machine that offers another."""
     try:
-        require(wanted, offered)
+        check_confinement(wanted, offered)
     except SandboxError:
         return False
     return True
@@ -46,7 +46,7 @@ def test_level_that_is_offered_is_granted(offered: Confinement) -> None:
 def test_what_this_machine_has_is_granted() -> None:
     """The level that is reported is the one that a run may demand."""
     assert report()["level"] == available()
-    require(available())
+    check_confinement(available())
 
 
 @pytest.mark.parametrize("wall", ["landlock", "seccomp"])

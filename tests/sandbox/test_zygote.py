@@ -65,7 +65,7 @@ EARLY = {"early": "killed_early:echo"}
 
 
 def test_job_that_was_killed_before_its_confinement_is_run_again() -> None:
-    """Before any of its code ran, a candidate's death is none of its doing."""
+    """Before any of its code ran, a candidate that dies is not to blame."""
     with Sandbox(entries=EARLY, environment={"OMP_NUM_THREADS": "1", "KILLED_EARLY": "1"}, arrays={}) as fresh:
         assert fresh.run("early", 1, b"", LIMITS) == Finished((Frame(1, b""),))
 

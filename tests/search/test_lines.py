@@ -48,7 +48,7 @@ def test_a_ledger_comes_back_as_records() -> None:
         ({"slot": "0"}, "line 1, slot", "an integer"),
         ({"fitness": 1e999}, "line 1, fitness", "finite number"),
         ({"mood": "good"}, "line 1, mood", "only keys of this version"),
-        ({"dropped": []}, "line 1", "the line of its hash"),
+        ({"dropped": []}, "line 1", "a line that matches its hash"),
     ],
 )
 def test_a_line_that_no_search_writes_is_rejected(

@@ -160,7 +160,9 @@ def test_arms_over_temperature_are_no_comparison() -> None:
     rule = {"temperature": {"rule": "fixed"}}
     fixed = finished("fixed_temperature", 0, idle, settings=rule)
     got = f"none-seed0 and fixed_temperature-seed0, and in none-seed0 {WORDS}"
-    with refused(IncomparableError, place="temperature", expected="had an effect", got=got, remedy="delete the dir"):
+    with refused(
+        IncomparableError, place="temperature", expected="equal temperatures", got=got, remedy="delete the dir"
+    ):
         check_sweep(sweep_of([*others, fixed]))
     sent = run_to(0.5, 0.4)
     check_sweep(sweep_of([finished("none", 0, sent), finished("fixed_temperature", 0, sent, settings=rule)]))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tacevo.errors import StoreError
-from tacevo.storage.files import sweep, write_durably
+from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.store import Store
 
 #: Writes answers of 100,000 equal digits under one key, again and again.
@@ -47,11 +47,11 @@ def test_sweep_takes_the_parts_of_the_dead_and_leaves_those_of_the_living(tmp_pa
         assert writer.stdout is not None
         assert writer.stdout.readline() == "writing\n"
         assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
-        sweep(tmp_path)
+        remove_leftovers(tmp_path)
         assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
         writer.kill()
     assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
-    sweep(tmp_path)
+    remove_leftovers(tmp_path)
     assert {path for path in tmp_path.rglob("*") if path.is_file()} == before | {foreign}
 
 
@@ -59,7 +59,7 @@ def test_writers_are_not_disturbed_by_sweeps(tmp_path: Path) -> None:
     """A sweep that never ends takes no file from a living writer."""
     writers = [subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path), digit]) for digit in "12"]
     while any(writer.poll() is None for writer in writers):
-        sweep(tmp_path)
+        remove_leftovers(tmp_path)
     assert [writer.returncode for writer in writers] == [0, 0]
     assert len(list(tmp_path.rglob("*.part"))) == 0
 
@@ -96,7 +96,7 @@ def without_locks(code: str, error: int, library: Path, folder: Path) -> str:
 
 WRITE = "import sys, pathlib, tacevo.storage.store as s; s.write_durably(pathlib.Path(sys.argv[1]) / 'file', 'new')"
 
-SWEEP = "import sys, pathlib, tacevo.storage.store as s; s.sweep(pathlib.Path(sys.argv[1]))"
+REMOVAL = "import sys, pathlib, tacevo.storage.store as s; s.remove_leftovers(pathlib.Path(sys.argv[1]))"
 
 
 @pytest.mark.parametrize("error", [errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK])
@@ -105,7 +105,7 @@ def test_file_system_without_locks_is_written_to_and_never_swept(error: int, loc
     part = tmp_path / ".file.0123456789abcdef.part"
     part.write_text("{")
     assert without_locks(WRITE, error, lockless, tmp_path) == ""
-    assert without_locks(SWEEP, error, lockless, tmp_path) == ""
+    assert without_locks(REMOVAL, error, lockless, tmp_path) == ""
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {part.name: "{", "file": "new"}
 
 

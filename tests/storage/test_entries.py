@@ -138,7 +138,7 @@ def test_header_must_fit(lines: list[Any], expected: str, file: Path) -> None:
 def test_half_a_line_is_refused(file: Path) -> None:
     """Also where it holds a whole entry: whoever wrote it was stopped."""
     file.write_bytes(lzma.compress("\n".join(map(json.dumps, [{"schema": 1, "entries": 1}, LINES[0]])).encode()))
-    with refused(StoreError, got="half a line", expected="a line feed at the end", remedy="fetch it again"):
+    with refused(StoreError, got="}", expected="a line feed at the end", remedy="fetch it again"):
         unpacked(file)
 
 

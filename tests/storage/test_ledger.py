@@ -262,7 +262,7 @@ def test_line_that_was_taken_out_is_noticed(path: Path) -> None:
     """The line after a gap no longer links to the one before it."""
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join([lines[0], *lines[2:]]))
-    with refused(RunError, place="line 2", expected="the line of its hash", got="edited"):
+    with refused(RunError, place="line 2", expected="a line that matches its hash", got="edited"):
         read_ledger(path)
 
 

@@ -143,8 +143,8 @@ def test_source_is_what_was_admitted(directory: RunDirectory) -> None:
     directory.keep_candidate("g00s01", source)
     assert directory.read_source("g00s01", digest) == source
     directory.keep_candidate("g00s01", source + "# better\n")
-    for name in ("g00s01", "g00s02"):
-        with refused(RunError, place=f"candidates/{name}.py", got="missing or was edited", remedy="restore it"):
+    for name, got in (("g00s01", "another source: the file was edited"), ("g00s02", "no file")):
+        with refused(RunError, place=f"candidates/{name}.py", got=got, remedy="restore it"):
             directory.read_source(name, digest)
 
 

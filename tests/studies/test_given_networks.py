@@ -128,7 +128,9 @@ def test_task_of_given_networks_is_named(here: Path, capsys: pytest.CaptureFixtu
     unnamed = [setting for setting in GIVEN if not setting.startswith("experiment=")]
     for settings in (unnamed, [*unnamed, "task.outputs=2"]):
         assert main(["study", *settings]) == 2
-        assert "task: expected the task of the networks; got none; add it, as in task=force" in capsys.readouterr().err
+        assert (
+            "task: expected the task of the networks; got no task; add it, as in task=force" in capsys.readouterr().err
+        )
 
 
 def test_settings_that_lead_to_the_runs_data_are_its_study(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

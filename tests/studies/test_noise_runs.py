@@ -280,7 +280,7 @@ def test_elites_can_be_chosen_by_their_re_estimates(folder: Path, capsys: pytest
     shutil.rmtree(noise_of(folder).path)
     capsys.readouterr()
     assert main(["replay", "run"]) != 0
-    assert "that the elites of a study were chosen by" in capsys.readouterr().err
+    assert "that the elites of a study were chosen by; got studies of the digests " in capsys.readouterr().err
 
 
 def test_loss_of_a_study_at_the_searchs_epoch_is_a_fitness(folder: Path) -> None:

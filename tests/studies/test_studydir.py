@@ -46,7 +46,7 @@ def test_scores_of_another_study_are_refused(tmp_path: Path) -> None:
         directory.begin(HEADER, **SURROUNDINGS)
         directory.finish(HEADER, rows)
     ours.scores.write_bytes(other.scores.read_bytes())
-    with refused(RunError, place="ours/study.json", expected="the digest that scores.jsonl ends with"):
+    with refused(RunError, place="ours/study.json", expected="with which scores.jsonl ends"):
         ours.read_finished()
 
 
@@ -87,7 +87,7 @@ def test_removed_and_swapped_rows_are_noticed(directory: StudyDirectory) -> None
     lines = directory.scores.read_text().splitlines()
     for changed in ([*lines[:2], *lines[3:]], [*lines[:3], lines[4], lines[3]]):
         directory.scores.write_text("\n".join(changed) + "\n")
-        with refused(RunError, expected="the line of its hash"):
+        with refused(RunError, expected="a line that matches its hash"):
             directory.read_scores()
     directory.scores.write_text("\n".join([*lines, lines[-1]]) + "\n")
     with refused(RunError, place="line 6"):

@@ -362,7 +362,7 @@ def test_unfinished_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[s
     with (folder / "run" / "candidates" / "g00s00.py").open("a") as file:
         file.write("# better\n")
     assert main(["study", *STUDY]) == 2
-    assert "g00s00.py: expected the source of the ledger" in capsys.readouterr().err
+    assert "g00s00.py: expected the source whose hash the ledger has" in capsys.readouterr().err
 
 
 def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -43,7 +43,7 @@ def forms(source: str) -> frozenset[str]:
 
 
 def _forms_of_call(call: ast.Call) -> Iterator[str]:
-    """Name what one call computes; nothing where it calls a part of the network, or what is none of torch's."""
+    """Name what one call computes; nothing where it calls a part of the network, or what does not belong to torch."""
     if not isinstance(call.func, ast.Attribute):
         return
     owner, name = ast.unparse(call.func.value), call.func.attr

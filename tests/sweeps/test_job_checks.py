@@ -80,7 +80,12 @@ def rename_arm(sweep: Path, *, arm: str, to: str) -> None:
 def test_arm_has_settings_of_its_own(sweep: Path) -> None:
     """Runs of two arms under one name, and one arm under two names, are found."""
     rename_arm(sweep, arm="fixed_temperature", to="none")
-    rejected(sweep, place="job fixed_temperature-seed0", got="differs in more")
+    rejected(
+        sweep,
+        place="job fixed_temperature-seed0",
+        expected="the settings of arm 'none', except for the seed",
+        got="other values of config.temperature.",
+    )
     edit(sweep, lambda told: told["jobs"][1].update(arm="mine"))
     edit(sweep, lambda told: told["jobs"].pop())
     rejected(sweep, place="arms 'none' and 'mine'", got="the same")

@@ -73,7 +73,7 @@ def test_run_of_another_configuration_is_not_the_job(tmp_path: Path, job: Job) -
     begin(directory, job, [*SHARED, "search.candidates=3"])
     status = status_of(directory, job)
     assert (status.standing, status.digest) == (Standing.failed, "")
-    assert "expected a run of the job none-seed0; got another configuration's run" in status.reason
+    assert "expected a run of the job none-seed0, whose configuration has the hash " in status.reason
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,7 @@ def test_damaged_run_is_named_and_the_others_are_written(
     out, errors = capsys.readouterr()
     assert "2 runs of" in out
     edited, lost, sweep = errors.splitlines()
-    assert "edited/ledger.jsonl, line 2: expected the line of its hash" in edited
+    assert "edited/ledger.jsonl, line 2: expected a line that matches its hash" in edited
     assert "lost: expected the directory of a run" in lost
     assert "sweep.json" in sweep
     assert {path[0] for path in everything(uri)} == {"a", "z"}

@@ -191,7 +191,7 @@ def test_metrics_that_the_predictions_do_not_give_are_found(forged: dict[str, fl
 def test_confusion_that_the_predictions_do_not_give_is_found(tmp_path: Path) -> None:
     """A regression has none."""
     forge(tmp_path, lambda full: {**full, "confusion": [[1, 0], [0, 1]]})
-    with refused(DivergenceError, place="confusion", expected="that of the test predictions"):
+    with refused(DivergenceError, place="confusion", expected=", by the test predictions", got="((1, 0), (0, 1))"):
         evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0)
 
 
@@ -207,7 +207,7 @@ def test_other_labels_are_found_where_the_data_are(tmp_path: Path) -> None:
     """A replay has no data set to compare with; the study itself does."""
     other = ArrayStore(Store(tmp_path, "arrays")).keep(HELD_OUT.targets + 1)
     forge(tmp_path, lambda full: {**full, "kept": {**full["kept"], "labels": other}})
-    with refused(DivergenceError, place="kept.labels"):
+    with refused(DivergenceError, place="kept.labels", got=other[:12]):
         evaluator(Recorder(ANSWER).run, tmp_path).evaluate(SOURCE, 0)
 
 
@@ -215,7 +215,7 @@ def test_training_without_its_predictions_is_refused(tmp_path: Path) -> None:
     """Not named under rules that keep them, or named and missing."""
     one, other = tmp_path / "one", tmp_path / "other"
     forge(one, lambda full: {**full, "kept": None})
-    with refused(DivergenceError, expected="the test predictions that its rules keep"):
+    with refused(DivergenceError, expected="test predictions, which these rules keep"):
         evaluator(Recorder(ANSWER).run, one, mode=Mode.replay).evaluate(SOURCE, 0)
     forge(other, lambda full: full)
     for path in (other / "arrays").glob("*/*"):
@@ -229,7 +229,7 @@ def test_labels_that_are_not_classes_are_refused(classes: list[int], tmp_path: P
     """An index beyond the last class, or before the first, which NumPy would count from the end."""
     arrays = ArrayStore(Store(tmp_path, "arrays"))
     kept = Kept(predictions=arrays.keep(np.zeros((3, 2), np.float32)), labels=arrays.keep(np.array(classes)))
-    with refused(StoreError, expected="classes below 2"):
+    with refused(StoreError, expected="class numbers 0 to 1"):
         read_kept(arrays, kept, replace(FACTS, kind=Kind.classification))
 
 

@@ -72,7 +72,9 @@ def test_job_without_a_device_needs_no_gpu() -> None:
     leases = Leases(note, [], 1)
     leases.run("probe", {"source": "x"}, b"", RECIPE.limits)
     assert sent == [{"source": "x"}]
-    with refused(SandboxError, expected="a GPU for a training", got="none", remedy="CUDA_VISIBLE_DEVICES"):
+    with refused(
+        SandboxError, expected="a GPU for a training", got="a machine without one", remedy="CUDA_VISIBLE_DEVICES"
+    ):
         leases.run("train", JOB, b"", RECIPE.limits)
 
 

@@ -107,7 +107,7 @@ def _vacant(out: Path) -> Path:
     """Find where a new directory is to stand, links and dots resolved; refuse what could not be replaced."""
     place = out.resolve()
     if place == Path.cwd():
-        raise DataError("the current directory", place="out", expected="a new directory, e.g. out=simulated")
+        raise DataError(f"{out}, the current directory", place="out", expected="a new directory, e.g. out=simulated")
     if place.exists() and not (place.is_dir() and not any(place.iterdir())):
         raise DataError(f"{out}, which is not empty", place="out", expected="a new directory, e.g. out=simulated")
     return place

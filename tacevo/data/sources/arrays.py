@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from tacevo.data.source import Catalogue, Picture, refuse
+from tacevo.data.source import Catalogue, Picture, check_no_faults
 from tacevo.data.sources.hints import check_file
 from tacevo.data.sources.images import DECODING, files_hash, square
 from tacevo.errors import DataError
@@ -117,16 +117,16 @@ def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any
     except Exception as error:  # as above
         raise DataError("a damaged array, or Python objects", place=f"{path}, {name}", remedy=_REMEDY) from error
     if not isinstance(array, np.ndarray):
-        raise DataError("something else", place=f"{path}, {name}", expected="an array", remedy=_REMEDY)
+        raise DataError(type(array).__name__, place=f"{path}, {name}", expected="an array", remedy=_REMEDY)
     return array
 
 
 def _check_keys(path: Path, archive: Mapping[str, Any]) -> None:
     """Refuse an archive that lacks an array, or has an unknown one: a misspelt `groups` would leak."""
     names = set(archive)
-    refuse(f"{path.name} lacks arrays", sorted(REQUIRED - names), f"it has {sorted(names)}")
+    check_no_faults(f"{path.name} lacks arrays", sorted(REQUIRED - names), f"it has {sorted(names)}")
     unknown = sorted(names - REQUIRED - OPTIONAL)
-    refuse(f"{path.name} has unknown arrays", unknown, f"remove them; known are {sorted(REQUIRED | OPTIONAL)}")
+    check_no_faults(f"{path.name} has unknown arrays", unknown, f"remove them; known are {sorted(REQUIRED | OPTIONAL)}")
 
 
 def _check_images(images: npt.NDArray[Any]) -> None:
@@ -164,9 +164,11 @@ def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> 
     outputs = len(present) if names is None else names.size
     faults = [f"row {row} is {labels[row]}" for row in np.flatnonzero((labels < 0) | (labels >= outputs))]
     what = "classes" if names is None else "names"
-    refuse("class numbers do not run from 0 without a gap", faults, f"there are {outputs} {what}; number them from 0")
+    check_no_faults(
+        "class numbers do not run from 0 without a gap", faults, f"there are {outputs} {what}; number them from 0"
+    )
     empty = [str(number) for number in sorted(set(range(outputs)) - set(present.tolist()))]
-    refuse("some classes have no images", empty, "add images or remove their names")
+    check_no_faults("some classes have no images", empty, "add images or remove their names")
     return outputs
 
 
@@ -178,7 +180,7 @@ def _count_values(labels: npt.NDArray[Any]) -> int:
     columns = labels.reshape(len(labels), -1)
     rows = np.flatnonzero(~np.isfinite(columns).all(axis=1))
     faults = [f"row {row} is {columns[row].tolist()}" for row in rows]
-    refuse("labels are not finite numbers", faults, "correct or remove these rows, counted from 0")
+    check_no_faults("labels are not finite numbers", faults, "correct or remove these rows, counted from 0")
     return columns.shape[1]
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.source import Catalogue, listed, refuse, repeats
+from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.hints import check_directory, content, directories, number_in
 from tacevo.data.sources.images import DECODING, SUFFIXES, file_catalogue, files_hash, image_files, other_files
 from tacevo.errors import DataError
@@ -70,10 +70,10 @@ def _classes(root: Path) -> dict[str, list[Path]]:
     if not names:
         raise DataError(str(root), place="data.root", expected=expected, remedy=content(root))
     alike = repeats((name, _key(name)) for name in _ordered(names))
-    refuse(f"classes in {root} are there twice", alike, "join or rename them: 0.5 is 0.50, and Wood is wood")
+    check_no_faults(f"classes in {root} are there twice", alike, "join or rename them: 0.5 is 0.50, and Wood is wood")
     classes = {name: _images(root / name) for name in _ordered(names)}
     empty = [name for name, paths in classes.items() if not paths]
-    refuse(
+    check_no_faults(
         f"some classes in {root} have no images",
         empty,
         f"add {listed(sorted(SUFFIXES))} files or remove these directories",
@@ -100,5 +100,7 @@ def _images(directory: Path) -> list[Path]:
     paths = image_files(directory, "**/*")
     names = [path.relative_to(directory).as_posix() for path in paths]
     twice = repeats((name, name.casefold()) for name in names)
-    refuse(f"images of class {directory.name} differ in the case of their names only", twice, "rename or remove them")
+    check_no_faults(
+        f"images of class {directory.name} differ in the case of their names only", twice, "rename or remove them"
+    )
     return paths

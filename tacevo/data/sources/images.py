@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from tacevo.data.source import Catalogue, Picture, refuse
+from tacevo.data.source import Catalogue, Picture, check_no_faults
 from tacevo.errors import DataError
 
 #: Changes when the same file would be decoded to other pixels.
@@ -176,10 +176,10 @@ def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
             sizes.append((name, _upright_size(path)))
         except DataError as error:
             unreadable.append(f"{name} ({error})")
-    refuse("some images cannot be read", unreadable, "repair or remove them")
+    check_no_faults("some images cannot be read", unreadable, "repair or remove them")
     (width, height), images = Counter(size for _, size in sizes).most_common(1)[0]
     others = [f"{name} {size[0]}x{size[1]}" for name, size in sizes if size != (width, height)]
-    refuse(
+    check_no_faults(
         f"images have several sizes; {images} have {width}x{height} pixels (width x height), others not",
         others,
         "crop or remove the others",

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tacevo.data.source import Catalogue, listed, refuse, repeats, shortened
+from tacevo.data.source import Catalogue, check_no_faults, listed, repeats, shortened
 from tacevo.data.sources.hints import number_in
 from tacevo.data.sources.images import file_catalogue, image_files
 from tacevo.errors import DataError
@@ -99,10 +99,10 @@ def read_rows(
         raise DataError("a header without rows", place=table.name, expected="a row for each image")
     present = [row for row in rows if row.is_there]
     if not (present and skip_missing):
-        _refuse_missing(table, rows, directories[0], skippable=bool(present))
+        _check_images_exist(table, rows, directories[0], skippable=bool(present))
     # An image listed twice could stand in two parts of the split.
     twice = repeats((row.place, str(row.path).casefold()) for row in present)
-    refuse(
+    check_no_faults(
         f"{table.name} lists images more than once",
         twice,
         "keep one line per image; names that differ in case alone are equal",
@@ -113,7 +113,7 @@ def read_rows(
         for column, text in zip(target_columns, row.texts, strict=True)
         if number_in(text) is None
     ]
-    refuse(
+    check_no_faults(
         f"{table.name} has labels that are not finite numbers",
         wrong,
         "correct them, written as 12, -0.5 or 1.5e-3, or remove these lines",
@@ -121,14 +121,14 @@ def read_rows(
     return present, len(rows) - len(present)
 
 
-def _refuse_missing(table: Path, rows: Sequence[Row], directory: Path, *, skippable: bool) -> None:
-    """Refuse rows whose image is missing, with the advice that fits."""
+def _check_images_exist(table: Path, rows: Sequence[Row], directory: Path, *, skippable: bool) -> None:
+    """Check that the image of each row exists; the remedy fits the names."""
     missing = [row for row in rows if not row.is_there]
     choice = ", or leave them out with data.skip_missing=true" if skippable else ""
     remedy = f"restore them or remove these lines{choice}"
     if all("\\" in row.name for row in missing):
         remedy = "write their paths with / instead of \\"
-    refuse(f"{table.name} names images that are not in {directory}", [row.place for row in missing], remedy)
+    check_no_faults(f"{table.name} names images that are not in {directory}", [row.place for row in missing], remedy)
 
 
 def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, directories: Sequence[Path]) -> Iterator[Row]:
@@ -144,7 +144,9 @@ def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, directorie
         name, *texts = (values[number] if number < len(values) else "" for number in numbers)
         path, directory, is_there = _find(name.strip(), directories)
         yield Row(line=line, name=name.strip(), path=path, directory=directory, is_there=is_there, texts=tuple(texts))
-    refuse(f"{table.name} has lines with more values than its {len(header)} columns", long, "quote or correct them")
+    check_no_faults(
+        f"{table.name} has lines with more values than its {len(header)} columns", long, "quote or correct them"
+    )
 
 
 def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]], remedy: str) -> list[int]:
@@ -153,7 +155,7 @@ def _columns(table: Path, header: Sequence[str], asked: Sequence[tuple[str, str]
     if not columns:
         raise DataError("nothing", place=table.name, expected="a first line that names the columns")
     twice = sorted({shortened(name) for name in columns if name and columns.count(name) > 1})
-    refuse(f"{table.name} has several columns of one name", twice, "rename all but one")
+    check_no_faults(f"{table.name} has several columns of one name", twice, "rename all but one")
     folded = [name.casefold() for name in columns]
     names = [name for name, _ in asked]
     exact = {name: columns.index(name) for name in names if name in columns}

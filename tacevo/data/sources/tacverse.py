@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import SensorTask
-from tacevo.data.source import Catalogue, listed, refuse, repeats
+from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.hints import check_directory, check_file, content
 from tacevo.data.sources.images import DECODING, SUFFIXES, file_catalogue, files_hash, image_files, other_files
 from tacevo.data.sources.rows import Row, read_rows, row_catalogue
@@ -153,7 +153,9 @@ class TacVerse:
         )
         numbered = [row for row in rows if _number(row) is not None]
         faults = [row.place for row in rows if _number(row) is None]
-        refuse(f"{table.name} names images without a number", faults, "end names with their number, as image_12.png")
+        check_no_faults(
+            f"{table.name} names images without a number", faults, "end names with their number, as image_12.png"
+        )
         return sorted(numbered, key=lambda row: (_number(row), row.name)), skipped
 
     def _frames(self) -> list[_Frame]:
@@ -169,13 +171,13 @@ class TacVerse:
             raise DataError(str(directory), place="data.pattern", expected=expected, remedy=content(directory))
         found = sorted(frame for path in paths if (frame := _frame(path)) is not None)
         named = {frame.path for frame in found}
-        refuse(
+        check_no_faults(
             f"{directory} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
             [path.name for path in paths if path not in named],
             "rename or remove them",
         )
         twice = repeats((frame.path.name, frame[:3]) for frame in found)
-        refuse(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
+        check_no_faults(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
         return found
 
 

@@ -40,7 +40,7 @@ _REFUSED: Mapping[type[ast.AST], str] = {
 }
 
 
-def check(source: str, contract: Contract) -> Rejection | None:
+def rejection_of(source: str, contract: Contract) -> Rejection | None:
     """Check source text, as `extract` returned it, against the policy.
 
     Return None where the text may go on to the probe, else a rejection at stage `policy` that names the line.

@@ -39,7 +39,7 @@ def parse(source: str) -> Network:
     if len(names) != 1:
         raise UnreadableError(f"one network class was expected beside the helpers; found {names or 'none'}")
     network = _network(classes, names[0], _summary(source, names[0]))
-    _verify(tree, plain_tree(render(network)))
+    _check_reading(tree, plain_tree(render(network)))
     return network
 
 
@@ -65,8 +65,8 @@ def _network(classes: Mapping[str, ast.ClassDef], name: str, docstring: str) -> 
         raise UnreadableError(str(error)) from error
 
 
-def _verify(given: ast.Module, read: ast.Module) -> None:
-    """Compare what was given with what was read, written again."""
+def _check_reading(given: ast.Module, read: ast.Module) -> None:
+    """Check that what was read, written again, is what was given."""
     if ast.dump(given) == ast.dump(read):
         return
     known = set(ast.unparse(read).splitlines())
