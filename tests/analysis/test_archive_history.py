@@ -1,9 +1,8 @@
 """Promise: the archive of every generation is rebuilt as the search had it, also where its bounds moved."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from checkout import BUNDLES
 from hand_runs import closed, rejected, run, trained
 
 from analysis.report.collection import collect
@@ -15,8 +14,6 @@ from tacevo.search.lines import GenerationLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.run_directory import RunDirectory
 
-PUBLISHED = Path(__file__).parents[1] / "golden" / "bundles"
-
 #: Two niches, left and right.
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 
@@ -24,7 +21,7 @@ HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 @pytest.mark.parametrize("name", [pytest.param("force-grammar.zip", marks=pytest.mark.slow), "grating-grammar.zip"])
 def test_archives_are_those_of_the_ledger(name: str) -> None:
     """Every generation of a published run has the elites whose hash its line has; its bounds moved many times."""
-    with opened(PUBLISHED / name) as place:
+    with opened(BUNDLES / name) as place:
         path = place.one_run("the test reads one run")
         found = collect(path, place.store)
         recorded = [line.archive for line in read_ledger(RunDirectory(path)).lines if isinstance(line, GenerationLine)]

@@ -1,8 +1,8 @@
 """Promise: the tables of a study say what its comparison found, how it was found, and what to beware of."""
 
 from dataclasses import replace
-from pathlib import Path
 
+from checkout import GOLDEN
 from studies import FOUR, around, in_text, study_of, study_of_outputs
 
 from analysis.studies.comparison import compare
@@ -20,7 +20,6 @@ from tacevo.choices import MarginKind
 from tacevo.config.study import Margin
 from tacevo.records import Kind
 
-GOLDEN = Path(__file__).parents[1] / "golden"
 STUDY = study_of(FOUR)
 
 

@@ -7,7 +7,6 @@ import io
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import matplotlib as mpl
 import pytest
@@ -80,17 +79,17 @@ def test_drawn_twice_it_has_the_same_bytes(name: str) -> None:
 def test_bytes_do_not_depend_on_the_process() -> None:
     """Neither the seed of Python's hashes nor the user's own Matplotlib settings nor the time enters a file."""
     code = (
-        "import hashlib, sys, matplotlib; sys.path.insert(0, 'tests/support'); "
+        "import hashlib, sys, matplotlib; "
         "matplotlib.rcParams['font.size'] = 5 * int(sys.argv[1]);"
         "from drawings import DRAWN; from analysis.figures.style import render;"
         "[print(hashlib.sha256(render(DRAWN[name][0](), ending)).hexdigest())"
         " for name in ('prompt_map', 'trainable', 'confusion_matrices') for ending in ('.pdf', '.svg', '.png')]"
     )
-    outputs = set()
+    outputs, path = set(), os.pathsep.join(sys.path)
     for seed in ("1", "2"):
-        command, variables = [sys.executable, "-c", code, seed], {**os.environ, "PYTHONHASHSEED": seed}
-        root = Path(__file__).parents[2]
-        done = subprocess.run(command, cwd=root, env=variables, capture_output=True, text=True, check=True)
+        command = [sys.executable, "-c", code, seed]
+        variables = {**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": seed}
+        done = subprocess.run(command, env=variables, capture_output=True, text=True, check=True)
         outputs.add(done.stdout)
     assert [len(output.split()) for output in outputs] == [9]
 

@@ -1,11 +1,11 @@
 """Promise: what counts as reachable is what the run's own temperature rule can lead to, and nothing else."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import hand_runs
 import numpy as np
 import pytest
+from checkout import BUNDLES
 
 from analysis.report.collection import collect
 from analysis.report.figure_list import run_pictures
@@ -19,8 +19,6 @@ from tacevo.search.files import read_finished
 from tacevo.search.lines import CandidateLine
 from tacevo.search.prompts import prompt_point
 from tacevo.storage.run_directory import RunDirectory
-
-PUBLISHED = Path(__file__).parents[1] / "golden" / "bundles"
 
 
 def run_of(generations: int, **temperature: Json) -> Run:
@@ -68,7 +66,7 @@ def test_caption_explains_shaded_niches_where_there_are_some(centroids: list[lis
 @pytest.mark.parametrize("name", ["force-grammar.zip", "grating-grammar.zip"])
 def test_trials_of_a_search_lie_within_reach(name: str) -> None:
     """Every one that a published run recorded does, without the noise of its request; half of the niches do not."""
-    with opened(PUBLISHED / name) as place:
+    with opened(BUNDLES / name) as place:
         path = place.one_run("the test reads one run")
         found = collect(path, place.store)
         _, ledger = read_finished(RunDirectory(path))

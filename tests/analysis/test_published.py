@@ -1,10 +1,10 @@
 """Promise: the paper's figures stand as printed, and exactly its rows that Holm's correction contradicts are marked."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import hand_runs
 import pytest
+from checkout import GOLDEN
 from studies import in_text
 
 from analysis.runs.run import Run
@@ -21,8 +21,6 @@ from analysis.statistics.published import (
 from analysis.table import Percent
 from analysis.tables.published import beside_published, published_tables
 from tacevo.config.compose import compose
-
-GOLDEN = Path(__file__).parents[1] / "golden"
 
 
 def table_of(*rows: tuple[str, str]) -> PrintedTest:

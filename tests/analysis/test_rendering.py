@@ -5,6 +5,7 @@ import io
 from pathlib import Path
 
 import pytest
+from checkout import GOLDEN
 
 from analysis.report.writing import write_tables
 from analysis.rounding import shown
@@ -13,7 +14,6 @@ from analysis.tables.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_m
 from tacevo.errors import StoreError
 
 MINUS = "\N{MINUS SIGN}"
-GOLDEN = Path(__file__).parents[1] / "golden"
 
 TABLE = Table(
     name="study_force",

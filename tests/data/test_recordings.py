@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import ROOT, SHARED
 
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
@@ -14,8 +15,8 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 
 #: One file of overrides for each recording; where it lies is said on the command line.
-SETTINGS = Path(__file__).parents[1] / "recordings"
-RECORDINGS = Path(__file__).parents[3] / "shared" / "data"
+SETTINGS = ROOT / "tests" / "recordings"
+RECORDINGS = SHARED / "data"
 
 needs_recordings = pytest.mark.skipif(
     not RECORDINGS.is_dir(), reason=f"the real recordings are not part of the project and not in {RECORDINGS}"

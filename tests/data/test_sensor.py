@@ -1,11 +1,11 @@
 """The simulated picture: it looks like a photograph of the real sensor, and shows what happens to the skin."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from checkout import SHARED
 from PIL import Image
 from scipy import ndimage
 
@@ -29,7 +29,7 @@ NO_CONTACT = Press(
 )
 
 PHOTOGRAPH = (
-    Path(__file__).parents[3] / "shared/data/vitactip_photos/vitactip_photo_default_state_1920_1080.jpg"
+    SHARED / "data" / "vitactip_photos" / "vitactip_photo_default_state_1920_1080.jpg"
 )  # of a real ViTacTip at rest
 
 Grey = npt.NDArray[np.float64]

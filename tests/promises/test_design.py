@@ -2,12 +2,10 @@
 
 import re
 import tomllib
-from pathlib import Path
 
 import grimp
 import pytest
-
-ROOT = Path(__file__).parents[2]
+from checkout import ROOT
 
 
 def drawn(start: str) -> list[str]:

@@ -1,13 +1,12 @@
 """Promise: docs/paper.md has a row for each decision of ours, and no text calls one of them the paper's."""
 
 import re
-from pathlib import Path
 
 import pytest
+from checkout import ROOT
 
 from tacevo.config.schema import keys
 
-ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 ROWS = {line.split("|")[1].strip(): line for line in PAGE.splitlines() if line.startswith("|")}
 

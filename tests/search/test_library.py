@@ -1,15 +1,14 @@
 """The three task libraries are complete, consistent and usable as they stand."""
 
 import re
-from pathlib import Path
 from string import Template
 
 import pytest
 import yaml
+from checkout import LIBRARY
 from grammar_strategies import build, train_a_step
 from torch import nn
 
-LIBRARY = Path(__file__).parents[2] / "conf" / "library"
 TASKS = ("force", "grating", "hardness")
 FILLED = {
     "class_name": "ImageRegressionCNN",

@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from checkout import PUBLISHED
 from full_disks import largest_file
 from ledger_lines import run_record
 from refusals import refused
@@ -21,8 +22,6 @@ from tacevo.environment import PACKAGES, gpus, machine, versions
 from tacevo.errors import RunError
 from tacevo.records import Reason, Rejection, Stage, to_json, written
 from tacevo.storage.run_directory import RunDirectory
-
-PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
 
 #: Locks a run directory, says so, and waits until it is killed.
 HOLDER = """

@@ -1,16 +1,15 @@
 """What the gate's tests share: contracts, completions, a small valid candidate and the real-text examples."""
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
+from checkout import SHARED
 
 from tacevo.gate.extraction import extract, first_look
 from tacevo.records import Completion, Contract, Kind, Loss, Rejection
 
 #: Real answers and attacks; beside the checkout, not part of it.
-SHARED = Path(__file__).parents[3] / "shared"
 
 #: A candidate that passes the gate at any image size.
 VALID = '''class ImageRegressionCNN(nn.Module):

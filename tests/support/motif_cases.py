@@ -1,9 +1,9 @@
 """What the tests of motifs share: networks of their own, which are therefore traced in this very process."""
 
 import functools
-from pathlib import Path
 
 import torch
+from checkout import LIBRARY
 from torch import nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
@@ -11,7 +11,6 @@ from analysis.motifs.structure import Anatomy, read_anatomy
 from tacevo.gate.trace import trace
 from tacevo.profile import Graph, Profile
 
-LIBRARY = Path(__file__).parents[2] / "conf" / "library"
 CLASSES = {"force": "ImageRegressionCNN", "grating": "SingleLabelClassCNN", "hardness": "ImageRegressionCNN"}
 
 #: Pixels of the images that networks are traced with; more positions than any layer here has channels.

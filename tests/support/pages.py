@@ -5,6 +5,7 @@ import enum
 from collections.abc import Mapping
 from pathlib import Path
 
+from checkout import BUNDLES
 from playwright.sync_api import Page
 
 from analysis.report.collection import collect, tables_of
@@ -21,7 +22,7 @@ HOSTILE = (
 )
 
 #: One of the first published runs (test_rules).
-SHIPPED = Path(__file__).parents[1] / "golden" / "bundles" / "force-grammar.zip"
+SHIPPED = BUNDLES / "force-grammar.zip"
 
 
 def page_of_shipped_run() -> PageContents:

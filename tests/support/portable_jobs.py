@@ -8,11 +8,11 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import fakes
 import numpy as np
+from checkout import LIBRARY, ROOT
 from gate_cases import contract
 from kept import forces, gratings
 from ledger_lines import header, run_record
@@ -47,8 +47,7 @@ from tacevo.training import trainer
 from tacevo.training.evaluation import judge
 from tacevo.typed import convert
 
-LIBRARY = Path(__file__).parents[2] / "conf" / "library"
-NETWORKS = Path(__file__).parents[1] / "portable"
+NETWORKS = ROOT / "tests" / "portable"
 
 RECIPE = Recipe(
     epochs=1, batch_size=8, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=60, memory_mib=1_000)
