@@ -5,9 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from hand_runs import closed, configured, run, trained
 
 from analysis.runs.run import Run
+from analysis.sweeps.ablation import Ablation, compare_arms, outcome
+from analysis.sweeps.common_archive import common_archive
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.costs import Spending
 from tacevo.search.lines import CandidateLine
@@ -15,6 +18,10 @@ from tacevo.storage.plan import Measure, Plan
 from tacevo.storage.sweep_directory import Job
 
 VERSIONS: Any = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
+
+#: The best losses of two arms, seed by seed.
+NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
+WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)
 
 
 def finished(arm: str, seed: int, one: Run, *, settings: Mapping[str, Any] | None = None) -> Finished:
@@ -47,6 +54,24 @@ def run_to(*bests: float, descriptors: Sequence[tuple[float, float]] = ()) -> Ru
 def sweep_of(jobs: Sequence[Finished]) -> Sweep:
     """Make a sweep whose jobs are all finished."""
     return Sweep(path=Path("sweep"), finished=tuple(jobs), missing=())
+
+
+def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
+    """Make an arm's jobs, one a seed, each of two trained candidates with a price; the baseline has 0.8."""
+    spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
+    return [
+        finished(
+            arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9))], {"g01s00": spent})
+        )
+        for seed, best in enumerate(bests)
+    ]
+
+
+def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
+    """Compare jobs in two niches, left and right."""
+    runs = [job.run for job in jobs]
+    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
+    return sweep_of(jobs), compare_arms([outcome(job, common) for job in jobs])
 
 
 #: What a sweep may follow.

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from hand_runs import trained
-from hand_sweeps import PLAN, finished, run_of, run_to, sweep_of
+from hand_sweeps import NONE, PLAN, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms, outcome
 from analysis.sweeps.common_archive import Extent, common_archive
@@ -16,31 +15,8 @@ from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Tab
 from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
 from analysis.tables.archives_of_arms import common_note, extents_note
 from tacevo.choices import ChosenBy, Primary
-from tacevo.costs import Spending
 from tacevo.storage.plan import Measure
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
-
-NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
-WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)
-
-
-def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
-    """Make an arm's jobs, one a seed, each of two trained candidates with a price; the baseline has 0.8."""
-    spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
-    return [
-        finished(
-            arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9))], {"g01s00": spent})
-        )
-        for seed, best in enumerate(bests)
-    ]
-
-
-def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
-    """Compare jobs in two niches, left and right."""
-    runs = [job.run for job in jobs]
-    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
-    return sweep_of(jobs), compare_arms([outcome(job, common) for job in jobs])
-
 
 ARCHIVE = common_note("none-seed0")
 SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of("worse", WORSE))

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hand_sweeps import NONE, WORSE, compared, jobs_of
 from matplotlib.axes import Axes
-from test_ablation_tables import NONE, WORSE, compared, jobs_of
 
 from analysis.figures.ablations import curves, final_values
 from analysis.figures.style import BLACK
