@@ -1,6 +1,6 @@
 """Traced graphs drawn by hand, for networks whose input is a 3 x 8 x 8 image; each network stands beside its graph.
 
-test_gate_trace.py checks that tracing the network gives the graph, test_descriptors.py computes from the graph.
+test_trace.py checks that tracing the network gives the graph, test_descriptors.py computes from the graph.
 """
 
 from tacevo.profile import Graph, Node
