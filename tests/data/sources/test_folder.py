@@ -74,7 +74,7 @@ def test_empty_classes_are_named(tmp_path: Path) -> None:
     """A class without images is a mistake, not a class."""
     source = save_folder(tmp_path, "a/1.png")
     (tmp_path / "b").mkdir()
-    with pytest.raises(DataError, match=r"have no images \(1 found\): b"):
+    with refused(DataError, got="have no images (1 found): b"):
         source.catalogue()
 
 
@@ -82,14 +82,15 @@ def test_empty_classes_are_named(tmp_path: Path) -> None:
 def test_classes_that_are_one_are_refused(tmp_path: Path, first: str, second: str) -> None:
     """Two directories for one number or one word would be two classes with equal content."""
     source = save_folder(tmp_path, f"{first}/a.png", f"{second}/b.png", "2/c.png")
-    with pytest.raises(DataError, match=rf"are there twice \(1 found\): ({first}|{second}); join"):
+    with refused(DataError, got="are there twice (1 found): ", remedy="join or rename them") as caught:
         source.describe()
+    assert caught.value.got.endswith((f": {first}", f": {second}"))
 
 
 def test_images_that_differ_in_case_only_are_refused(tmp_path: Path) -> None:
     """Such a pair is one image twice as soon as it is copied to another system."""
     source = save_folder(tmp_path, "a/1.png", "a/1.PNG", "b/1.png")
-    with pytest.raises(DataError, match=r"images of class a differ in the case .*\(1 found\): 1.png"):
+    with refused(DataError, got="images of class a differ in the case of their names only (1 found): 1.png"):
         source.describe()
 
 
@@ -97,10 +98,10 @@ def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path) -> None:
     """Both are found from the headers, before anything is decoded."""
     source = save_folder(tmp_path, "a/1.png", "a/2.png", "b/1.png")
     save_image(tmp_path / "b" / "1.png", 0, size=(9, 8))
-    with pytest.raises(DataError, match=r"2 have 8x8 pixels .*\(1 found\): b/1.png 9x8"):
+    with refused(DataError, got="2 have 8x8 pixels (width x height), others not (1 found): b/1.png 9x8"):
         source.catalogue()
     (tmp_path / "a" / "2.png").write_text("no image")
-    with pytest.raises(DataError, match=r"cannot be read \(1 found\): a/2.png \(is not an image of a known format\)"):
+    with refused(DataError, got="cannot be read (1 found): a/2.png (is not an image of a known format)"):
         source.catalogue()
 
 
