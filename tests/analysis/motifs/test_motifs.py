@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 import yaml
+from checkout import LIBRARY
 from hand_runs import closed, elite, rejected, run, trained
-from motif_cases import CLASSES, LIBRARY, anatomy_of, baseline, built, profile_of
+from motif_cases import CLASSES, anatomy_of, baseline, built, profile_of
 from refusals import refused
 from statsmodels.stats.multitest import multipletests
 from torch import nn

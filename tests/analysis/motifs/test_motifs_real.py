@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checkout import LIBRARY
 from gate_cases import completion, contract, examples, needs_shared
-from motif_cases import LIBRARY
 
 from analysis.motifs.motifs import motifs_of
 from analysis.motifs.structure import Anatomy, read_anatomy

@@ -1,7 +1,8 @@
 """The paper's eight variants are rebuilt with exactly the changes that its supplement lists."""
 
 import pytest
-from motif_cases import CLASSES, LIBRARY, anatomy_of, baseline, built
+from checkout import LIBRARY
+from motif_cases import CLASSES, anatomy_of, baseline, built
 
 from analysis.motifs.motifs import motifs_of
 
