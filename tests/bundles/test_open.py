@@ -33,9 +33,10 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     """Neither a directory of something else nor a name of nothing."""
-    for path, words in ((tmp_path, "expected the directory of a run"), (tmp_path / "missing", "does not exist")):
-        with pytest.raises(RunError, match=words), opened(path):
-            pass
+    with refused(RunError, expected="the directory of a run"), opened(tmp_path):
+        pass
+    with refused(RunError, got="does not exist"), opened(tmp_path / "missing"):
+        pass
 
 
 @pytest.fixture

@@ -44,7 +44,7 @@ def test_images_are_those_of_the_recorded_data_set(images: int, run: Path, tmp_p
 
 def test_pool_fits_the_recorded_library(run: Path, tmp_path: Path) -> None:
     """A made-up run cannot ask for more instructions than it has."""
-    with pytest.raises(ConfigError, match=r"prompts\.pool: expected at most 20"):
+    with refused(ConfigError, place="prompts.pool", expected="at most 20"):
         read_run(with_setting(run, tmp_path, "prompts", "pool", 21))
 
 

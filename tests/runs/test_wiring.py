@@ -200,6 +200,6 @@ def test_refusal_of_a_temperature_is_of_one_choice_of_model(tmp_path: Path, othe
     )
     Store(tmp_path, "completions").write(to_json(request), to_json(completion))
     arm = ["ablation=fixed_temperature"]
-    with pytest.raises(ConfigError, match="refuses temperatures"):
+    with refused(ConfigError, got="refuses temperatures"):
         require_temperature(arm, config)
     require_temperature(arm, compose([*chosen, other]))

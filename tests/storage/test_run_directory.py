@@ -44,10 +44,8 @@ def test_lock_makes_the_folder_and_excludes_others(directory: RunDirectory) -> N
     """While one holds the directory another is refused; afterwards it may come."""
     with directory.locked():
         assert directory.path.is_dir()
-        with (
-            pytest.raises(RunError, match=r"another process in it; wait for it, or choose another run.dir"),
-            directory.locked(),
-        ):
+        remedy = "wait for it, or choose another run.dir"
+        with refused(RunError, got="another process in it", remedy=remedy), directory.locked():
             pass
     with directory.locked():
         pass
@@ -71,7 +69,7 @@ def test_killed_process_lets_go_of_the_lock(directory: RunDirectory) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as holder:
         assert holder.stdout is not None
         assert holder.stdout.readline() == "locked\n"
-        with pytest.raises(RunError, match="another process in it"), directory.locked():
+        with refused(RunError, got="another process in it"), directory.locked():
             pass
         holder.kill()
         holder.wait()

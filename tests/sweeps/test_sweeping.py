@@ -306,7 +306,7 @@ def test_one_process_at_a_time_runs_a_sweep(place: Path) -> None:
     """Two would launch the same jobs."""
     with (
         SweepDirectory(place / "all").locked(),
-        pytest.raises(RunError, match=r"=all: expected an idle directory; .*choose another --into"),
+        refused(RunError, place="=all", expected="an idle directory", remedy="choose another --into"),
     ):
         sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
 

@@ -77,5 +77,5 @@ def test_damaged_centroids_are_told(published: Path, tmp_path: Path) -> None:
     shutil.copytree(published / "cache" / "centroids", tmp_path / "centroids")
     for path in (tmp_path / "centroids").rglob("*.json"):
         path.write_text("{}")
-    with pytest.raises(StoreError, match="expected a value"):
+    with refused(StoreError, expected="a value"):
         load_niches(load_run(published / "run"), tmp_path)

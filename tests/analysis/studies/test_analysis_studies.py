@@ -74,17 +74,17 @@ def failed(scores: list[Row]) -> list[Row]:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (lambda scores: scores[:4], r"variant 1 has no score for seeds \[1, 2\]"),
-        (lambda scores: [*scores[:1], *scores[2:]], r"baseline has no score for seeds \[1\]"),
+        (lambda scores: scores[:4], "variant 1 has no score for seeds [1, 2]"),
+        (lambda scores: [*scores[:1], *scores[2:]], "baseline has no score for seeds [1]"),
         (
             lambda scores: [*scores, replace(scores[0], seed=3)],
-            r"baseline has scores beyond the 3 seeds of the study, for seeds \[3\]",
+            "baseline has scores beyond the 3 seeds of the study, for seeds [3]",
         ),
-        (lambda scores: [*scores, scores[2]], r"baseline has more than one score for seeds \[2\]"),
-        (failed, r"2 that failed \(out_of_time\): baseline with seed 1, variant 1 with seed 2"),
+        (lambda scores: [*scores, scores[2]], "baseline has more than one score for seeds [2]"),
+        (failed, "2 that failed (out_of_time): baseline with seed 1, variant 1 with seed 2"),
         (
             lambda scores: [*scores[:5], replace(scores[5], metrics={"mae": 1.0})],
-            r"variant 1 has no mse for seeds \[2\]",
+            "variant 1 has no mse for seeds [2]",
         ),
     ],
 )
@@ -92,7 +92,7 @@ def test_what_is_not_whole_is_refused_with_its_rows(
     change: Callable[[list[Row]], list[Row]], named: str, tmp_path: Path
 ) -> None:
     """Unequal seeds, rows twice, trainings without an end, unlike metrics: sealed, and still no study."""
-    with pytest.raises(RunError, match=named):
+    with refused(RunError, got=named):
         load_study(written(tmp_path / "study", change(SCORES)))
 
 
