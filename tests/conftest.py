@@ -156,6 +156,12 @@ def run(published: Path, place: Path) -> Path:
 
 
 @pytest.fixture
+def bundle(published: Path) -> Path:
+    """Return that run with its study as one published file; no test may change it."""
+    return published / "run.zip"
+
+
+@pytest.fixture
 def sweep(swept: Path, place: Path) -> Path:
     """Work beside a copy of `swept`'s sweep (`sweep`), to be spoilt; its stores are the session's."""
     return Path(shutil.copytree(swept / "sweep", place / "sweep"))

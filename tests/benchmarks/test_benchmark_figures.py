@@ -5,12 +5,11 @@ import json
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 
 from benchmarks.__main__ import BENCHMARKS, RESULTS
 from benchmarks.record import BEGIN, END, record, table, with_table, write
 from benchmarks.timing import Figure, medians, report
-
-ROOT = Path(__file__).parents[2]
 
 LONELY = Figure(title="memory", name="ours", value=12.0, unit="MB")
 

@@ -1,16 +1,14 @@
 """Promise: the benchmark of niches counts what its table says, and docs/descriptors.md holds what it prints."""
 
-from pathlib import Path
-
 import pytest
+from checkout import BUNDLES, ROOT
 
 from analysis.runs.run import load_run
 from benchmarks.niches import filled, rows
 from tacevo.bundles.open import opened
 from tacevo.search.archive import Bounds, Tessellation
 
-ROOT = Path(__file__).parents[2]
-FORCE = ROOT / "tests" / "golden" / "bundles" / "force-grammar.zip"
+FORCE = BUNDLES / "force-grammar.zip"
 
 #: Four niches in a row, of width 0.25 along the second axis.
 ROW = Tessellation([(0.5, 0.125), (0.5, 0.375), (0.5, 0.625), (0.5, 0.875)])

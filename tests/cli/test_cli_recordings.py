@@ -4,11 +4,12 @@ import os
 from pathlib import Path
 
 import pytest
+from checkout import SHARED
 from smallest import ARCHIVES, UNTRACKED
 
 from tacevo.cli.app import main
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
+DATA = SHARED / "data"
 
 needs_recordings = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not beside this checkout")
 

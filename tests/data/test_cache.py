@@ -8,12 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 from greys import Greys, entries
 from small_recordings import loaded
 
 from tacevo.data.staging import LOCK
-
-REPOSITORY = Path(__file__).parents[2]
 
 LOAD_IN_A_PROCESS = """
 import os, resource, signal, sys
@@ -52,7 +51,7 @@ print("made" if told else "found", file=sys.stderr)
 def start(cache: Path, fate: str, *, seed: int = 0, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
     """Start a process that loads a simulated data set, dies half-way, or may write little to a file."""
     command = [*before, sys.executable, "-c", LOAD_IN_A_PROCESS, str(cache), fate, str(seed)]
-    return subprocess.Popen(command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def unfinished(cache: Path) -> list[Path]:

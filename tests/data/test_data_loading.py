@@ -18,7 +18,7 @@ from tacevo.data.loading import split_rows
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.workers import FEW_PICTURES
-from tacevo.errors import ConfigError, DataError
+from tacevo.errors import ConfigError, DataError, TacevoError
 from tacevo.records import Json, Kind
 
 
@@ -217,7 +217,8 @@ def test_progress_counts_up_to_all_pictures(tmp_path: Path) -> None:
 def test_unreadable_images_are_counted_and_leave_no_entry(tmp_path: Path) -> None:
     """All faults are collected, the first few are named, nothing is cached, and progress does not reach the end."""
     seen: list[tuple[int, int]] = []
-    with pytest.raises(DataError, match=r"7 found\): row 0 \(0.png\), row 1 \(1.png\), .*, \.\.\."):
+    shown = ", ".join(f"row {number} ({number}.png)" for number in range(5))
+    with refused(DataError, got=f"(7 found): {shown}, ..."):
         loaded(Greys(broken=7), tmp_path, progress=lambda done, total: seen.append((done, total)))
     assert entries(tmp_path) == []
     assert seen == []
@@ -229,22 +230,31 @@ def refuse_all(catalogue: Catalogue) -> None:
 
 
 @pytest.mark.parametrize(
-    ("source", "accept", "message"),
+    ("source", "accept", "kind", "fields"),
     [
-        (Greys(broken=20), refuse_all, "no grey, please"),
-        (Greys(broken=20, step=0.0), None, "label grey: one value"),
-        (Greys(broken=20, groups=(0, 1) * 10), None, "at least 3 groups"),
-        (Greys(broken=9, count=9), None, "at least 10 images"),
-        (Greys(broken=20, kind=Kind.classification), None, "at least two classes"),
-        (Greys(broken=20, kind=Kind.classification, names=tuple("abcdefghijkl")), None, "no images of"),
+        (Greys(broken=20), refuse_all, ConfigError, {"got": "no grey, please"}),
+        (Greys(broken=20, step=0.0), None, DataError, {"place": "label grey", "got": "one value"}),
+        (Greys(broken=20, groups=(0, 1) * 10), None, DataError, {"expected": "at least 3 groups"}),
+        (Greys(broken=9, count=9), None, DataError, {"expected": "at least 10 images"}),
+        (Greys(broken=20, kind=Kind.classification), None, DataError, {"expected": "at least two classes"}),
+        (
+            Greys(broken=20, kind=Kind.classification, names=tuple("abcdefghijkl")),
+            None,
+            DataError,
+            {"got": "no images of"},
+        ),
     ],
     ids=["task", "constant target", "groups", "too few", "one class", "absent class"],
 )
 def test_what_needs_no_decoding_is_told_first(
-    tmp_path: Path, source: Source, accept: Callable[[Catalogue], None] | None, message: str
+    tmp_path: Path,
+    source: Source,
+    accept: Callable[[Catalogue], None] | None,
+    kind: type[TacevoError],
+    fields: dict[str, str],
 ) -> None:
     """Every image is broken too, but the fault that needs no decoding is the one that is told."""
-    with pytest.raises((ConfigError, DataError), match=message):
+    with refused(kind, **fields):
         loaded(source, tmp_path, accept=accept)
 
 

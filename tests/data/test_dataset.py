@@ -106,7 +106,7 @@ def test_missing_file_names_the_folder_to_delete(tmp_path: Path, name: str) -> N
     """A cache entry that someone has damaged is an error, never a silent guess."""
     write(make(tmp_path), tmp_path)
     (tmp_path / name).unlink()
-    with pytest.raises(DataError, match="is damaged"):
+    with refused(DataError, place=str(tmp_path), got="is damaged"):
         read(tmp_path)
 
 

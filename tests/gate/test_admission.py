@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
+from refusals import refused
 
 from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, SandboxError
@@ -184,7 +185,7 @@ def test_broken_sandbox_is_no_verdict(tmp_path: Path) -> None:
 def test_replay_never_probes(tmp_path: Path) -> None:
     """A source without a recorded probe is an error in replay."""
     fake = FakeSandbox(sent(ANSWER))
-    with pytest.raises(CacheMissError, match="no recorded answer for probes request"):
+    with refused(CacheMissError, got="no recorded answer for probes request"):
         gate(fake.run, tmp_path, mode=Mode.replay).inspect(VALID)
     assert fake.headers == []
 
@@ -248,7 +249,7 @@ def test_replay_never_reads_an_unknown_answer(tmp_path: Path) -> None:
     """An answer without a recorded verdict is an error in replay, even where its source was probed."""
     fake = FakeSandbox(sent(ANSWER))
     gate(fake.run, tmp_path).inspect(VALID)
-    with pytest.raises(CacheMissError, match="no recorded answer for answers request"):
+    with refused(CacheMissError, got="no recorded answer for answers request"):
         gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(VALID))
 
 

@@ -5,7 +5,8 @@ These tests run `run` in this process, on harmless candidates only; test_admissi
 
 import pytest
 import torch
-from gate_cases import SHARED, VALID, candidate, contract, needs_shared
+from checkout import SHARED
+from gate_cases import VALID, candidate, contract, needs_shared
 
 from tacevo.gate.probe import run
 from tacevo.profile import Profile

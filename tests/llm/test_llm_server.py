@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checkout import ROOT, SHARED
 from hosted import batched, hosted, request
 from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
@@ -17,8 +18,8 @@ from llm_server import listen, main, recorded_answers, serving
 from tacevo.records import Completion, Request
 from tacevo.search.development import LLM
 
-ANSWERS = Path(__file__).parents[3] / "shared" / "llm_answers"
-SERVER = Path(__file__).parents[1] / "support" / "llm_server.py"
+ANSWERS = SHARED / "llm_answers"
+SERVER = ROOT / "tests" / "support" / "llm_server.py"
 
 recorded_ones = pytest.mark.skipif(not ANSWERS.exists(), reason="the recorded answers are not here")
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from tacevo.errors import CacheMissError, LLMError, StoreError, TransportError
 from tacevo.llm.recording import Keep, RecordingLLM
@@ -88,7 +89,7 @@ def test_replay_never_asks(tmp_path: Path) -> None:
     inner = FakeLLM()
     llm = RecordingLLM(inner, completions(tmp_path, Mode.replay))
     assert texts(llm, REQUESTS) == ANSWERS
-    with pytest.raises(CacheMissError, match="whose field 'draw' differs"):
+    with refused(CacheMissError, got="whose field 'draw' differs"):
         texts(llm, [request("a", draw=1)])
     assert inner.asked == []
 
@@ -122,7 +123,7 @@ def test_equal_requests_are_asked_once(mode: Mode, tmp_path: Path) -> None:
 
 def test_nobody_to_ask_is_an_error(tmp_path: Path) -> None:
     """Without a model a missing answer is an error in every mode."""
-    with pytest.raises(LLMError, match="no model to ask"):
+    with refused(LLMError, got="no model to ask"):
         texts(RecordingLLM(None, completions(tmp_path)), REQUESTS[:1])
 
 
@@ -132,7 +133,7 @@ def test_damaged_recording_is_never_asked_for_anew(tmp_path: Path) -> None:
     store.write(to_json(REQUESTS[0]), to_json(answer("recorded")))
     next(tmp_path.rglob("*.json")).write_text("{", encoding="utf-8")
     inner = FakeLLM()
-    with pytest.raises(StoreError, match="expected JSON"):
+    with refused(StoreError, expected="JSON"):
         texts(RecordingLLM(inner, store), REQUESTS)
     assert inner.asked == []
 

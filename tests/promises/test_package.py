@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from checkout import ROOT
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo import __version__
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

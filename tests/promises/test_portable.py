@@ -9,10 +9,10 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import pytest
 import torch
+from checkout import ROOT
 from forms import forms, forms_of_answers, forms_of_grammar
 from gate_cases import needs_shared
 from operations import expressions, names
@@ -52,7 +52,7 @@ LESSER = {
 #: What qemu 7.2 computes wrongly, by far more than a last bit: its gather instruction, so this says nothing of CPUs.
 MISCOMPUTED = {"F.grid_sample(i, g)"}
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "determinism.md"
+DOCUMENT = ROOT / "docs" / "determinism.md"
 
 portable = pytest.mark.portable
 #: A candidate may call what torch would rather have called otherwise.

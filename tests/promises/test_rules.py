@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checkout import BUNDLES
 from commands import tacevo
 from ledger_lines import candidate, header
 from refusals import refused
@@ -19,8 +20,6 @@ from tacevo.search.files import Line, RulesLine, by_rules, eras_of, read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 from tacevo.typed import convert
-
-GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"
 
 #: The first published runs, and the digests that every later release must replay them to; nobody may exchange them.
 DIGESTS = {
@@ -53,7 +52,7 @@ rules.LAST_RELEASES = {{("core", {CURRENT.core}): "0.1.0", ("training", {CURRENT
 )
 def test_later_release_replays_the_first_published_runs(name: str) -> None:
     """Whichever number of the rules is raised; what it would write otherwise is said, and is not a failure."""
-    replayed = tacevo("replay", GOLDEN / name, before=LATER)
+    replayed = tacevo("replay", BUNDLES / name, before=LATER)
     assert replayed.stdout.splitlines()[-1] == f"digest: {DIGESTS[name]}"
     assert "summary and tables were written by another release" in replayed.stdout
 

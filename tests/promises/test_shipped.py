@@ -5,16 +5,16 @@ from pathlib import Path
 
 import pytest
 from bundles import members_of
+from checkout import BUNDLES, PUBLISHED
 from commands import tacevo
-from test_rules import GOLDEN, LATER
+from test_rules import LATER
 
 from tacevo.bundles.open import opened
 from tacevo.cli.app import main
 
-PUBLISHED = Path(__file__).parents[2] / "cache" / "published"
-BUNDLES = sorted(PUBLISHED.glob("*.zip"))
+SHIPPED = sorted(PUBLISHED.glob("*.zip"))
 
-named = pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)
+named = pytest.mark.parametrize("bundle", SHIPPED, ids=lambda path: path.stem)
 
 
 def digests() -> dict[str, str]:
@@ -25,7 +25,7 @@ def digests() -> dict[str, str]:
 
 def test_page_names_every_file() -> None:
     """What is not on the page is not published; `make replay` replays what is."""
-    assert set(digests()) == {path.name for path in BUNDLES}
+    assert set(digests()) == {path.name for path in SHIPPED}
 
 
 @named
@@ -54,14 +54,14 @@ def test_later_release_replays_what_is_published(bundle: Path) -> None:
 @pytest.mark.slow
 def test_published_training_comes_again_bit_for_bit(capsys: pytest.CaptureFixture[str]) -> None:
     """Of the force run, by portable numerics, on this machine."""
-    assert main(["replay", str(GOLDEN / "force-grammar.zip"), "--retrain", "1"]) == 0
+    assert main(["replay", str(BUNDLES / "force-grammar.zip"), "--retrain", "1"]) == 0
     assert "weights are bit for bit as recorded" in capsys.readouterr().out
 
 
 @pytest.mark.long
 def test_published_run_is_taken_up(place: Path) -> None:
     """Ten generations more stand behind lines that are the published ones, byte for byte."""
-    bundle = GOLDEN / "force-grammar.zip"
+    bundle = BUNDLES / "force-grammar.zip"
     assert main(["continue", str(bundle), "search.generations=30", "run.dir=longer", "tracking=none"]) == 0
     with opened(bundle) as published:
         recorded = (published.folder / "ledger.jsonl").read_bytes()

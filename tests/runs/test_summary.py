@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
+from checkout import GOLDEN
 from fakes import TASK
 from ledger_lines import ended, header, rejected, run_record, trained
 
@@ -18,8 +18,6 @@ from tacevo.runs.summary import in_short, summarise
 from tacevo.search.files import Line, RulesLine
 from tacevo.search.lines import GenerationLine, ReevaluationLine, RepairedAnswer
 from tacevo.text import table
-
-GOLDEN = Path(__file__).parents[1] / "golden"
 
 CONFIG = compose(["experiment=published_force", "seed=3"])
 

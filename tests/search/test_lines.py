@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from checkout import GOLDEN, PUBLISHED
 from refusals import refused
 
 from tacevo.errors import RunError
@@ -14,12 +15,10 @@ from tacevo.search.files import line_kind
 from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.ledger import read_line, read_lines, seal
 
-ROOT = Path(__file__).parents[2]
-
-GOLDEN = ROOT / "tests" / "golden" / "ledger.jsonl"
+LEDGER = GOLDEN / "ledger.jsonl"
 
 
-@pytest.mark.parametrize("bundle", sorted((ROOT / "cache" / "published").glob("*.zip")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("bundle", sorted(PUBLISHED.glob("*.zip")), ids=lambda path: path.stem)
 def test_published_lines_are_written_as_they_were(bundle: Path) -> None:
     """A line that was read has the hash that it had, so no digest can change."""
     with zipfile.ZipFile(bundle) as members:
@@ -33,11 +32,11 @@ def test_published_lines_are_written_as_they_were(bundle: Path) -> None:
 
 def test_a_ledger_comes_back_as_records() -> None:
     """A reader asks for fields by name; what a line leaves out is at its default."""
-    recorded = read_lines(GOLDEN, line_kind)
+    recorded = read_lines(LEDGER, line_kind)
     first = next(line for line in recorded.lines if isinstance(line, CandidateLine))
     assert (first.operator, first.dropped, first.repairs) == (Operator.baseline, (), ())
     assert isinstance(recorded.lines[-1], GenerationLine)
-    assert recorded.digest == json.loads(GOLDEN.read_bytes().splitlines()[-1])["hash"]
+    assert recorded.digest == json.loads(LEDGER.read_bytes().splitlines()[-1])["hash"]
 
 
 @pytest.mark.parametrize(
@@ -55,7 +54,7 @@ def test_a_line_that_no_search_writes_is_rejected(
     changes: dict[str, Any], place: str, expected: str, tmp_path: Path
 ) -> None:
     """A right hash does not help a line with a field that is missing, unknown, of another type or at its default."""
-    recorded = read_lines(GOLDEN, line_kind)
+    recorded = read_lines(LEDGER, line_kind)
     entry = {**written(next(line for line in recorded.lines if isinstance(line, CandidateLine))), **changes}
     text = json.dumps(entry if "fitness" in changes else seal(entry, "0" * 64)[0])
     (tmp_path / "ledger.jsonl").write_text(text + "\n", encoding="utf-8")

@@ -8,9 +8,9 @@ import itertools
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 
 import pytest
+from checkout import GOLDEN
 from hypothesis import given
 from hypothesis import strategies as st
 from probabilities import agrees
@@ -21,7 +21,6 @@ from tacevo.search.archive import Tessellation
 from tacevo.search.prompts import PromptArchive, Trial, crossover_text, mutation_text, system_prompt
 from tacevo.search.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
 
-GOLDEN = Path(__file__).parents[1] / "golden"
 GENERATIONS = 2000
 
 CONTRACT = Contract(

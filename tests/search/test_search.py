@@ -12,6 +12,7 @@ from pathlib import Path
 
 import fakes
 import pytest
+from checkout import GOLDEN
 from refusals import refused
 
 from tacevo.choices import ParentPolicy, PromptPolicy, TemperatureRule
@@ -314,7 +315,7 @@ def test_baseline_that_does_not_train_is_the_users_mistake() -> None:
 
 def test_small_run_is_golden() -> None:
     """The ledger of a small run changes only on purpose: then results change, and the changelog says so."""
-    golden = Path(__file__).parents[1] / "golden" / "ledger.jsonl"
+    golden = GOLDEN / "ledger.jsonl"
     with Ledger(read_lines(golden, line_kind)) as ledger:
         run_search(fakes.plan(generations=3), fakes.tools(), ledger, fakes.Recorder())
         assert ledger.committed == ledger.recorded

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 from tacevo.errors import StoreError
 from tacevo.storage.files import remove_leftovers, write_durably
@@ -141,6 +142,6 @@ def test_two_processes_write_at_once(tmp_path: Path) -> None:
 def test_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     """A file in the place of the store's directory is the user's to mend, and is left alone."""
     (tmp_path / "completions").write_text("mine")
-    with pytest.raises(StoreError, match="cannot be written: Not a directory; what stood there is unchanged"):
+    with refused(StoreError, got="cannot be written: Not a directory; what stood there is unchanged"):
         Store(tmp_path, "completions").write({"a": 1}, "one")
     assert (tmp_path / "completions").read_text() == "mine"

@@ -147,7 +147,7 @@ def test_replay_never_computes(store: Store, tmp_path: Path) -> None:
     """In `replay` mode a recorded answer is read, and a missing one is an error."""
     replay = Store(tmp_path, "things", Mode.replay)
     assert replay.recall({"x": 1}, forbidden) == store.read({"x": 1})
-    with pytest.raises(CacheMissError, match="no recorded answer for things request"):
+    with refused(CacheMissError, got="no recorded answer for things request"):
         replay.recall({"x": 2}, forbidden)
 
 
@@ -188,7 +188,7 @@ def test_miss_names_the_nearest_recording_and_the_first_field(
         record.write(to_json(request), "answer")
     asked = to_json(dataclasses.replace(REQUEST, **change))
     expected = f"nearest recording is {record.key(to_json(REQUEST))[:12]}, whose field '{field}' differs"
-    with pytest.raises(CacheMissError, match=expected):
+    with refused(CacheMissError, got=expected):
         Store(tmp_path, "completions", Mode.replay).find(asked)
 
 
@@ -196,7 +196,7 @@ def test_miss_names_the_nearest_recording_and_the_first_field(
 def test_miss_sees_every_difference_that_a_key_sees(recorded: Any, asked: Any, tmp_path: Path) -> None:
     """A null is not a missing field, nor 1 a 1.0: their keys differ, and the message says where."""
     Store(tmp_path, "things").write(recorded, 5)
-    with pytest.raises(CacheMissError, match="whose field 'x' differs"):
+    with refused(CacheMissError, got="whose field 'x' differs"):
         Store(tmp_path, "things", Mode.replay).find(asked)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 from refusals import refused
 from sweeps import SHARED, Heard, Launched, begin, files_of
 
@@ -115,9 +116,7 @@ def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
     shared, varied = part([*SHARED, "ablation=glob(*,exclude=llm_vs_grammar)"])
 
     assert len(plan(shared, varied)) == len(varied) > 10
-    assert (
-        "'ablation=glob(*,exclude=llm_vs_grammar)'" in Path(__file__).parents[2].joinpath("docs/sweeps.md").read_text()
-    )
+    assert "'ablation=glob(*,exclude=llm_vs_grammar)'" in ROOT.joinpath("docs/sweeps.md").read_text()
 
 
 def test_mistake_in_any_job_is_raised_before_one_runs(place: Path) -> None:
@@ -309,7 +308,7 @@ def test_one_process_at_a_time_runs_a_sweep(place: Path) -> None:
     """Two would launch the same jobs."""
     with (
         SweepDirectory(place / "all").locked(),
-        pytest.raises(RunError, match=r"=all: expected an idle directory; .*choose another --into"),
+        refused(RunError, place="=all", expected="an idle directory", remedy="choose another --into"),
     ):
         sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from interruptions import comes
 from mirrored import LINES, build_run, build_sweep, everything
-from test_mirroring import quietly
+from test_backfill import quietly
 
 from tacevo.tracking.backfill import track
 

@@ -285,7 +285,7 @@ def test_broken_sandbox_is_never_stored(tmp_path: Path) -> None:
 
 def test_miss_in_replay_is_an_error(tmp_path: Path) -> None:
     """Replay trains nothing."""
-    with pytest.raises(CacheMissError, match="no recorded answer for evaluations request"):
+    with refused(CacheMissError, got="no recorded answer for evaluations request"):
         evaluator(never, tmp_path, examples=None, mode=Mode.replay).evaluate(SOURCE, 0)
 
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import yaml
+from checkout import LIBRARY
 from grammar_strategies import networks
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,7 +17,6 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.variations import vary
 from tacevo.randomness import stream
 
-LIBRARY = Path(__file__).parents[3] / "conf" / "library"
 TASKS = ("force", "grating", "hardness")
 BASELINES = {task: parse((LIBRARY / task / "baseline.py").read_text()) for task in TASKS}
 TEXTS: dict[tuple[str, str], str] = {

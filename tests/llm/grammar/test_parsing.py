@@ -4,9 +4,9 @@ import ast
 import contextlib
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from checkout import GOLDEN, LIBRARY
 from grammar_strategies import SIGNATURE, build, networks, train_a_step
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +16,6 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.reading import UnreadableError, plain_tree
 from tacevo.llm.grammar.rendering import render
 
-LIBRARY = Path(__file__).parents[3] / "conf" / "library"
 BASELINE = (LIBRARY / "force" / "baseline.py").read_text()
 
 RICH = Network(
@@ -152,7 +151,7 @@ def test_helper_with_a_changed_body_is_refused() -> None:
 
 def test_source_reads_as_a_person_would_write_it() -> None:
     """The golden text of a network that uses most parts of the grammar."""
-    golden = Path(__file__).parents[2] / "golden" / "grammar_rich.py.txt"
+    golden = GOLDEN / "grammar_rich.py.txt"
     assert render(RICH) == golden.read_text()
 
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import yaml
+from checkout import LIBRARY
 from grammar_strategies import build, train_a_step
 
 from tacevo.llm.grammar import provider
@@ -19,7 +19,6 @@ from tacevo.search.development import LLM
 from tacevo.search.prompts import SAMPLING, sample_text
 from tacevo.storage.canonical import content_hash
 
-LIBRARY = Path(__file__).parents[3] / "conf" / "library"
 BASELINE = (LIBRARY / "force" / "baseline.py").read_text()
 
 

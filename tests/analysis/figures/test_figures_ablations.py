@@ -1,0 +1,109 @@
+"""Promise: the figures of a sweep draw medians over quartiles and every seed, and tell no two arms by colour alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hand_sweeps import NONE, WORSE, compared, jobs_of
+from matplotlib.axes import Axes
+
+from analysis.figures.ablations import curves, final_values
+from analysis.figures.style import BLACK
+from analysis.sweeps.ablation import Ablation, compare_arms
+from tacevo.storage.sweep_directory import Job
+
+_, FOUND = compared(*jobs_of("none", NONE), *jobs_of("worse", WORSE))
+
+
+def many(arms: int) -> Ablation:
+    """Return the comparison of many arms, all alike."""
+    first = FOUND.arms[1]
+    others = [replace(first, name=f"arm number {number} of a long name, and so on") for number in range(arms)]
+    outcomes = [replace(one, arm=arm.name) for arm in others for one in FOUND.outcomes if one.arm == first.name]
+    reference = [one for one in FOUND.outcomes if one.arm == "none"]
+    return replace(FOUND, arms=(FOUND.arms[0], *others), outcomes=(*reference, *outcomes))
+
+
+def heights(axes: Axes, arm: str) -> list[float]:
+    """Return the curve of an arm."""
+    (line,) = (one for one in axes.lines if one.get_label() == arm)
+    return [float(value) for value in np.asarray(line.get_ydata())]
+
+
+def test_curves_are_medians_over_quartiles() -> None:
+    """By hand: from 0.8 to 0.42, the quartiles of 0.40 to 0.44 are 0.41 and 0.43."""
+    figure = curves(FOUND)
+    assert heights(figure.axes[0], "none") == pytest.approx([0.8, 0.42])
+    band = figure.axes[0].collections[0].get_paths()[0].vertices
+    ends = [float(y) for x, y in np.asarray(band) if x == 1]
+    assert (min(ends), max(ends)) == pytest.approx((0.41, 0.43))
+
+
+def test_archives_are_those_in_common() -> None:
+    """Coverage rises from one of two niches to both, in per cent; the axes say which archive it is."""
+    figure = curves(FOUND)
+    assert heights(figure.axes[2], "none") == [50, 100]
+    assert heights(figure.axes[1], "none") == pytest.approx([1 / 1.8, 1 / 1.8 + 1 / 1.42])
+    for drawn in (figure, final_values(FOUND)):
+        words = [axes.get_ylabel() + axes.get_xlabel() for axes in drawn.axes[1:]]
+        assert all("common archive" in word for word in words)
+
+
+def test_no_two_arms_look_alike() -> None:
+    """Thirteen arms differ in dash or marker, too, and not in colour alone; `none` is black and solid."""
+    lines = [one for one in curves(many(12)).axes[0].lines if not str(one.get_label()).startswith("_")]
+    assert (lines[0].get_color(), lines[0].get_marker(), lines[0].get_linestyle()) == (BLACK, "o", "-")
+    assert len({(str(line.get_marker()), line.get_linestyle() == "-") for line in lines}) == 13
+
+
+def test_every_seed_is_a_point() -> None:
+    """Final values are all there, each once, in the row of its arm."""
+    axes = final_values(FOUND).axes[0]
+    drawn = [line for line in axes.lines if line.get_marker() not in ("None", "", None)]
+    assert [sorted(map(float, np.asarray(line.get_xdata()))) for line in drawn] == [list(NONE), list(WORSE)]
+    for row, line in enumerate(drawn):
+        assert all(abs(float(y) - row) < 0.5 for y in np.asarray(line.get_ydata()))
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse"]
+
+
+def test_reference_line_is_its_median() -> None:
+    """And there is none without it."""
+    dotted = [line for line in final_values(FOUND).axes[0].lines if line.get_linestyle() == ":"]
+    assert [float(x) for line in dotted for x in np.asarray(line.get_xdata())] == [0.42, 0.42]
+    _, without = compared(*jobs_of("a", NONE), *jobs_of("b", WORSE))
+    assert not [line for line in final_values(without).axes[0].lines if line.get_linestyle() == ":"]
+
+
+def test_unknown_start_is_not_drawn() -> None:
+    """Before anything was trained there is no best."""
+    outcomes = tuple(replace(one, best=(None, *one.best[1:])) for one in FOUND.outcomes)
+    assert np.isnan(heights(curves(replace(FOUND, outcomes=outcomes)).axes[0], "none")[0])
+
+
+def test_single_seed_is_drawn() -> None:
+    """A curve without a band's width, and one point in the middle of its row."""
+    _, one = compared(*jobs_of("none", NONE[:1]))
+    assert heights(curves(one).axes[0], "none") == pytest.approx([0.8, 0.4])
+    points = [line for line in final_values(one).axes[0].lines if line.get_marker() == "o"]
+    assert [float(y) for line in points for y in np.asarray(line.get_ydata())] == [0]
+
+
+def test_arm_that_lost_every_job_has_an_empty_row_and_no_curve() -> None:
+    """Its failures are in the tables; the others are drawn as without it."""
+    lost = Job(name="lost-seed0", arm="lost", seed=0, overrides=(), config="")
+    found = compare_arms(FOUND.outcomes, failed=[lost])
+    assert [line.get_label() for line in curves(found).axes[0].lines] == ["none", "worse"]
+    axes = final_values(found).axes[0]
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse", "lost"]
+    ends = [place for line in axes.lines for place in np.asarray(line.get_xydata()) if np.isfinite(place).all()]
+    assert any(0.5 < y < 1.5 for _, y in ends)
+    assert not any(1.5 < y < 2.5 for _, y in ends)
+
+
+@pytest.mark.parametrize("found", [FOUND, many(12)], ids=["two", "thirteen"])
+def test_figures_are_as_wide_as_two_columns(found: Ablation) -> None:
+    """Also where arms have long names, and the panels are still there."""
+    for figure in (curves(found), final_values(found)):
+        assert figure.get_figwidth() == 7.16
+        figure.draw_without_rendering()
+        assert all(axes.get_window_extent().width > 0.12 * figure.bbox.width for axes in figure.axes)

@@ -1,0 +1,286 @@
+"""Promise: the tables of a sweep say what was found, how it was found, what is void and what is missing."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from hand_sweeps import NONE, PLAN, WORSE, compared, finished, jobs_of, run_to, sweep_of
+
+from analysis.sweeps.ablation import Ablation, compare_arms, outcome
+from analysis.sweeps.common_archive import Extent, common_archive
+from analysis.sweeps.metrics import TESTS, Metric
+from analysis.sweeps.sweep import Finished, Missing, Sweep
+from analysis.sweeps.tested import JobScore
+from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
+from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
+from analysis.tables.archives_of_arms import common_note, extents_note
+from tacevo.choices import ChosenBy, Primary
+from tacevo.storage.plan import Measure
+from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
+
+ARCHIVE = common_note("none-seed0")
+SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of("worse", WORSE))
+
+
+def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
+    """Return the table of the best fitness."""
+    return metric_table(sweep, found, Metric.best_fitness, ARCHIVE)
+
+
+def test_every_metric_has_a_table() -> None:
+    """Named after it, beside that of all arms and that of all runs."""
+    names = [table.name for table in ablation_tables(SWEEP, FOUND, ARCHIVE)]
+    metrics = [f"ablation_{metric.name}_force" for metric in Metric if metric not in TESTS.values()]
+    assert names == ["ablation_force", "ablation_settings_force", *metrics, "ablation_runs_force"]
+
+
+def test_arms_have_a_median_and_its_interval() -> None:
+    """Fractions are percentages; five equal seeds have an interval without width."""
+    row = dict(zip(arms_table(SWEEP, FOUND, "n").columns, arms_table(SWEEP, FOUND, "n").rows[0], strict=True))
+    assert (row["arm"], row["seeds"]) == ("none", 5)
+    assert row["best fitness"] == Between(0.42, 0.40, 0.44)
+    assert row["improvement over the baseline"] == PercentBetween(0.475, 0.45, 0.5)
+    assert row["evaluations"] == Between(2, 2, 2)
+    assert row["tokens"] == Between(15, 15, 15)
+    assert row["cost (USD)"] == Between(0.25, 0.25, 0.25)
+
+
+def test_tested_arm_has_every_column() -> None:
+    """Five seeds above five: U 25, p 2 / 252, A12 1; p is Holm's over two arms."""
+    row = dict(zip(best().columns, best().rows[2], strict=True))
+    assert (row["arm"], row["U"], row["p"], row["method"]) == ("worse", Halves(25.0), PValue(0.00793650794), "exact")
+    assert row["p, Holm"] == PValue(0.0158730159)
+    assert row["A12"] == Between(1, 0.642702824, 1)
+    assert row["median difference by seed"] == Between(0.1, 0.1, 0.1)
+    assert (row["seeds better"], row["seeds equal"], row["seeds worse"]) == (0, 0, 5)
+
+
+def test_identical_arm_shows_the_word() -> None:
+    """Not p = 1, as if it had been tested; a note says why."""
+    row = dict(zip(best().columns, best().rows[1], strict=True))
+    assert (row["U"], row["p"], row["p, Holm"], row["A12"]) == (None, "identical", None, None)
+    assert [row[f"seeds {word}"] for word in ("better", "equal", "worse")] == [0, 0, 0]
+    assert any(
+        note.startswith("Identical: same. No run of such an arm differs from that of none") for note in best().notes
+    )
+
+
+def test_one_run_that_differs_is_no_sample() -> None:
+    """The arm has no p, a note says why, and it still counts in Holm's correction."""
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("once", (0.40, 0.41, 0.42, 0.43, 0.1)))
+    table = best(sweep, found)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["runs that differ"], row["U"], row["p, Holm"]) == (1, None, None)
+    assert any(note.startswith("Too few runs differ: once. A test needs two") for note in table.notes)
+    assert any("corrected over 1 arm after Holm" in note for note in table.notes)
+
+
+def test_runs_that_differ_are_counted() -> None:
+    """Three of five runs are those of `none`: the row counts two, and the notes say how little two can show."""
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("half", (0.40, 0.31, 0.42, 0.33, 0.44)))
+    table = best(sweep, found)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["seeds"], row["runs that differ"], row["U"]) == (5, 2, Halves(0.0))
+    assert [row[f"seeds {word}"] for word in ("better", "equal", "worse")] == [2, 0, 0]
+    assert any(note.startswith("Runs that differ: those that are not the run of none") for note in table.notes)
+    assert any("with less: 93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in table.notes)
+    assert "half: no result of so few seeds is significant after Holm's correction." in table.notes
+
+
+def test_runs_that_differ_are_counted_without_a_value() -> None:
+    """Five runs differ, also where only three of them have a price."""
+    unpriced = [finished("a", seed, run_to(0.8, 0.3)) for seed in (3, 4)]
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("a", WORSE[:3]), *unpriced)
+    table = metric_table(sweep, found, Metric.cost, ARCHIVE)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["seeds"], row["runs that differ"]) == (3, 5)
+
+
+def test_direction_is_told() -> None:
+    """More coverage is better, and less loss; worse is counted so."""
+    coverage = metric_table(SWEEP, FOUND, Metric.improvement, "none-seed0")
+    assert "More is better." in coverage.notes
+    assert "Less is better." in best().notes
+    assert coverage.rows[2][-3:] == (0, 0, 5)
+    assert coverage.columns[-4] == "median difference by seed (percentage points)"
+
+
+STATED = SweepTerms(
+    primary=Primary.test_score,
+    reference="none",
+    retraining=Retraining(seeds=5, epochs=9, choose=ChosenBy.fitness),
+)
+
+
+def scored(bests: Sequence[float], arm: str) -> list[Finished]:
+    """Make an arm's jobs, whose networks score a tenth of their fitness on the test images."""
+    return [
+        replace(one, tested=JobScore(metric="mse", values=(best / 10,), network="g01s00"))
+        for one, best in zip(jobs_of(arm, bests), bests, strict=True)
+    ]
+
+
+def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
+    """The test score comes first, with how it came about; all else is called secondary, the best fitness noisy."""
+    sweep, found = compared(*scored(NONE, "none"), *scored(WORSE, "worse"))
+    sweep, found = replace(sweep, terms=STATED), replace(found, primary=Metric.test_mse)
+    table = metric_table(sweep, found, Metric.test_mse, ARCHIVE)
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["median"], row["p"]) == (Between(0.052, 0.05, 0.054), PValue(0.00793650794))
+    assert table.notes[0].startswith("Primary metric: test MSE, as the sweep stated when it began")
+    assert "trained for 9 epochs with 5 fresh seeds." in table.notes[1]
+    assert best(sweep, found).notes[0].startswith("Secondary metric; the primary one is test MSE.")
+    assert "noisy minimum" in best(sweep, found).notes[0]
+    assert arms_table(sweep, found, "n").columns[2:4] == ("test MSE", "best fitness")
+    late = replace(sweep, terms=replace(STATED, primary=None))
+    assert "after their searches" in metric_table(late, found, Metric.test_mse, ARCHIVE).notes[0]
+
+
+def test_fitness_of_arms_with_different_records_is_not_compared_as_one_thing() -> None:
+    """The lowest of single draws lies below that of medians; the note names what there is."""
+    single = [finished("none", 0, run_to(0.5, 0.3))]
+    several = [finished("three", 0, run_to(0.5, 0.3), settings={"training": {"seeds": 3}})]
+    sweep, found = compared(*single, *several)
+    told = best(replace(sweep, terms=STATED), replace(found, primary=Metric.test_mse)).notes[0]
+    assert "each is one draw or the median of 3 draws" in told
+    assert "Arms differ in this" in told
+    alone, found = compared(*jobs_of("none", NONE))
+    told = best(replace(alone, terms=STATED), replace(found, primary=Metric.test_mse)).notes[0]
+    assert "each is one draw, so" in told
+    assert "Arms differ in this" not in told
+
+
+def test_primary_metric_without_values_is_missed() -> None:
+    """A sweep that stated a test score, and whose jobs were not tested, does not hide it."""
+    sweep = replace(SWEEP, terms=replace(STATED, retraining=None))
+    notes = arms_table(sweep, replace(FOUND, primary=Metric.test_mse), "n").notes
+    assert any(note.startswith("No job has a test MSE yet") for note in notes)
+    untested = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r"),))
+    assert "Without a test score, 1 job: none-seed0." in best(untested).notes
+    table = metric_table(untested, FOUND, Metric.test_mse, ARCHIVE)
+    assert not any(note.startswith("Failed") for note in table.notes)
+    failed = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r", has_failed=True),))
+    table = metric_table(failed, FOUND, Metric.test_mse, ARCHIVE)
+    (note,) = (note for note in table.notes if note.startswith("Failed, 1 job"))
+    assert "none-seed0 (arm none, its test)." in note
+    assert not any(note.startswith("Failed") for note in best(failed).notes)
+
+
+def test_sweep_that_states_nothing_has_neither_primary_nor_secondary() -> None:
+    """It reads as it did."""
+    assert not [note for note in best().notes if "rimary" in note or "econdary" in note]
+
+
+def test_detectable_effect_stands_beside_each_test() -> None:
+    """By Noether's formula, of the runs that differ: ten against ten detect an A12 of 0.5 + 2.80159 / sqrt(60)."""
+    sweep, found = compared(*jobs_of("none", [*NONE, *WORSE]), *jobs_of("a", [value + 1 for value in (*NONE, *WORSE)]))
+    (note,) = (note for note in best(sweep, found).notes if note.startswith("Detected by"))
+    assert note.startswith("Detected by 10 runs of an arm and 10 of none with a power of 80 %")
+    assert "an A12 of 0.862 or 0.138" in note
+    (few,) = (note for note in best().notes if note.startswith("Detected by"))
+    assert "effects near full separation only" in few
+
+
+def test_reference_that_was_named_afterwards_is_told() -> None:
+    """Whoever looks for an arm to beat can find one; a reader has to know."""
+    jobs = [*jobs_of("none", NONE), *jobs_of("worse", WORSE)]
+    runs = [job.run for job in jobs]
+    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
+    found = compare_arms([outcome(job, common) for job in jobs], wanted="worse")
+    told = "The reference worse was named for this comparison; the sweep itself states"
+    assert any(note.startswith(told) for note in best(sweep_of(jobs), found).notes)
+    stated = replace(sweep_of(jobs), terms=SweepTerms(reference="worse"))
+    assert not any(note.startswith(told) for note in best(stated, found).notes)
+
+
+def test_common_archive_is_told() -> None:
+    """Wherever coverage and QD-score stand, with the job whose niches it has."""
+    named = [table for table in ablation_tables(SWEEP, FOUND, ARCHIVE) if "niches of none-seed0" in str(table)]
+    assert [table.name for table in named] == [
+        "ablation_force",
+        "ablation_qd_score_force",
+        "ablation_coverage_force",
+        "ablation_runs_force",
+    ]
+
+
+def test_single_seed_is_a_value_alone() -> None:
+    """Without interval, and with the reason below; the test is void by that word."""
+    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("one", WORSE[:1]))
+    row = best(sweep, found).rows[1]
+    assert row[:6] == ("one", 1, 0.5, 1, None, "too few seeds")
+    assert row[10:] == (None, None, 0, 0, 1)
+    assert any("A single value has neither interval nor test" in note for note in best(sweep, found).notes)
+
+
+def test_weakness_of_few_seeds_is_told() -> None:
+    """By hand: all five lie on one side of the median with a chance of 2 / 32; of six, 2 / 64 is below 5 %."""
+    assert any("their range, with less: 93.8 % for 5 seeds." in note for note in best().notes)
+    assert not any("their range" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
+
+
+def test_notes_count_the_known_values_of_the_metric() -> None:
+    """Five seeds of which two have a price are two to the cost, and five to the fitness."""
+    unpriced = [finished("none", seed, run_to(0.5, 0.4)) for seed in range(2, 5)]
+    sweep, found = compared(*jobs_of("none", NONE[:2]), *unpriced)
+    cost = metric_table(sweep, found, Metric.cost, ARCHIVE)
+    assert cost.rows[0][1] == 2
+    assert any("with less: 50.0 % for 2 seeds." in note for note in cost.notes)
+    assert any("with less: 93.8 % for 5 seeds." in note for note in best(sweep, found).notes)
+    assert any("93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in arms_table(sweep, found, "").notes)
+
+
+def test_candidates_at_the_bounds_are_told() -> None:
+    """With the crowd that one of them makes of all others; fixed bounds are nobody's."""
+    near = Extent(axis="x", low=0.0, high=1.0, lowest=("a/g00s00", "b/g00s00"), highest=("b/g01s00",), fullest=0.96)
+    fixed = Extent(axis="y", low=0.0, high=2.0, lowest=(), highest=(), fullest=0.5)
+    told = extents_note([near, fixed])
+    assert (
+        "x from 0.00 (a/g00s00 and 1 more) to 1.00 (b/g01s00), with 96.0 % of all candidates in the fullest tenth;"
+        in told
+    )
+    assert "y from 0.00 (fixed) to 2.00 (fixed), with 50.0 %" in told
+
+
+def test_missing_reference_is_told() -> None:
+    """All columns of tests are empty."""
+    sweep, found = compared(*jobs_of("a", NONE), *jobs_of("b", WORSE))
+    assert all(set(row[3:]) == {None} for row in best(sweep, found).rows)
+    for table in (arms_table(sweep, found, "n"), best(sweep, found)):
+        assert any("no finished run of the arm none" in note for note in table.notes)
+
+
+def test_missing_jobs_are_told() -> None:
+    """Below every table: their runs are in no figure of it."""
+    job = Job(name="worse-seed5", arm="worse", seed=5, overrides=(), config="")
+    sweep = replace(SWEEP, missing=(Missing(job=job, reason="not begun"),))
+    tables = [table for table in ablation_tables(sweep, FOUND, ARCHIVE) if table.name != "ablation_settings_force"]
+    for table in tables:
+        assert any(note.startswith("Missing, 1 job: worse-seed5.") for note in table.notes)
+
+
+def test_runs_are_listed_one_by_one() -> None:
+    """Whoever doubts a median can count again."""
+    table = runs_table(SWEEP, FOUND, "none-seed0")
+    assert [row[0] for row in table.rows] == [job.job.name for job in SWEEP.finished]
+    row = dict(zip(table.columns, table.rows[1], strict=True))
+    assert (row["arm"], row["seed"], row["best fitness"]) == ("none", 1, 0.41)
+    assert row["improvement over generation 0"] == Percent(0.4875)
+
+
+def test_few_seeds_of_many_arms_are_warned_of() -> None:
+    """Five against five is at least 2 / 252; over seven arms that is above 0.05, whatever was found."""
+    arms = [jobs_of(f"arm {number}", WORSE) for number in range(7)]
+    sweep, found = compared(*jobs_of("none", NONE), *(job for arm in arms for job in arm))
+    assert any("no result of so few seeds is significant after Holm" in note for note in best(sweep, found).notes)
+
+
+def test_spread_of_single_jobs_is_an_empty_cell_beside_the_plan() -> None:
+    """One job of an arm does not spread; two do, as the plan counts it."""
+    written = replace(PLAN, metric=Measure.fitness, retraining=None, epochs=None, spread=0.5)
+    for bests, known in (([0.5], False), ([0.5, 0.6], True)):
+        sweep, found = compared(*jobs_of("none", bests), *jobs_of("other", bests))
+        tables = ablation_tables(replace(sweep, terms=SweepTerms(plan=written)), found, ARCHIVE)
+        (planned,) = (table for table in tables if table.name == "ablation_planned_force")
+        (row,) = (row for row in planned.rows if row[0] == "spread")
+        assert (row[1], row[2] is not None) == (0.5, known)

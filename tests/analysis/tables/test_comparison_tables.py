@@ -1,0 +1,132 @@
+"""Promise: the tables of a study say what its comparison found, how it was found, and what to beware of."""
+
+from dataclasses import replace
+
+from checkout import GOLDEN
+from studies import FOUR, around, in_text, study_of, study_of_outputs
+
+from analysis.studies.comparison import compare
+from analysis.table import Between, Percent, PercentBetween
+from analysis.tables.comparison import (
+    effects_table,
+    metrics_table,
+    outputs_table,
+    scores_table,
+    study_tables,
+    verdicts_table,
+)
+from analysis.tables.rendering import as_markdown
+from tacevo.choices import MarginKind
+from tacevo.config.study import Margin
+from tacevo.records import Kind
+
+STUDY = study_of(FOUR)
+
+
+def test_tables_of_a_study_are_golden() -> None:
+    """All four, with their notes, unrounded; another bit in any figure would show."""
+    expected = (GOLDEN / "study_tables.txt").read_text(encoding="utf-8")
+    assert "\n".join(in_text(table) for table in study_tables(STUDY, compare(STUDY))) == expected
+
+
+def test_scores_are_quartiles_by_hand() -> None:
+    """Of 1 to 5: the median 3 between 2 and 4, from 1 to 5."""
+    table = scores_table(study_of({"baseline": [5, 1, 4, 2, 3], "variant 1": [1, 1, 1, 1, 1]}))
+    assert table.rows[0][4:9] == (3, 2, 4, 1, 5)
+    assert table.rows[1][4:9] == (1, 1, 1, 1, 1)
+
+
+def test_u_keeps_its_half() -> None:
+    """By hand: of 400 pairs the variant has the larger value in 309 and the same in 13, so U is 309 + 13 / 2."""
+    first, second = [at / 100 for at in range(20)], [(at + 7) / 100 for at in range(20)]
+    study = study_of({"baseline": first, "variant 1": second}, kind=Kind.classification)
+    assert "| 315.5 |" in as_markdown(verdicts_table(study, compare(study)))
+
+
+def test_accuracy_has_one_face() -> None:
+    """A percentage in scores and metrics, percentage points where it is a difference or a margin."""
+    study = study_of({"baseline": [0.5] * 5, "variant 1": [0.9, 0.8, 0.9, 1.0, 1.0]}, kind=Kind.classification)
+    found = compare(study)
+    rows = (("accuracy", PercentBetween(0.5, 0.5, 0.5), PercentBetween(0.9, 0.9, 1.0), Percent(0.333333333)),)
+    assert metrics_table(study).rows == rows
+    effects = effects_table(study, found)
+    assert effects.columns[-1] == "difference of medians (percentage points)"
+    assert effects.rows[0][-1] == Between(40, 30, 50)
+    assert "a margin of 1.00 percentage points, as" in verdicts_table(study, found).notes[1]
+
+
+def test_study_that_cannot_be_compared_keeps_its_scores() -> None:
+    """Three seeds are too few for any test, not for a median."""
+    few = study_of({name: values[:3] for name, values in FOUR.items()})
+    assert [table.name for table in study_tables(few, None)] == ["scores_force", "metrics_force"]
+
+
+def test_margin_below_a_test_image_is_told() -> None:
+    """One point of 9 images; two ninths are more than an image, and need no word."""
+    accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
+    wide = replace(accuracies, terms=replace(accuracies.terms, margin=Margin(value=2 / 9, kind=MarginKind.absolute)))
+    words = "The margin of equivalence is less than one test image, 11.1 percentage points:"
+    assert any(note.startswith(words) for note in verdicts_table(accuracies, compare(accuracies)).notes)
+    assert not any("one test image" in note for note in verdicts_table(wide, compare(wide)).notes)
+
+
+def test_late_trainings_are_told_with_their_shares() -> None:
+    """Of every network, because what counts is how they differ; without any there is no word."""
+    late = replace(STUDY, scores=tuple(replace(one, epoch=46) if one.seed < 5 else one for one in STUDY.scores))
+    words = "Best epoch in the last tenth of 50, by share of the trainings: baseline 25.0 %, variant 1 25.0 %, "
+    assert any(note.startswith(words) for note in verdicts_table(late, compare(late)).notes)
+    assert not any("Best epoch" in note for note in verdicts_table(STUDY, compare(STUDY)).notes)
+
+
+def test_outputs_have_a_table() -> None:
+    """A row for each network on each output, and the family in a note; of one output there is no such table."""
+    wide, narrow = around(0.02, step=0.0001), around(0.004, step=0.0001)
+    study = study_of_outputs(
+        {"Fx": {"baseline": wide, "variant 1": narrow}, "Fz": {"baseline": narrow, "variant 1": wide}}
+    )
+    found = compare(study)
+    table = outputs_table(study, found)
+    assert [row[:3] for row in table.rows] == [
+        ("Fx", "baseline", 0.02),
+        ("Fx", "variant 1", 0.004),
+        ("Fz", "baseline", 0.004),
+        ("Fz", "variant 1", 0.02),
+    ]
+    assert [row[-1] for row in table.rows] == [None, "better", None, "worse"]
+    assert "corrected after Holm over all 2 pairs of output and variant" in table.notes[1]
+    assert study_tables(study, found)[-1] == table
+    assert any("mean over the outputs" in note for note in verdicts_table(study, found).notes)
+    assert "outputs_force" not in [table.name for table in study_tables(STUDY, compare(STUDY))]
+
+
+def test_output_that_is_not_compared_is_named() -> None:
+    """Without an error of the baseline there is no relative margin, and the table says why the output is missing."""
+    near, still = around(0.02, step=0.0001), [0.0] * 20
+    each = {"Fx": near, "Fy": still, "Fz": near}
+    study = study_of_outputs({name: {"baseline": values, "variant 1": values} for name, values in each.items()})
+    assert any(note.startswith("Not compared on Fy:") for note in outputs_table(study, compare(study)).notes)
+
+
+def test_absolute_margin_is_one_for_every_output() -> None:
+    """A relative one is as wide as the output's own error makes it."""
+    near = around(0.02, step=0.0001)
+    study = study_of_outputs({name: {"baseline": near, "variant 1": near} for name in ("Fx", "Fy", "Fz")})
+    margin = Margin(value=0.001, kind=MarginKind.absolute)
+    absolute = replace(study, terms=replace(study.terms, margin=margin))
+    told = [" ".join(outputs_table(one, compare(one)).notes) for one in (study, absolute)]
+    assert ["that of the mean, 0.00100" in notes for notes in told] == [False, True]
+
+
+def test_direction_of_a12_is_told() -> None:
+    """For errors below a half is better, for accuracies above."""
+    accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
+    assert "below 0.5 the variant is the better one" in effects_table(STUDY, compare(STUDY)).notes[2]
+    assert "above 0.5 the variant is the better one" in effects_table(accuracies, compare(accuracies)).notes[1]
+
+
+def test_what_few_seeds_detect_is_not_denied() -> None:
+    """Noether's formula has no answer for four seeds; that they detect nothing is true of four variants' Holm alone."""
+    few = study_of({name: values[:4] for name, values in FOUR.items()})
+    note = effects_table(few, compare(few)).notes[-1]
+    assert "in a single test: effects near full separation only, since Noether's formula gives none for so few" in note
+    assert note.endswith("in the strictest step of Holm's correction: no effect at all.")

@@ -1,0 +1,184 @@
+"""Promise: a table says the same in Markdown, LaTeX and CSV, is rounded by one rule, and breaks in no format."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+from checkout import GOLDEN
+from refusals import refused
+
+from analysis.report.writing import write_tables
+from analysis.rounding import shown
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.tables.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, table_texts
+from tacevo.errors import StoreError
+
+MINUS = "\N{MINUS SIGN}"
+
+TABLE = Table(
+    name="study_force",
+    caption="Test MSE of 20 seeds & 5 networks",
+    columns=("network", "median", "p", "A12", "trained", "parameters"),
+    rows=(
+        ("baseline", 0.0061234, None, None, Percent(0.96), 1_145_411),
+        ("variant_1 | best", 0.00543219, PValue(0.00012), Between(0.8125, 0.65, 0.9375), Percent(1.0), 512),
+    ),
+    notes=("Two-sided, p < 0.05; 100% of seeds.", "A12 with its 95 % interval."),
+)
+
+
+def of_width(characters: int) -> Table:
+    """Make a table of three columns of numbers whose rows have so many characters."""
+    return Table(name="t", caption="c", columns=("x", "y" * (characters - 15), "z" * 10), rows=((1, 2, 3),))
+
+
+@pytest.mark.parametrize(
+    ("cell", "text"),
+    [
+        (None, "\N{EN DASH}"),
+        ("as_it | is", "as_it | is"),
+        (0, "0"),
+        (-1_234_567, f"{MINUS}1,234,567"),
+        (0.0061234, "0.00612"),
+        (0.5, "0.500"),
+        (12.345, "12.3"),
+        (9.996, "10.0"),
+        (1234.5678, "1,235"),
+        (-0.25, f"{MINUS}0.250"),
+        (0.0, "0.00"),
+        (0.00001234, "1.23e-05"),
+        (-0.00001234, f"{MINUS}1.23e-05"),
+        (PValue(0.0018), "0.0018"),
+        (PValue(0.25), "0.25"),
+        (PValue(1.0), "1.0"),
+        (PValue(0.001), "0.0010"),
+        (PValue(0.00099), "<0.001"),
+        (PValue(0.0), "<0.001"),
+        (Halves(304.5), "304.5"),
+        (Halves(291.5), "291.5"),
+        (Halves(1282.0), "1,282.0"),
+        (Percent(0.96), "96.0 %"),
+        (Percent(-0.0123), f"{MINUS}1.2 %"),
+        (Between(0.8125, 0.65, 0.9375), "0.812 [0.650, 0.938]"),
+        (Between(-0.0007, -0.0012, 0.0), f"{MINUS}0.00070 [{MINUS}0.00120, 0.00000]"),
+        (Between(0.0, 0.0, 0.0), "0.00 [0.00, 0.00]"),
+        (Between(1e-8, -2.5e-9, 0.0), f"1.00e-08 [{MINUS}2.50e-09, 0.00]"),
+        (PercentBetween(0.96, 0.9421, 0.971), "96.0 % [94.2, 97.1]"),
+    ],
+)
+def test_cell_is_rounded_by_the_rule(cell: Cell, text: str) -> None:
+    """Every kind of cell has its one form."""
+    assert shown(cell) == text
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [
+        float("nan"),
+        PValue(float("inf")),
+        Halves(float("nan")),
+        Percent(float("nan")),
+        Between(0, 0, float("inf")),
+        PercentBetween(0, 0, float("nan")),
+    ],
+)
+def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path) -> None:
+    """A hole in the results never becomes `nan` in a paper; nothing is written."""
+    table = Table(name="t", caption="c", columns=("x",), rows=((cell,),))
+    for write in (as_markdown, as_latex, as_csv):
+        with pytest.raises(ValueError, match=r"must be finite; got (nan|inf); use None for a missing value"):
+            write(table)
+    with pytest.raises(ValueError, match="must be finite"):
+        write_tables([table], tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("ending", [".md", ".tex", ".csv"])
+def test_written_tables_are_the_golden_ones(ending: str) -> None:
+    """The three files of one table, byte for byte."""
+    assert table_texts(TABLE)[f"study_force{ending}"].encode() == (GOLDEN / f"study_force{ending}").read_bytes()
+
+
+def test_latex_special_characters_are_escaped() -> None:
+    """Whatever text comes, LaTeX sets it and obeys none of it."""
+    text = f"\\input{{x}} $a$ & #1 100% a_b ~ ^ < > | {MINUS}1 ± 2 \N{MULTIPLICATION SIGN} R²"
+    body = as_latex(Table(name="t", caption="c", columns=("x",), rows=((text,),))).splitlines()
+    assert (
+        r"\textbackslash{}input\{x\} \$a\$ \& \#1 100\% a\_b \textasciitilde{} \textasciicircum{} $<$ $>$ $|$ $-$1 "
+        r"$\pm$ 2 $\times$ R\textsuperscript{2} \\"
+    ) in body
+
+
+def test_markdown_marks_in_text_are_escaped() -> None:
+    """A cell cannot end its column, begin a tag or turn bold."""
+    table = Table(name="t", caption="c", columns=("x",), rows=(("a|b *c* <b> `d`\ne \\",),))
+    assert "| a\\|b \\*c\\* \\<b> \\`d\\` e \\\\ |" in as_markdown(table).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("characters", "floating", "parts"),
+    [(NARROW, "table", 1), (NARROW + 1, "table*", 1), (WIDE, "table*", 1), (WIDE + 1, "table*", 2)],
+)
+def test_latex_makes_room_for_a_wide_table(characters: int, floating: str, parts: int) -> None:
+    """Too wide for a column it spans two, too wide for two it stands in parts; nothing is scaled down."""
+    text = as_latex(of_width(characters))
+    assert text.startswith(f"\\begin{{{floating}}}[htbp]")
+    assert text.endswith(f"\\end{{{floating}}}\n")
+    assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == parts
+    assert text.count("{") == text.count("}")
+
+
+def test_every_part_of_a_wide_table_begins_with_its_first_column() -> None:
+    """A number far from its row's name would be nobody's; no column is lost or comes twice."""
+    names = tuple(f"{number:010}" for number in range(40))
+    text = as_latex(Table(name="t", caption="c", columns=("who", *names), rows=(("me", *range(40)),)))
+    heads = [line.removesuffix(r" \\").split(" & ") for line in text.splitlines() if line.startswith("who")]
+    assert len(heads) > 1
+    assert [name for head in heads for name in head[1:]] == list(names)
+    assert all(sum(map(len, head)) + 2 * (len(head) - 1) <= WIDE for head in heads)
+
+
+def test_long_text_is_broken_into_lines_in_latex() -> None:
+    """A sentence makes no table too wide; numbers never break."""
+    words = ("a" * LONG, "b" * (LONG + 1), 1)
+    text = as_latex(Table(name="t", caption="c", columns=("x", "y", "z"), rows=(words,)))
+    assert r"\begin{tabular}{l>{\raggedright\arraybackslash}p{20em}r}" in text
+
+
+def test_latex_row_may_begin_with_a_bracket() -> None:
+    """After the end of a line, LaTeX would read it as a length."""
+    body = as_latex(Table(name="t", caption="c", columns=("x",), rows=(("a",), ("[64, 32]",), ("*",)))).splitlines()
+    assert {r"{}[64, 32] \\", r"{}* \\"} <= set(body)
+
+
+def test_csv_keeps_every_digit() -> None:
+    """Numbers come back from the file as they were; intervals have three columns, nothing is an empty field."""
+    names, baseline, variant = csv.reader(io.StringIO(as_csv(TABLE), newline=""))
+    assert names == ["network", "median", "p", "A12", "A12 low", "A12 high", "trained", "parameters"]
+    assert baseline[2:6] == ["", "", "", ""]
+    assert [float(value) for value in variant[1:]] == [0.00543219, 0.00012, 0.8125, 0.65, 0.9375, 1.0, 512]
+
+
+def test_row_of_another_length_is_a_mistake_of_ours() -> None:
+    """It would shift every number behind the gap."""
+    with pytest.raises(ValueError, match="row 2 of table t needs 2 cells; got 1"):
+        Table(name="t", caption="c", columns=("x", "y"), rows=((1, 2), (3,)))
+
+
+def test_table_without_rows_is_still_a_table() -> None:
+    """Nothing found is a result, too."""
+    table = Table(name="t", caption="c", columns=("one", "two"), rows=())
+    assert as_markdown(table).splitlines()[2:] == ["| one | two |", "| --: | --: |"]
+    assert as_csv(table) == "one,two\r\n"
+    assert r"\midrule" + "\n" + r"\bottomrule" in as_latex(table)
+
+
+def test_older_table_is_replaced_and_a_failed_one_stays(tmp_path: Path) -> None:
+    """A second writing leaves just the new files; a directory in the way is named."""
+    for _ in range(2):
+        write_tables([TABLE], tmp_path)
+        assert {path.name for path in tmp_path.iterdir()} == table_texts(TABLE).keys()
+    (tmp_path / "in_the_way").write_text("")
+    with refused(StoreError, place="in_the_way"):
+        write_tables([TABLE], tmp_path / "in_the_way")

@@ -1,0 +1,90 @@
+"""Promise: a run is opened wherever it lies, and what was unpacked for that is gone at the end."""
+
+from pathlib import Path
+
+import pytest
+from refusals import refused
+from sweeps import SHARED, begin
+
+from tacevo.bundles.open import located, opened, private_folder
+from tacevo.errors import DivergenceError, RunError
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.plan import plan
+from tacevo.sweeps.status import Standing, status_of
+
+
+def test_folder_is_opened_where_it_lies(published: Path) -> None:
+    """With the stores that its run.json names; nothing is copied."""
+    with opened(published / "run") as found:
+        assert (found.folder, found.store) == (published / "run", published / "cache")
+        assert (found.root, found.digest) == (None, None)
+
+
+def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
+    """A directory of the run's own name, stores beside it, and neither afterwards."""
+    with opened(published / "run.zip") as found:
+        assert found.folder.name == "run"
+        assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
+        assert any(found.store.glob("completions/*/*.json"))
+        assert found.root is not None
+        assert (found.root.stat().st_mode & 0o777) == 0o700
+    assert not found.root.exists()
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    """Neither a directory of something else nor a name of nothing."""
+    with refused(RunError, expected="the directory of a run"), opened(tmp_path):
+        pass
+    with refused(RunError, got="does not exist"), opened(tmp_path / "missing"):
+        pass
+
+
+@pytest.fixture
+def swept(tmp_path: Path) -> tuple[SweepDirectory, Job]:
+    """Return a sweep of one job, finished, whose failure of an earlier time still stands there."""
+    directory = SweepDirectory(tmp_path / "sweep")
+    job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
+    begin(directory, job)
+    directory.fail(job, "the disk is full")
+    directory.write(SHARED, [job])
+    return directory, job
+
+
+def test_finished_job_is_finished_whatever_failed_before(swept: tuple[SweepDirectory, Job]) -> None:
+    """Its watchman may have been killed, or somebody finished it by hand; every reader of sweeps agrees."""
+    directory, job = swept
+    assert located(directory.path).jobs == ("none-seed0",)
+    assert status_of(directory, job).standing is Standing.finished
+
+
+def test_job_whose_ledger_lost_its_end_is_not_finished(swept: tuple[SweepDirectory, Job]) -> None:
+    """A digest alone finishes nothing."""
+    directory, job = swept
+    ledger = directory.run(job).ledger
+    ledger.write_bytes(b"".join(ledger.read_bytes().splitlines(keepends=True)[:-1]))
+    with refused(RunError, got="none-seed0 (failed: the disk is full)", remedy="`tacevo search -m` command"):
+        located(directory.path)
+
+
+def fail_within(place: Path, error: type[BaseException], made: list[Path]) -> None:
+    """Fail over a file in the private directory that stands for a place, and say where that was."""
+    with private_folder(place) as folder:
+        made.append(folder)
+        raise error(f"{folder}/run/a.json differs")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_private_folder_is_gone_after_an_error(error: type[BaseException], tmp_path: Path) -> None:
+    """Whatever ended the work."""
+    made: list[Path] = []
+    with pytest.raises(error, match="differs"):
+        fail_within(tmp_path, error, made)
+    assert not made[0].exists()
+
+
+def test_errors_name_the_place_that_the_folder_stands_for(tmp_path: Path) -> None:
+    """A user never sees the temporary directory."""
+    made: list[Path] = []
+    with pytest.raises(DivergenceError, match=rf"^{tmp_path}/x\.zip/run/a\.json differs$"):
+        fail_within(tmp_path / "x.zip", DivergenceError, made)
+    assert not made[0].exists()

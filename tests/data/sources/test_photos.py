@@ -1,0 +1,279 @@
+"""Image files become upright RGB squares of 8 bits, from every format; what cannot become one is refused by name."""
+
+import hashlib
+import resource
+import struct
+import tracemalloc
+import zlib
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+from refusals import refused
+
+from tacevo.data.sources.images import common_size, decode, files_hash
+from tacevo.errors import DataError
+
+#: Values of 16 bits and what they are in 8: round(value * 255 / 65535), worked out by hand.
+DEEP = np.array([[0, 128, 129], [385, 386, 40_000], [65_406, 65_407, 65_535]], dtype=np.uint16)
+SHALLOW = [[0, 0, 1], [1, 2, 156], [254, 255, 255]]
+
+
+def save_deep_png(path: Path, pixels: npt.NDArray[np.uint16], colour_type: int) -> None:
+    """Write a PNG file of 16 bits per channel, which Pillow itself writes only in grey."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    lines = b"".join(b"\0" + line.astype(">u2").tobytes() for line in pixels)
+    header = struct.pack(">IIBBBBB", pixels.shape[1], pixels.shape[0], 16, colour_type, 0, 0, 0)
+    chunks = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(lines)) + chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+
+
+def claim_size(path: Path, side: int) -> None:
+    """Write a PNG file whose header claims so many pixels a side."""
+    save_deep_png(path, np.zeros((1, 1), dtype=np.uint16), 0)
+    content = bytearray(path.read_bytes())
+    content[16:24] = struct.pack(">II", side, side)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    path.write_bytes(content)
+
+
+def test_image_becomes_square_rgb(tmp_path: Path) -> None:
+    """Grey and oblong become three equal channels of the asked size."""
+    Image.new("L", (20, 10), 77).save(tmp_path / "grey.png")
+    picture = decode(tmp_path / "grey.png", 6)
+    assert picture.shape == (3, 6, 6)
+    assert picture.dtype == np.uint8
+    assert (picture == 77).all()
+
+
+def test_channels_come_first_in_the_order_rgb(tmp_path: Path) -> None:
+    """A pure colour stays in its own channel, rows stay rows."""
+    image = Image.new("RGB", (2, 2), (10, 20, 30))
+    image.putpixel((1, 0), (99, 20, 30))
+    image.save(tmp_path / "colour.png")
+    picture = decode(tmp_path / "colour.png", 2)
+    assert picture[:, 1, 1].tolist() == [10, 20, 30]
+    assert picture[0].tolist() == [[10, 99], [10, 10]]
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "pgm"])
+def test_grey_of_16_bits_is_scaled_by_its_full_range(tmp_path: Path, suffix: str) -> None:
+    """Black stays 0 and white 255; nothing is cut off."""
+    path = tmp_path / f"deep.{suffix}"
+    if suffix == "pgm":
+        path.write_bytes(b"P5 3 3 65535\n" + DEEP.astype(">u2").tobytes())
+    else:
+        Image.fromarray(DEEP).save(path)
+    assert decode(path, 3).tolist() == [SHALLOW] * 3
+
+
+def test_big_endian_grey_of_16_bits_is_the_same(tmp_path: Path) -> None:
+    """The order of the bytes in the file does not matter."""
+    Image.fromarray(np.full((4, 4), 40_000, dtype=">u2")).save(tmp_path / "big.tif")
+    assert (decode(tmp_path / "big.tif", 4) == 156).all()
+
+
+@pytest.mark.parametrize("colour_type", [2, 6])
+def test_colour_of_16_bits_keeps_the_high_byte(tmp_path: Path, colour_type: int) -> None:
+    """Pillow keeps value // 256 of each channel, with or without an opaque alpha: one step off at most."""
+    pixels = np.full((4, 4, 3 if colour_type == 2 else 4), 65_535, dtype=np.uint16)
+    pixels[:, :, 0], pixels[:, :, 1] = 40_000, 255
+    save_deep_png(tmp_path / "deep.png", pixels, colour_type)
+    assert decode(tmp_path / "deep.png", 4)[:, 0, 0].tolist() == [156, 0, 255]
+
+
+@pytest.mark.parametrize(
+    ("pixels", "message"),
+    [
+        (np.full((4, 4), 0.5, dtype=np.float32), "holds floating-point values, whose full range is unknown"),
+        (np.full((4, 4), 65_536, dtype=np.int32), "holds values beyond 16 bits"),
+        (np.full((4, 4), -1, dtype=np.int32), "holds values beyond 16 bits"),
+    ],
+    ids=["float", "too large", "negative"],
+)
+def test_values_of_no_known_range_are_refused(tmp_path: Path, pixels: npt.NDArray[np.generic], message: str) -> None:
+    """A depth map in metres or counts of 32 bits has no white to scale by."""
+    Image.fromarray(pixels).save(tmp_path / "deep.tif")
+    with pytest.raises(DataError, match=f"^{message}$"):
+        decode(tmp_path / "deep.tif", 4)
+
+
+def test_floating_point_pixels_are_told_from_the_header(tmp_path: Path) -> None:
+    """A file whose pixels are cut off is still refused for what its header says of them."""
+    Image.fromarray(np.full((64, 64), 0.5, dtype=np.float32)).save(tmp_path / "whole.tif")
+    content = (tmp_path / "whole.tif").read_bytes()
+    (tmp_path / "cut.tif").write_bytes(content[: len(content) // 2])
+    with refused(DataError, got="(1 found): depth map (holds floating-point values, whose full range is unknown)"):
+        common_size([("depth map", tmp_path / "cut.tif")])
+
+
+def test_palette_is_looked_up(tmp_path: Path) -> None:
+    """Numbers of colours are not brightness."""
+    image = Image.new("P", (2, 2), 1)
+    image.putpalette([0, 0, 0, 200, 100, 50])
+    image.save(tmp_path / "palette.png")
+    assert decode(tmp_path / "palette.png", 2)[:, 0, 0].tolist() == [200, 100, 50]
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA", "P"])
+def test_transparent_pixels_are_refused_and_opaque_alpha_is_dropped(tmp_path: Path, mode: str) -> None:
+    """What stands behind a transparent pixel is unknown."""
+    image = Image.new("RGBA", (2, 2), (50, 50, 50, 255))
+    image.convert(mode).save(tmp_path / "opaque.png")
+    assert (decode(tmp_path / "opaque.png", 2) == 50).all()
+    image.putpixel((1, 1), (50, 50, 50, 0))
+    clear = image.convert(mode)
+    if mode == "P":
+        clear.info["transparency"] = b"\0"  # the palette's one colour
+    clear.save(tmp_path / "clear.png")
+    with pytest.raises(DataError, match=r"^has transparent pixels$"):
+        decode(tmp_path / "clear.png", 2)
+
+
+def save_turned(path: Path, orientation: int) -> None:
+    """Save a picture of 4 x 2 pixels, white at its top left, with a camera's orientation note."""
+    image = Image.new("RGB", (4, 2))
+    image.putpixel((0, 0), (255, 255, 255))
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    image.save(path, exif=exif)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize(("orientation", "corner"), [(1, (0, 0)), (3, (3, 3)), (6, (0, 3)), (8, (3, 0))])
+def test_orientation_note_of_the_camera_is_obeyed(
+    tmp_path: Path, suffix: str, orientation: int, corner: tuple[int, int]
+) -> None:
+    """The white pixel goes where a person holding the camera saw it."""
+    path = tmp_path / f"turned.{suffix}"
+    save_turned(path, orientation)
+    picture = decode(path, 4)[0]
+    assert np.unravel_index(picture.argmax(), picture.shape) == corner
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
+@pytest.mark.parametrize(("orientation", "size"), [(1, (4, 2)), (3, (4, 2)), (6, (2, 4)), (8, (2, 4))])
+def test_size_is_that_of_the_upright_image(
+    tmp_path: Path, suffix: str, orientation: int, size: tuple[int, int]
+) -> None:
+    """A note that turns the picture by a quarter exchanges width and height."""
+    path = tmp_path / f"turned.{suffix}"
+    save_turned(path, orientation)
+    assert common_size([("turned", path)]) == size
+
+
+def test_mixed_sizes_are_refused_beside_the_commonest(tmp_path: Path) -> None:
+    """The message gives the size that most have, and names all others, upright."""
+    for number, size in enumerate([(4, 4), (6, 4), (6, 4), (4, 6), (6, 4)]):
+        Image.new("L", size).save(tmp_path / f"{number}.png")
+    files = [(f"picture {number}", tmp_path / f"{number}.png") for number in range(5)]
+    got = "3 have 6x4 pixels (width x height), others not (2 found): picture 0 4x4, picture 3 4x6"
+    with refused(DataError, got=got, remedy="crop or remove the others"):
+        common_size(files)
+
+
+def test_turned_image_among_lying_ones_is_of_another_size(tmp_path: Path) -> None:
+    """Equal pixels in the file are not equal pixels on the desk."""
+    save_turned(tmp_path / "lying.png", 1)
+    save_turned(tmp_path / "standing.png", 6)
+    with refused(DataError, got="others not (1 found): standing 2x4"):
+        common_size([(name, tmp_path / f"{name}.png") for name in ("lying", "standing")])
+
+
+def test_unreadable_headers_are_all_named(tmp_path: Path) -> None:
+    """Files that are not images are found without decoding."""
+    Image.new("L", (4, 4)).save(tmp_path / "good.png")
+    for name in ("text", "empty"):
+        (tmp_path / f"{name}.png").write_text("no image" if name == "text" else "")
+    files = [(name, tmp_path / f"{name}.png") for name in ("text", "good", "empty", "absent")]
+    got = "(3 found): text (is not an image of a known format), empty (is empty), absent (No such file"
+    with refused(DataError, got=got):
+        common_size(files)
+
+
+def test_size_is_read_without_the_pixels(tmp_path: Path) -> None:
+    """Half a file still has its whole header; that its pixels are lost is found when it is decoded."""
+    Image.effect_noise((64, 64), 50).save(tmp_path / "whole.png")
+    (tmp_path / "half.png").write_bytes((tmp_path / "whole.png").read_bytes()[:1500])
+    assert common_size([("half", tmp_path / "half.png")]) == (64, 64)
+    with pytest.raises(DataError, match=r"^is damaged or cut off$"):
+        decode(tmp_path / "half.png", 4)
+
+
+def test_damaged_tags_are_told(tmp_path: Path) -> None:
+    """Pillow only warns of them, and goes on with what it has."""
+    Image.new("RGB", (8, 8)).save(tmp_path / "cut.tif")
+    (tmp_path / "cut.tif").write_bytes((tmp_path / "cut.tif").read_bytes()[:60])
+    with refused(DataError, got="has damaged notes, EXIF or TIFF tags"):
+        decode(tmp_path / "cut.tif", 4)
+
+
+def test_image_that_needs_more_memory_than_there_is_is_told(tmp_path: Path) -> None:
+    """It is not called damaged."""
+    claim_size(tmp_path / "large.png", 9_000)
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (size_of_this_process() + 2**24, hard))
+    try:
+        with refused(DataError, got="needs more memory than there is"):
+            decode(tmp_path / "large.png", 4)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def size_of_this_process() -> int:
+    """Return the bytes of its address space."""
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
+def test_file_that_is_no_image_is_refused(tmp_path: Path) -> None:
+    """The fault is told in words, not by the name of an exception; the caller knows the file."""
+    (tmp_path / "text.png").write_text("no image")
+    with pytest.raises(DataError, match=r"^is not an image of a known format$"):
+        decode(tmp_path / "text.png", 4)
+
+
+def test_hash_follows_bytes_and_order(tmp_path: Path) -> None:
+    """Neither two files in another order, nor one byte moved from one to the next, hash alike."""
+    for name, content in {"a": b"12", "b": b"3", "c": b"1", "d": b"23"}.items():
+        (tmp_path / name).write_bytes(content)
+    hashes = {files_hash(tmp_path / name for name in names) for names in ("ab", "ba", "cd", "a")}
+    assert len(hashes) == 4
+
+
+def test_file_is_hashed_in_pieces(tmp_path: Path) -> None:
+    """A file of 64 MB never stands in memory as a whole, and hashes as its bytes do."""
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(1 << 26)
+    tracemalloc.start()
+    found = files_hash([tmp_path / "large"])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 1 << 22
+    assert found == hashlib.sha256(hashlib.sha256(bytes(1 << 26)).digest()).hexdigest()
+
+
+def test_file_that_cannot_be_hashed_is_named(tmp_path: Path) -> None:
+    """A directory where a file should be has no bytes."""
+    with refused(DataError, place=str(tmp_path), got="a file that cannot be read (Is a directory)"):
+        files_hash([tmp_path])
+
+
+@pytest.mark.parametrize("suffix", ["tif", "gif"])
+def test_several_images_in_one_file_are_refused(tmp_path: Path, suffix: str) -> None:
+    """The first of a stack is not silently taken for all."""
+    first, *others = [Image.new("L", (4, 4), value) for value in (10, 90, 200)]
+    first.save(tmp_path / f"stack.{suffix}", save_all=True, append_images=others)
+    with refused(DataError, got="(1 found): stack (holds several images)"):
+        common_size([("stack", tmp_path / f"stack.{suffix}")])
+
+
+def test_more_pixels_than_a_sensor_has_are_refused(tmp_path: Path) -> None:
+    """Pillow's warning of such a file is a fault here, told from the header."""
+    claim_size(tmp_path / "vast.png", 10_000)
+    with refused(DataError, got="vast (has more pixels than any tactile image)"):
+        common_size([("vast", tmp_path / "vast.png")])

@@ -1,0 +1,31 @@
+"""docs/design.md draws the tree as it is, and what a reader starts with needs little of it."""
+
+import re
+import tomllib
+
+import grimp
+import pytest
+from checkout import ROOT
+
+
+def drawn(start: str) -> list[str]:
+    """Read the picture that begins with a row: what stands left of each row's explanation, top to bottom."""
+    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    rows = text[text.index(f"    {start} ") :].split("\n\n")[0].splitlines()
+    return [re.split(r"\s{2,}", row.strip())[0] for row in rows]
+
+
+@pytest.mark.parametrize(("package", "top"), [("tacevo", "cli"), ("analysis", "report")])
+def test_picture_of_the_house_is_the_contract(package: str, top: str) -> None:
+    """Every package stands in the row that import-linter holds it to, and in no other."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = project["tool"]["importlinter"]["contracts"]
+    (contract,) = (kept for kept in contracts if kept["type"] == "layers" and kept["containers"] == [package])
+    assert drawn(top) == contract["layers"]
+
+
+@pytest.mark.parametrize(("module", "most"), [("tacevo.search.algorithm", 15), ("tacevo.sweeps.check", 30)])
+def test_module_is_read_with_few_others(module: str, most: int) -> None:
+    """What it imports, and what that imports, imports for types included, stays as small as it is."""
+    graph = grimp.build_graph("tacevo", cache_dir=None)
+    assert len(graph.find_upstream_modules(module)) <= most

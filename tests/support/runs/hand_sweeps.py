@@ -1,0 +1,94 @@
+"""Finished sweeps made by hand: a few runs an arm, whose candidates a test names."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from hand_runs import closed, configured, run, trained
+
+from analysis.runs.run import Run
+from analysis.sweeps.ablation import Ablation, compare_arms, outcome
+from analysis.sweeps.common_archive import common_archive
+from analysis.sweeps.sweep import Finished, Sweep
+from tacevo.costs import Spending
+from tacevo.search.lines import CandidateLine
+from tacevo.storage.plan import Measure, Plan
+from tacevo.storage.sweep_directory import Job
+
+VERSIONS: Any = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
+
+#: The best losses of two arms, seed by seed.
+NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
+WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)
+
+
+def finished(arm: str, seed: int, one: Run, *, settings: Mapping[str, Any] | None = None) -> Finished:
+    """Make a finished job of a run; `settings` holds what is not as in every run by hand, by group and key."""
+    name = f"{arm}-seed{seed}"
+    config = configured(seed=seed, **(settings or {}))
+    return Finished(
+        job=Job(name=name, arm=arm, seed=seed, overrides=(), config=name),
+        run=replace(one, name=name, path=Path("sweep") / name, config=config, versions=one.versions or VERSIONS),
+    )
+
+
+def run_of(candidates: Sequence[CandidateLine], spent: Mapping[str, Spending] | None = None) -> Run:
+    """Make a run of trained candidates, in their order; the generations follow from them."""
+    lines = []
+    for generation in range(candidates[-1].generation + 1):
+        losses = [one.fitness for one in candidates if one.fitness is not None and one.generation <= generation]
+        own = sum(one.generation == generation for one in candidates)
+        lines.append(closed(generation, min(losses), candidates=own, trained=own))
+    return run(candidates, lines, spent=spent)
+
+
+def run_to(*bests: float, descriptors: Sequence[tuple[float, float]] = ()) -> Run:
+    """Make a run of one candidate a generation, with these losses, at these places or all at one."""
+    places = list(descriptors) or [(0.5, 0.5)] * len(bests)
+    pairs = enumerate(zip(bests, places, strict=True))
+    return run_of([trained(number, 0, loss, descriptors=place) for number, (loss, place) in pairs])
+
+
+def sweep_of(jobs: Sequence[Finished]) -> Sweep:
+    """Make a sweep whose jobs are all finished."""
+    return Sweep(path=Path("sweep"), finished=tuple(jobs), missing=())
+
+
+def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
+    """Make an arm's jobs, one a seed, each of two trained candidates with a price; the baseline has 0.8."""
+    spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
+    return [
+        finished(
+            arm, seed, run_of([trained(0, 0, 0.8), trained(1, 0, best, descriptors=(0.1, 0.9))], {"g01s00": spent})
+        )
+        for seed, best in enumerate(bests)
+    ]
+
+
+def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
+    """Compare jobs in two niches, left and right."""
+    runs = [job.run for job in jobs]
+    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
+    return sweep_of(jobs), compare_arms([outcome(job, common) for job in jobs])
+
+
+#: What a sweep may follow.
+PLAN = Plan(
+    kind="sweep",
+    task="force",
+    metric=Measure.mse,
+    effect=0.1,
+    alpha=0.05,
+    power=0.8,
+    comparisons=1,
+    seeds=12,
+    retraining=3,
+    epochs=50,
+    spread=0.1,
+    chance=0.81,
+    trainings=108,
+    hours=None,
+    pilots=("a" * 64,),
+)

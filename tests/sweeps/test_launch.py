@@ -1,0 +1,287 @@
+"""Promise: a job ends with the process that launched it, one that fails stops no other, and the next call continues.
+
+Whole sweeps of real searches, as small as they can be; jobs without a search are in test_sweeping.
+"""
+
+import fcntl
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import termios
+from functools import partial
+from pathlib import Path
+
+import pytest
+from interruptions import comes, ends, leftovers, processes_of, unhurried
+from refusals import refused
+from smallest import SMALLEST, UNTRACKED
+from sweeps import files_of
+
+from tacevo.choices import ExecutorKind
+from tacevo.cli.app import main
+from tacevo.config.schema import ExecutorConfig
+from tacevo.errors import ConfigError
+from tacevo.search.files import finished_digest
+from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
+from tacevo.sweeps.status import Standing, Status, status_of
+
+pytestmark = unhurried
+
+#: Two searches of two candidates each, one after the other.
+SWEEP = [
+    *SMALLEST,
+    UNTRACKED,
+    "search.generations=0",
+    "search.initial=1",
+    "executor.workers=1",
+    "store.root=cache",
+    "ablation=none,fixed_temperature",
+]
+ONE_BY_ONE = "hydra.launcher.n_jobs=1"
+NONE, FIXED = "none-seed0", "fixed_temperature-seed0"
+#: A job that fails at once, and one that takes long.
+ENDLESS = {"quick": ("seed=-1",), "slow": ("search.generations=999", UNTRACKED)}
+
+
+def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
+    """Start the sweep in a directory, in a session of its own."""
+    (folder / "tmp").mkdir(exist_ok=True)
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "tacevo.cli.app", "search", "-m", *SWEEP, *overrides, "--into", "all"],
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder / "tmp")},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def statuses(folder: Path) -> dict[str, Status]:
+    """Return how the jobs of the sweep stand, by name."""
+    directory = SweepDirectory(folder / "all")
+    return {job.name: status_of(directory, job) for job in directory.read()[1]}
+
+
+def has_begun(folder: Path, name: str) -> bool:
+    """Return whether a job has decided something."""
+    ledger = folder / "all" / name / "ledger.jsonl"
+    return ledger.exists() and ledger.read_bytes().count(b"\n") > 1
+
+
+def test_launcher_is_separated_from_the_jobs() -> None:
+    """Only what names a launcher goes to it."""
+    settings = ["seed=0,1", "hydra/launcher=submitit_slurm", "hydra.launcher.partition=gpu", "hydra.launcher.nodes=1"]
+    launcher = Launcher(cluster="submitit_slurm", options={"partition": "gpu", "nodes": 1})
+    assert split_launcher(settings) == (launcher, ("seed=0,1",))
+    assert split_launcher(["seed=0,1"]) == (Launcher(options={}), ("seed=0,1",))
+
+
+@pytest.mark.parametrize("names", [("joblib",), ("submitit_local", "submitit_slurm")])
+def test_launcher_that_is_not_known_is_rejected(names: tuple[str, ...]) -> None:
+    """A sweep has one of two launchers, or none."""
+    with refused(ConfigError, place="hydra/launcher", expected="submitit_slurm", got=" and ".join(names)):
+        split_launcher([f"hydra/launcher={name}" for name in names])
+
+
+@pytest.mark.parametrize(
+    ("launcher", "place"),
+    [
+        (Launcher(options={"njobs": 2}), "hydra.launcher"),
+        (Launcher(options={"n_jobs": "x"}), "hydra.launcher"),
+        (Launcher(options={"n_jobs": 0}), "hydra.launcher"),
+        (Launcher(cluster="submitit_local", options={"partition": "gpu"}), "hydra/launcher=submitit_local"),
+        (Launcher(cluster="submitit_local", options={"timeout_min": "x"}), "hydra/launcher=submitit_local"),
+        (Launcher(cluster="submitit_local", options={"max_num_timeout": "x"}), "hydra/launcher=submitit_local"),
+    ],
+)
+def test_option_that_a_launcher_does_not_have_is_rejected(launcher: Launcher, place: str) -> None:
+    """A misspelt one, or a value of another type."""
+    with refused(ConfigError, place=place):
+        check_launcher(launcher)
+
+
+def test_key_among_the_options_is_rejected_and_not_repeated() -> None:
+    """Options become the script of a job, which Slurm and the sweep's directory keep."""
+    setup = {"setup": ["export ANTHROPIC_API_KEY=sk-secret"]}
+    with refused(ConfigError) as caught:
+        check_launcher(Launcher(cluster="submitit_slurm", options=setup))
+    assert caught.value.got.endswith("ANTHROPIC_API_KEY=...")
+    assert caught.value.remedy
+    assert "sk-secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("jobs", "workers", "cores", "n_jobs"), [(10, 2, 8, 4), (10, 3, 8, 2), (3, 2, 8, 3), (10, 4, 2, 1), (10, 1, 1, 1)]
+)
+def test_jobs_times_workers_fit_the_cores(jobs: int, workers: int, cores: int, n_jobs: int) -> None:
+    """At most as many jobs as there are, and as cores for their workers, and always one job."""
+    assert fitted(Launcher(options={}), jobs=jobs, needed=workers, cores=cores).options == {"n_jobs": n_jobs}
+
+
+@pytest.mark.parametrize(("address", "n_jobs", "cpus"), [("head:6379", 10, 1), ("auto", 10, 1), (None, 1, 64)])
+def test_jobs_that_share_a_ray_cluster_are_not_bounded_by_the_cores_here(
+    address: str | None, n_jobs: int, cpus: int
+) -> None:
+    """Only their searches run here; a Ray that each starts for itself runs here as well."""
+    needed = needed_cores(ExecutorConfig(kind=ExecutorKind.ray, workers=64, address=address))
+    assert fitted(Launcher(options={}), jobs=10, needed=needed, cores=4).options == {"n_jobs": n_jobs}
+    slurm = Launcher(cluster="submitit_slurm", options={})
+    assert fitted(slurm, jobs=10, needed=needed, cores=4).options == {"cpus_per_task": cpus, "timeout_min": 60}
+
+
+def test_user_has_the_last_word_on_the_launcher() -> None:
+    """What the user set stays; a cluster is told how many cores a job needs."""
+    assert fitted(Launcher(options={"n_jobs": 7}), jobs=4, needed=2, cores=8).options == {"n_jobs": 7}
+    slurm = Launcher(cluster="submitit_slurm", options={"timeout_min": 9})
+    assert fitted(slurm, jobs=4, needed=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
+
+
+def test_view_that_fails_stops_the_other_jobs_and_is_raised(place: Path) -> None:
+    """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
+    directory = SweepDirectory(place / "all")
+    quick, slow = (Job(name=name, arm=name, seed=0, overrides=own, config=name) for name, own in ENDLESS.items())
+    directory.write(SMALLEST, [quick, slow])
+
+    def show(job: Job) -> None:
+        assert job == quick
+        raise OSError("the terminal is gone")
+
+    with pytest.raises(OSError, match="the terminal is gone"):
+        launch(directory, [quick, slow], Launcher(options={"n_jobs": 2}), show)
+    assert ends(directory.path), processes_of(directory.path)
+    assert "seed" in str(directory.failure(quick))
+    assert directory.failure(slow) is None
+
+
+@pytest.mark.slow
+def test_failed_job_stops_no_other_and_is_repeated(
+    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The failure is listed with its reason; then it alone runs, and its digest is that of the search by itself."""
+    shutil.copytree(published / "cache", place / "cache")  # with all answers
+    (place / "all").mkdir()
+    (place / "all" / NONE).write_text("in the way")
+    assert main(["search", "-m", *SWEEP, "--into", "all", ONE_BY_ONE]) == 1
+    assert f"{NONE}: run.dir=all/{NONE}: expected a directory" in capsys.readouterr().out
+    assert main(["sweep", "status", "all"]) == 0
+    assert "2 jobs: 1 finished, 1 failed" in capsys.readouterr().out
+
+    (place / "all" / NONE).unlink()
+    before = files_of(place / "all" / FIXED)
+    assert main(["search", "-m", *SWEEP, "--into", "all", ONE_BY_ONE]) == 0
+    assert "2 jobs: 2 finished" in capsys.readouterr().out
+    assert files_of(place / "all" / FIXED) == before
+    assert not list((place / "all" / "failed").iterdir())
+
+    alone = [setting for setting in SWEEP if not setting.startswith("ablation=")]
+    assert main(["search", *alone, "run.dir=alone"]) == 0
+    digest = capsys.readouterr().out.splitlines()[-1].removeprefix("digest: ")
+    assert statuses(place)[NONE].digest == digest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
+def test_stopped_sweep_leaves_no_process_and_is_resumed(how: signal.Signals, published: Path, tmp_path: Path) -> None:
+    """However the command ends, its job ends with it and keeps what it has; the next call continues to the end."""
+    sweep = start(tmp_path, ONE_BY_ONE)
+    assert comes(sweep, lambda: has_begun(tmp_path, NONE))
+    sweep.send_signal(how)
+    _, errors = sweep.communicate()
+    assert sweep.returncode == (130 if how is signal.SIGTERM else -how), errors
+    assert ends(tmp_path), processes_of(tmp_path)
+    stopped = statuses(tmp_path)
+    assert stopped[NONE].standing in {Standing.stopped, Standing.finished}
+    assert stopped[FIXED].standing is Standing.waiting
+
+    shutil.copytree(published / "cache", tmp_path / "cache", dirs_exist_ok=True)  # with all answers
+    again = start(tmp_path, ONE_BY_ONE)
+    out, errors = again.communicate()
+    assert again.returncode == 0, errors
+    assert "2 jobs: 2 finished" in out
+    assert ends(tmp_path), processes_of(tmp_path)
+
+
+@pytest.mark.slow
+def test_ctrl_c_at_a_terminal_ends_jobs_as_it_ends_searches(tmp_path: Path) -> None:
+    """Each search is interrupted as by its own Ctrl-C, and reports it."""
+    terminal, end = pty.openpty()
+    settings = [*SWEEP, "search.generations=99", "hydra.launcher.n_jobs=2"]
+    sweep = subprocess.Popen(
+        [sys.executable, "-P", "-m", "tacevo.cli.app", "search", "-m", *settings, "--into", "all"],
+        cwd=tmp_path,
+        stdin=end,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=partial(fcntl.ioctl, 0, termios.TIOCSCTTY, 0),  # noqa: PLW1509  # takes no lock, and imports nothing
+    )
+    assert comes(sweep, lambda: has_begun(tmp_path, NONE) and has_begun(tmp_path, FIXED))
+    os.write(terminal, b"\x03")
+    _, errors = sweep.communicate()
+    os.close(terminal)
+    os.close(end)
+    assert sweep.returncode == 130, errors
+    assert "Traceback" not in errors
+    for name in (NONE, FIXED):
+        assert "interrupted; what was computed is kept" in (tmp_path / "all" / "launch" / f"{name}.log").read_text()
+    assert ends(tmp_path), processes_of(tmp_path)
+
+
+@pytest.mark.long
+def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_path: Path) -> None:
+    """Each kill comes later; finished jobs are not touched by the next call, and no trace of a kill stays."""
+    sizes = ["search.generations=2", "search.candidates=4", "seed=0,1", "hydra.launcher.n_jobs=2"]
+    finished: dict[str, dict[str, int]] = {}
+    for last in (NONE, FIXED, "fixed_temperature-seed1"):
+        sweep = start(tmp_path, *sizes)
+        struck = comes(sweep, lambda name=last: has_begun(tmp_path, name))  # type: ignore[misc]
+        sweep.kill()
+        sweep.communicate()
+        assert struck
+        assert ends(tmp_path), processes_of(tmp_path)
+        for name, before in finished.items():
+            assert files_of(tmp_path / "all" / name) == before
+        ended = [name for name, status in statuses(tmp_path).items() if status.standing is Standing.finished]
+        finished = {name: files_of(tmp_path / "all" / name) for name in ended}
+    assert finished
+    sweep = start(tmp_path, *sizes)
+    _, errors = sweep.communicate()
+    assert sweep.returncode == 0, errors
+    assert ends(tmp_path), processes_of(tmp_path)
+    for name, before in finished.items():
+        assert files_of(tmp_path / "all" / name) == before
+    assert not leftovers(tmp_path)
+
+    alone = [setting for setting in SWEEP if not setting.startswith(("ablation=", "store.root="))]
+    for status in statuses(tmp_path).values():
+        place = [f"run.dir={tmp_path}/alone/{status.job.name}", f"store.root={tmp_path}/elsewhere"]
+        assert main(["search", *alone, *sizes[:2], *status.job.overrides, *place]) == 0
+        assert finished_digest(SweepDirectory(tmp_path / "alone").run(status.job)) == status.digest
+
+
+@pytest.mark.slow
+def test_submitit_runs_a_sweep_and_stops_it(tmp_path: Path) -> None:
+    """With the executor for one machine: on Ctrl-C all jobs end, and the next call ends the sweep."""
+    pytest.importorskip("submitit")
+    sweep = start(tmp_path, "hydra/launcher=submitit_local")
+    assert comes(sweep, lambda: has_begun(tmp_path, NONE))
+    sweep.send_signal(signal.SIGINT)
+    sweep.communicate()
+    assert sweep.returncode == 130
+    assert ends(tmp_path), processes_of(tmp_path)
+    again = start(tmp_path, "hydra/launcher=submitit_local")
+    out, errors = again.communicate()
+    assert again.returncode == 0, errors
+    assert "2 jobs: 2 finished" in out
+
+
+def test_option_of_the_launcher_that_is_not_yaml_is_refused() -> None:
+    """The message names the launcher's options, and no parser."""
+    with refused(ConfigError, place="hydra.launcher", expected="NAME=VALUE"):
+        split_launcher(["hydra.launcher.n_jobs=[1", "seed=0"])
