@@ -1,4 +1,4 @@
-"""Promise: a command that runs a search again walks each chain of hashes once."""
+"""Promise: a command that reads a whole run walks each chain of hashes once."""
 
 from collections import Counter
 from pathlib import Path
@@ -24,7 +24,15 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Counter[Path]:
     return times
 
 
-@pytest.mark.parametrize("command", [["replay", "run"], ["replay", "run.zip"], ["publish", "run", "-o", "again.zip"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["replay", "run"],
+        ["replay", "run.zip"],
+        ["publish", "run", "-o", "again.zip"],
+        ["tables", "run", "-o", "again"],
+    ],
+)
 def test_each_chain_is_walked_once(command: list[str], published: Path, place: Path, walked: Counter[Path]) -> None:
     """That of the search, and that of its study; what is published is a copy, which is read for itself."""
     name, run, *others = command
