@@ -84,6 +84,11 @@ def machine() -> dict[str, Json]:
     }
 
 
+def usable_cores() -> int:
+    """Return how many cores this process may use; the machine may have more."""
+    return len(os.sched_getaffinity(0))
+
+
 def gpus(drivers: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:
     """Return the models of the NVIDIA GPUs that the driver lists in this directory."""
     return [

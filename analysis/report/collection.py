@@ -1,7 +1,7 @@
 """All that is known of a run: its niches, its studies and their comparisons; which tables that gives."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
 from analysis.studies.scores import Study
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch, best_by_reestimates
-from analysis.studies.study import load_study
+from analysis.studies.study import as_study
 from analysis.studies.transfer import transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
@@ -37,7 +37,7 @@ from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError
 from tacevo.profile import Profile
-from tacevo.studies.directory import studies_of
+from tacevo.studies.directory import FinishedStudy, StudyDirectory, studies_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,8 +87,16 @@ def collect(path: Path, store: Path | None = None) -> Collection:
         RunError: the run is not finished, or it was edited.
     """
     run = load_run(path)
-    found = read_studies(run, store)
-    on_images = [_on_images(one.study, path / "studies" / one.name, _store_of(run, store)) for one in found.studies]
+    return collection_of(run, read_studies(run, store), store)
+
+
+def collection_of(run: Run, found: Studies, store: Path | None = None) -> Collection:
+    """Return a run with its studies, and what their test images say; `store` as in `collect`.
+
+    Raises:
+        RunError: the niches are not those of the run.
+    """
+    on_images = [_on_images(one.study, run.path / "studies" / one.name, _store_of(run, store)) for one in found.studies]
     return Collection(
         run=run,
         niches=load_niches(run, store),
@@ -106,36 +114,53 @@ def read_studies(run: Run, store: Path | None = None) -> Studies:
     depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only. `store` is where the
     run's stores lie, if not where it had them.
     """
-    studies, reestimates, left_out = [], [], []
-    remarks: list[str] = []
+    finished, left_out = [], []
     for directory in studies_of(run.path):
         try:
-            recorded = directory.read()
-            if recorded.run != run.digest:
-                raise RunError(
-                    f"one of its digest {recorded.run[:12]}, before it was continued",
-                    place=str(directory.path),
-                    expected=f"a study of the run as it is, of digest {run.digest[:12]}",
-                    remedy="study it again",
-                )
-            if recorded.terms is not None:
-                study = load_study(directory.path)
-                comparisons, reasons = _compared(study, directory.path)
-                studies.append(Compared(name=directory.path.name, study=study, comparisons=comparisons))
-                left_out += reasons
-        except (RunError, StoreError) as error:
+            finished.append(_finished(directory, run))
+        except RunError as error:
             left_out.append(str(error))
-            continue
+    found = compared_studies(run, finished, store)
+    return replace(found, left_out=(*left_out, *found.left_out))
+
+
+def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | None = None) -> Studies:
+    """Return studies that were read, compared; reasons and `store` as in `read_studies`."""
+    studies, reestimates, left_out = [], [], []
+    remarks: list[str] = []
+    for one in finished:
+        if one.record.terms is not None:
+            try:
+                study = as_study(one)
+            except RunError as error:
+                left_out.append(str(error))
+                continue
+            comparisons, reasons = _compared(study, one.path)
+            studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons))
+            left_out += reasons
         try:
-            reestimates.append(load_reestimates(directory, run.config, run.facts.fingerprint, _store_of(run, store)))
+            reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, _store_of(run, store)))
         except (RunError, StoreError) as error:
-            (left_out if recorded.terms is None else remarks).append(f"no re-estimates: {error}")
+            (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {error}")
     return Studies(
         studies=tuple(studies),
         reestimates=tuple(found for found in reestimates if found is not None),
         left_out=tuple(left_out),
         remarks=tuple(remarks),
     )
+
+
+def _finished(directory: StudyDirectory, run: Run) -> FinishedStudy:
+    """Read a study of the run as it is."""
+    studied = directory.read().run
+    if studied != run.digest:
+        raise RunError(
+            f"one of its digest {studied[:12]}, before it was continued",
+            place=str(directory.path),
+            expected=f"a study of the run as it is, of digest {run.digest[:12]}",
+            remedy="study it again",
+        )
+    return directory.read_finished()
 
 
 def _store_of(run: Run, store: Path | None) -> Path:

@@ -39,20 +39,23 @@ class SweepCollection:
     corrected: Mapping[str, Corrected]
 
 
-def collect_sweep(path: Path, store: Path | None, reference: str | None = None) -> SweepCollection:
+def collect_sweep(
+    path: Path, store: Path | None, reference: str | None = None, known: Mapping[str, Run] | None = None
+) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
     Args:
         path: the directory of the sweep.
         store: where the stores of its runs lie, if not where the runs had them.
         reference: the arm to compare with; None for the one that the sweep states, or else `none`.
+        known: finished runs that were read already, by their jobs' names.
 
     Raises:
         ConfigError: the reference is not an arm of the sweep.
         IncomparableError: its jobs cannot be compared, or none has niches over both descriptors.
         RunError: it does not hold a sweep with a finished job, or one of them was edited.
     """
-    sweep = load_sweep(path)
+    sweep = load_sweep(path, known)
     check_sweep(sweep)
     _check_arm(sweep, reference)
     wanted = reference or sweep.terms.reference or REFERENCE

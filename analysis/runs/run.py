@@ -154,8 +154,16 @@ def load_run(path: Path) -> Run:
         RunError: it does not hold a run, is not finished, or was damaged or edited; the message names the file.
     """
     directory = RunDirectory(path)
-    record, ledger = read_finished(directory)
-    run = as_run(path, record, ledger)
+    return finished_run(directory, *read_finished(directory))
+
+
+def finished_run(directory: RunDirectory, record: RunRecord, ledger: Sealed[Line]) -> Run:
+    """Return a finished run whose run.json and ledger were read, with its archives.
+
+    Raises:
+        RunError: as `as_run`, or an archive is not what the ledger ends with.
+    """
+    run = as_run(directory.path, record, ledger)
     networks, prompts = read_archives(directory, run.generations[-1])
     return replace(run, elites=networks.elites, prompt_trials=prompts.trials)
 

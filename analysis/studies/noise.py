@@ -18,7 +18,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.storage.store import read_entry
 from tacevo.storage.verdicts import read_verdict
-from tacevo.studies.directory import StudyDirectory
+from tacevo.studies.directory import FinishedStudy
 from tacevo.studies.lines import FailedLine, Network, ScoreLine, StudyHeader
 from tacevo.text import drawn
 from tacevo.training.full import FullTraining
@@ -59,11 +59,11 @@ class Reestimates:
         return next((found for network, found in pairs if network.id == name), None)
 
 
-def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
+def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
     """Read what a finished study or noise run says of its run's fitnesses.
 
     Args:
-        directory: of the study.
+        finished: the study.
         config: of its run.
         fingerprint: of the run's data.
         store: the directory of the stores, where a study has the losses of each epoch.
@@ -72,11 +72,10 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         None where its losses are not fitnesses: other data, another recipe, or fewer epochs than the search had.
 
     Raises:
-        RunError: it is not finished or was edited, a training of the baseline failed, or the store lacks one.
+        RunError: a training of the baseline failed, or the store lacks one.
         StoreError: an entry of the store is damaged.
     """
-    _, scores = directory.read_finished()
-    header, rows, place = scores.header, scores.rows, str(directory.path)
+    header, rows, place = finished.scores.header, finished.scores.rows, str(finished.path)
     if not _trains_alike(header, config, fingerprint):
         return None
     names = [(network.name, seed) for network in header.networks for seed in range(header.seeds)]
@@ -101,7 +100,7 @@ def load_reestimates(directory: StudyDirectory, config: RunConfig, fingerprint: 
         fitness, found = losses[:, :, epochs - 1], rankings(losses, _tested(header, ordered).reshape(shape))
     recorded = np.array([network.fitness for network in networks])
     return Reestimates(
-        name=directory.path.name,
+        name=finished.path.name,
         networks=networks,
         estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,

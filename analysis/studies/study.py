@@ -7,7 +7,7 @@ from pathlib import Path
 from analysis.studies.scores import Study
 from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
-from tacevo.studies.directory import StudyDirectory
+from tacevo.studies.directory import FinishedStudy, StudyDirectory
 from tacevo.studies.lines import Design, FailedLine, ScoreLine
 from tacevo.text import listed
 
@@ -19,10 +19,18 @@ def load_study(path: Path) -> Study:
     """Read the directory of a finished study, `RUN/studies/NAME`.
 
     Raises:
-        RunError: it does not hold a study, is not finished, was edited, or is not one score for each network and seed;
-            the message names the rows.
+        RunError: it does not hold a study, is not finished or was edited; or as `as_study`.
     """
-    record, scores = StudyDirectory(path).read_finished()
+    return as_study(StudyDirectory(path).read_finished())
+
+
+def as_study(finished: FinishedStudy) -> Study:
+    """Return a study whose files were read.
+
+    Raises:
+        RunError: it is a noise run, or not one score for each network and seed; the message names the rows.
+    """
+    path, record, scores = finished.path, finished.record, finished.scores
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
     found, facts = scores.header, scores.header.data
     if found.terms is None:

@@ -38,7 +38,7 @@ def _corrected(run: Run, common: CommonArchive, store: Path | None) -> Corrected
             again = None
             if directory.read().run == run.digest:
                 place = store or Path(run.config.store.root)
-                again = load_reestimates(directory, run.config, run.facts.fingerprint, place)
+                again = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, place)
         except (RunError, StoreError):
             continue  # `tacevo tables` of the run says why
         one = again and correct(elites, common.tessellation.niches, sources, again)

@@ -1,6 +1,7 @@
 """A sweep as records: its finished runs by arm and seed, and what is missing of it."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -60,8 +61,12 @@ class Sweep:
         return self.finished[0].run.task
 
 
-def load_sweep(path: Path) -> Sweep:
+def load_sweep(path: Path, known: Mapping[str, Run] | None = None) -> Sweep:
     """Read the finished jobs of a sweep, and why the others are missing.
+
+    Args:
+        path: the directory of the sweep.
+        known: finished runs that were read already, by their jobs' names.
 
     Raises:
         RunError: this is not a sweep, none of its jobs is finished, an arm has a seed twice or another name than its
@@ -73,9 +78,10 @@ def load_sweep(path: Path) -> Sweep:
     _check_names(path, jobs)
     finished, missing = [], []
     for job in jobs:
-        absent = _absence(directory, job)
+        run = (known or {}).get(job.name)
+        absent = _absence(directory, job) if run is None else None
         if absent is None:
-            finished.append(_load(directory, job))
+            finished.append(_checked(job, run or load_run(directory.run(job).path)))
         else:
             missing.append(absent)
     if not finished:
@@ -116,8 +122,8 @@ def _absence(directory: SweepDirectory, job: Job) -> Missing | None:
     return Missing(job=job, reason=f"failed: {failure.reason}", has_failed=True)
 
 
-def _load(directory: SweepDirectory, job: Job) -> Finished:
-    run = load_run(directory.run(job).path)
+def _checked(job: Job, run: Run) -> Finished:
+    """Check that a run is that of its job."""
     found = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
     if run.config.seed != job.seed:
         raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **found)

@@ -60,7 +60,7 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
         record = directory.read()
         if record.run == run.digest and record.digest is not None and is_stated(record, stated):
             try:
-                _, scores = directory.read_finished()
+                scores = directory.read_finished().scores
                 sound.append(_score(run, scores.header, scores.rows))
             except RunError as error:
                 faults.append(error)
@@ -108,7 +108,7 @@ def _fitness(run: Run, study: Design) -> dict[str, float]:
         return {network.id: network.fitness for network in study.networks if network.id in run.fitness}
     for directory in studies_of(run.path):
         if directory.read().digest == study.chosen_by:
-            return median_losses(directory.read_finished()[1].rows)
+            return median_losses(directory.read_finished().scores.rows)
     digests = listed(str(directory.read().digest)[:12] for directory in studies_of(run.path))
     expected = f"the noise run {study.chosen_by[:12]}, by which the elites were chosen"
     raise RunError(f"studies of the digests {digests}", place=f"{run.path}/studies", expected=expected)

@@ -27,7 +27,7 @@ from tacevo.search.files import read_elites
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
@@ -51,7 +51,7 @@ def publish(
     target: Path,
     *,
     terms: Terms,
-    make_pages: Callable[[Path, Path], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
+    make_pages: Callable[[Path, Sequence[Rerun]], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
     view: Progress,
     studies: Sequence[Path] = (),
     store: Path | None = None,
@@ -62,8 +62,8 @@ def publish(
         run: the directory of the run, or of the sweep.
         target: the file to write; one that stands there is replaced.
         terms: of publication; without a day, it is that on which the run, or the last one of the sweep, ended.
-        make_pages: returns the files of every table, and those of every figure, from the directories of a run or a
-            sweep and of its stores.
+        make_pages: returns the files of every table, and those of every figure, from the directory of a run or a
+            sweep and from what was read of its runs.
         view: shows how far the replay is.
         studies: directories of its studies; none for all that are finished. Those of a sweep are not chosen.
         store: where the stores lie, if not where the run had them.
@@ -84,7 +84,7 @@ def publish(
             runs = over_runs(staged, lambda path: rerun(read_recorded(path, str(store)), view, seen=read.add), view.say)
             if staged.jobs is not None:
                 check_jobs(SweepDirectory(staged.folder))
-        tables, figures = make_pages(staged.folder, store)
+        tables, figures = make_pages(staged.folder, runs)
         members = {
             **_members(staged, runs),
             STORE: pack(map(read_entry, read)),
@@ -101,9 +101,9 @@ def publish(
 def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
     """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear."""
     if found.jobs is None:
-        run = _publishable(read_recorded(found.folder))
-        target = folder / run.record.name
-        _stage(found.folder, run, target, _studies(studies, found.folder, run.ledger.digest, view))
+        run = read_recorded(found.folder)
+        target = folder / _publishable(run.record).name
+        _stage(run, target, _studies(studies, run, view))
         return replace(found, folder=target)
     if studies:
         expected = "no study: a sweep is published with every finished study of its runs"
@@ -114,8 +114,8 @@ def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress
     staged.folder.mkdir()
     _stage_note(found.folder, staged.folder)
     for source, target in zip(found.runs, staged.runs, strict=True):
-        run = _publishable(read_recorded(source))
-        _stage(source, run, target, _studies(studies, source, run.ledger.digest, view))
+        run = read_recorded(source)
+        _stage(run, target, _studies((), run, view))
     _, jobs = directory.read()
     published = [_published_job(staged.folder, job) for job in jobs]
     arms = {job.arm: shown.arm for job, shown in zip(jobs, published, strict=True)}
@@ -138,14 +138,12 @@ def _published_job(folder: Path, job: Job) -> Job:
     return replace(job, arm=arm, overrides=(), config=config_hash(config))
 
 
-def _publishable(run: RecordedRun) -> RecordedRun:
-    """Return a finished run without what belongs to one machine: paths, addresses, a tracker.
+def _publishable(record: RunRecord) -> RunRecord:
+    """Return what run.json holds without what belongs to one machine: paths, addresses, a tracker.
 
     None of it is part of the run's identity (`tacevo.config.identity.identity`).
     """
-    record = run.record
-    config = published_config(record.config)
-    return replace(run, record=replace(record, name=record.name or "run", config=config, pages=PAGES))
+    return replace(record, name=record.name or "run", config=published_config(record.config), pages=PAGES)
 
 
 def _last_day(run: Path) -> str:
@@ -159,19 +157,20 @@ def _last_day(run: Path) -> str:
     return day
 
 
-def _stage(source: Path, run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) -> None:
+def _stage(run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) -> None:
     """Copy what is published of a run into another directory."""
+    source, record = run.directory.path, _publishable(run.record)
     shutil.copytree(source / "candidates", staged / "candidates")
     for name in RUN_FILES:
         if (source / name).exists() and name not in {"run.json", NOTE}:
             shutil.copy(source / name, staged / name)
     _stage_note(source, staged)
     directory = RunDirectory(staged)
-    if run.directory.read_run().pages != PAGES:  # by another release
+    if run.record.pages != PAGES:  # by another release
         elites = [elite.id for elite in read_elites(directory)]
-        summary = summarise(run.record, run.config, run.ledger.lines, elites, directory.read_spending())
+        summary = summarise(record, run.config, run.ledger.lines, elites, directory.read_spending())
         directory.write_text("summary.md", summary)
-    directory.write_run(run.record)
+    directory.write_run(record)
     for study in studies:
         folder = staged / "studies" / study.path.name
         folder.mkdir(parents=True)
@@ -185,9 +184,9 @@ def _stage_note(source: Path, staged: Path) -> None:
         shutil.copy(source / NOTE, staged / NOTE)
 
 
-def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> list[StudyDirectory]:
+def _studies(chosen: Sequence[Path], run: RecordedRun, view: Progress) -> list[StudyDirectory]:
     """Choose the studies of a run: those that were named, or all that are finished."""
-    every = studies_of(run)
+    every, digest = studies_of(run.directory.path), run.ledger.digest
     whole = [study for study in every if (found := study.read()).digest is not None and found.run == digest]
     if not chosen:
         for study in every:
@@ -198,7 +197,7 @@ def _studies(chosen: Sequence[Path], run: Path, digest: str, view: Progress) -> 
     for path in chosen:
         if path.resolve() not in by_place:
             finished = ", ".join(str(study.path) for study in whole) or "none"
-            raise RunError(str(path), expected=f"the directory of a finished study of {run}: {finished}")
+            raise RunError(str(path), expected=f"the directory of a finished study of {run.directory.path}: {finished}")
     return [by_place[place] for place in sorted({path.resolve() for path in chosen})]
 
 
@@ -226,7 +225,7 @@ def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
     jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
     return Subject(
         runs=tuple(done.run for done in runs),
-        studies=tuple(done.studies for done in runs),
+        studies=tuple({name: study.scores.digest for name, study in done.studies.items()} for done in runs),
         jobs=jobs,
         note=read_note(staged.folder),
     )

@@ -7,7 +7,7 @@ which depend on fonts and libraries, and the pages that describe the bundle) is 
 import contextlib
 import csv
 import io
-from collections.abc import Callable, Collection, Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from tacevo.search.files import read_elites
 from tacevo.search.lines import TrainedLine
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import studies_of, study_names
+from tacevo.studies.directory import FinishedStudy, study_names
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
 
@@ -38,8 +38,8 @@ class Rerun:
 
     run: RecordedRun
     replayed: Replayed
-    #: Digest of each study, by name.
-    studies: Mapping[str, str]
+    #: By name.
+    studies: Mapping[str, FinishedStudy]
 
     @property
     def pages(self) -> int:
@@ -63,10 +63,12 @@ class Verified:
     figures: int
 
 
-def verify(bundle: Opened, make_tables: Callable[[Path, Path], Mapping[str, bytes]], view: Progress) -> Verified:
+def verify(
+    bundle: Opened, make_tables: Callable[[Path, Sequence[Rerun]], Mapping[str, bytes]], view: Progress
+) -> Verified:
     """Replay a bundle from its own store entries, and compare everything that follows from them.
 
-    Tables, by their file names, are made from the directories of a run or a sweep and of its stores.
+    Tables, by their file names, are made from the directory of a run or a sweep, and from what was read of its runs.
 
     Raises:
         DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
@@ -87,7 +89,7 @@ def verify(bundle: Opened, make_tables: Callable[[Path, Path], Mapping[str, byte
         _check_entries(bundle.store, read)
         if bundle.jobs is not None:
             check_jobs(SweepDirectory(bundle.folder))
-        made = make_tables(bundle.folder, bundle.store)
+        made = make_tables(bundle.folder, runs)
         outdated = 0
         if all(run.pages == PAGES for run in runs):
             compare_tables(bundle.root / "tables", made)
@@ -108,12 +110,13 @@ def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Reru
     studies = replay_studies(run, view, seen=seen)
     with doubting(deviations(run.record.versions, versions())):  # a summary is its version's
         check_records(run, replayed)
-    _check_names(run, studies)
+    for study in studies.values():
+        _check_name(study, searched=run.searched)
     return Rerun(run=run, replayed=replayed, studies=studies)
 
 
 def check_sizes(run: RecordedRun) -> None:
-    """Check that a run has as many candidates, trainings and scores as its configuration and its studies say.
+    """Check that a run has as many candidates and trainings as its configuration says.
 
     Otherwise a few digits could ask for more memory than there is.
     """
@@ -130,13 +133,6 @@ def check_sizes(run: RecordedRun) -> None:
     if counts != {seeds if seeds > 1 else 0}:  # every search trains its baseline
         wanted = f"{seeds} in every line of a network that trained, by run.json"
         raise RunError(str(sorted(counts)), place=f"{run.directory.ledger}, seeds", expected=wanted)
-    for study in studies_of(run.directory.path):
-        recorded = study.read()
-        if recorded.digest is None:
-            continue  # not finished, and not replayed either
-        rows, trainings = len(study.read_scores().rows), recorded.seeds * len(recorded.networks)
-        if rows != trainings:
-            raise RunError(f"{rows}", place=str(study.scores), expected=f"{trainings} scores, by its study.json")
 
 
 def check_records(run: RecordedRun, replayed: Replayed) -> None:
@@ -159,18 +155,15 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
         raise DivergenceError(found, place=str(path), remedy=remedy)
 
 
-def _check_names(run: RecordedRun, replayed: Collection[str]) -> None:
-    """Check the name of every replayed study; tables and figures of it bear that name."""
-    for study in studies_of(run.directory.path):
-        if study.path.name not in replayed:
-            continue
-        names = study_names(study.read_scores().header, searched=run.searched)
-        if study.path.name not in names or study.read().name != study.path.name:
-            raise DivergenceError(
-                f"{study.path.name} and {study.read().name!r}",
-                place=f"{study.path} and the name in its study.json",
-                expected=f"{names[0]}, which follows from its scores",
-            )
+def _check_name(study: FinishedStudy, *, searched: bool) -> None:
+    """Check the name of a study; tables and figures of it bear that name."""
+    names = study_names(study.scores.header, searched=searched)
+    if study.path.name not in names or study.record.name != study.path.name:
+        raise DivergenceError(
+            f"{study.path.name} and {study.record.name!r}",
+            place=f"{study.path} and the name in its study.json",
+            expected=f"{names[0]}, which follows from its scores",
+        )
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:

@@ -245,7 +245,9 @@ def page_of_sweep(
     materials, missing = zip(*(_material(one, place, name) for one in runs), strict=True)
     sweep, state = None, ""
     try:
-        sweep = sweep_contents(collect_sweep(place.folder, place.store if store is None else Path(store)))
+        known = {one.found.run.path.name: one.found.run for one in runs}
+        found = collect_sweep(place.folder, place.store if store is None else Path(store), known=known)
+        sweep = sweep_contents(found)
     except IncomparableError as error:
         state = f"the arms are not compared: {str(error).replace(str(place.folder), name)}"
     page = page_contents(

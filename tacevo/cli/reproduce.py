@@ -118,7 +118,8 @@ def _told(found: Opened, runs: Sequence[Rerun]) -> list[str]:
         place = f"{job}, " if job else ""
         told += [f"job {job}: digest {run.replayed.digest}"] if job else []
         told += [
-            f"{place}study {name}: every score is as recorded, digest {digest}" for name, digest in run.studies.items()
+            f"{place}study {name}: every score is as recorded, digest {study.scores.digest}"
+            for name, study in run.studies.items()
         ]
     return told
 

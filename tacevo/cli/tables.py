@@ -15,16 +15,18 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from analysis.report.collection import Collection, collect, tables_of
+from analysis.report.collection import Collection, collection_of, compared_studies, read_studies, tables_of
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated, write_tables
 from analysis.rounding import shown
-from analysis.runs.run import Run, load_run
+from analysis.runs.run import Run, finished_run, load_run
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns, table_texts
-from tacevo.bundles.open import Opened, located, opened
+from tacevo.bundles.open import Opened, opened
+from tacevo.bundles.verify import Rerun
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
+from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import CacheMissError, ConfigError, IncomparableError, RunError
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
@@ -40,6 +42,7 @@ _ONE = "compare its arms by `tacevo ablations`, or name the directory of one of 
 class Gathered:
     """A run with its studies, from a directory or a bundle."""
 
+    recorded: RecordedRun
     found: Collection
     #: The directory of the stores that it is read with; None for the run's own.
     store: str | None
@@ -65,7 +68,7 @@ class Gathered:
     def tables(self) -> tuple[tuple[Table, ...], list[str]]:
         """Return its tables, and why there are none of motifs: a probe is missing, or a network was edited."""
         try:
-            return tables_of(self.found, recall_profiles(self.found.run.path, self.store)), []
+            return tables_of(self.found, recall_profiles(self.recorded)), []
         except (CacheMissError, RunError) as error:
             return tables_of(self.found, None), [f"no tables of motifs: {error}"]
 
@@ -142,7 +145,10 @@ def read_gathered(run: Path, place: Opened, store: str | None) -> Gathered:
     """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
     is_bundle = place.root is not None
     used = str(place.store) if is_bundle and store is None else store
-    return Gathered(found=collect(run, None if used is None else Path(used)), store=used, is_bundle=is_bundle)
+    recorded, root = read_recorded(run, used), None if used is None else Path(used)
+    shown = _shown(recorded)
+    found = collection_of(shown, read_studies(shown, root), root)
+    return Gathered(recorded=recorded, found=found, store=used, is_bundle=is_bundle)
 
 
 def place_of(options: argparse.Namespace, name: str) -> Path:
@@ -184,38 +190,54 @@ def say(remarks: Iterable[str]) -> None:
         print(remark, file=sys.stderr)
 
 
-def table_files(directory: Path, store: Path, say: Callable[[str], object]) -> dict[str, bytes]:
+def table_files(directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]) -> dict[str, bytes]:
     """Make every table of a run or a sweep from its records and recorded probes; return contents by file name.
 
     `say` is called with the reason if a sweep has no tables of its arms.
     """
     if SweepDirectory(directory).is_one:
-        return _of_sweep(directory, store, say)[0]
-    return _files(tables_of(collect(directory, store), recall_profiles(directory, str(store))))
+        return _of_sweep(directory, runs, say)[0]
+    (done,) = runs
+    return _files(tables_of(_collected(done), recall_profiles(done.run)))
 
 
-def pages(directory: Path, store: Path, say: Callable[[str], object]) -> tuple[dict[str, bytes], dict[str, bytes]]:
+def pages(
+    directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
+) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Make every table, as `table_files`, and every figure that follows from the records; return contents by name."""
     from analysis.figures.style import render  # Matplotlib takes a second to import, and a replay draws nothing
     from analysis.report.figure_list import pictures_of, sweep_pictures
 
     if SweepDirectory(directory).is_one:
-        tables, swept = _of_sweep(directory, store, say)
+        tables, swept = _of_sweep(directory, runs, say)
         pictures = () if swept is None else sweep_pictures(swept)
     else:
-        found = collect(directory, store)
-        tables = _files(tables_of(found, recall_profiles(directory, str(store))))
+        (done,) = runs
+        found = _collected(done)
+        tables = _files(tables_of(found, recall_profiles(done.run)))
         pictures = pictures_of(found)
     return tables, {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
 
 
+def _shown(run: RecordedRun) -> Run:
+    """Return a run as the analysis sees it."""
+    return finished_run(run.directory, run.record, run.ledger)
+
+
+def _collected(done: Rerun) -> Collection:
+    """Gather a run that was run again, with its studies."""
+    run, store = _shown(done.run), Path(done.run.config.store.root)
+    return collection_of(run, compared_studies(run, done.studies.values(), store), store)
+
+
 def _of_sweep(
-    directory: Path, store: Path, say: Callable[[str], object]
+    directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
 ) -> tuple[dict[str, bytes], SweepCollection | None]:
     """Make the tables of a sweep, and read what its figures show; without a fair comparison there are none of arms."""
-    beside = beside_published([load_run(run) for run in located(directory).runs])
+    shown = [_shown(done.run) for done in runs]
+    beside, known = beside_published(shown), {run.path.name: run for run in shown}
     try:
-        found = collect_sweep(directory, store)
+        found = collect_sweep(directory, Path(runs[0].run.config.store.root), known=known)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
         reason = str(error).replace(str(directory), "the sweep")  # which may lie in a private directory
         say(f"no table or figure compares the arms: {reason}")

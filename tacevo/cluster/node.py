@@ -1,6 +1,5 @@
 """A node's process: one sandbox for all slots of the node, with the images mapped from a directory of its own."""
 
-import os
 import pickle
 import threading
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ from typing import Any
 from tacevo.cluster import images as files
 from tacevo.cluster.facts import Facts, Order, facts_here
 from tacevo.cluster.images import Images
-from tacevo.environment import machine
+from tacevo.environment import machine, usable_cores
 from tacevo.errors import SandboxError
 from tacevo.sandbox.client import Sandbox, Zygote
 from tacevo.sandbox.confinement import in_force
@@ -45,7 +44,7 @@ class Node:
         directory = files.directory_here()
         if files.find(images, directory) is not None:
             return True
-        cores = len(os.sched_getaffinity(0))
+        cores = usable_cores()
         if not files.is_cheaper_to_make(images, cores):
             return False
         return files.make(images, directory, cores) is not None

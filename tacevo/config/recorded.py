@@ -1,7 +1,6 @@
 """A finished run as it was recorded, read and checked once."""
 
 import contextlib
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Self
 from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.compose import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
+from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.records import DataFacts, Task
 from tacevo.search.files import Line, NetworkFile, PromptFile, RulesLine, eras_of, read_archives, read_finished
@@ -76,7 +76,7 @@ def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
 
 
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
-    """Return the configuration of a run for this machine alone, with no more workers than it has cores.
+    """Return the configuration of a run for this machine alone, with no more workers than cores.
 
     `store` is where its stores lie, if not where the run had them.
 
@@ -101,7 +101,7 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
             remedy="restore it",
         )
     root = config.store.root if store is None else store
-    workers = min(config.executor.workers, os.cpu_count() or 1)
+    workers = min(config.executor.workers, usable_cores())
     here = replace(config.executor, kind=ExecutorKind.local, workers=workers)
     return replace(config, store=StoreConfig(root=root), executor=here)
 

@@ -7,7 +7,6 @@ What it does not: it needs a file system on which `flock` works across the proce
 """
 
 import errno
-import fcntl
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -51,7 +50,7 @@ def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterat
         if not flock(lock.fileno()):
             if waiting is not None:
                 waiting()
-            flock(lock.fileno(), fcntl.LOCK_EX)
+            flock(lock.fileno(), wait=True)
         if directory.is_dir():
             yield None
             return

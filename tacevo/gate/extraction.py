@@ -18,7 +18,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tacevo.gate.blocks import Block, Problem, fenced_blocks, parsable_blocks, parse
+from tacevo.gate.blocks import Block, fenced_blocks, parsable_blocks
+from tacevo.gate.policy.problems import Problem, parse
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.

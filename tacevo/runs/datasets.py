@@ -1,6 +1,5 @@
 """The data set that a configuration names."""
 
-import os
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import Table
 from tacevo.data.sources.tacverse import TacVerse
+from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
 from tacevo.records import DataFacts
 from tacevo.runs.progress import Progress
@@ -54,7 +54,7 @@ def load_data(config: RunConfig, view: Progress, *, catalogue: Catalogue | None 
         normalisation=config.data.normalisation,
         target_scaling=config.task.target_scaling,
         cache=Path(config.store.root) / "data",
-        workers=min(config.executor.workers, os.cpu_count() or 1),
+        workers=min(config.executor.workers, usable_cores()),
         accept=lambda catalogue: check_fit(
             config.task, kind=catalogue.kind, outputs=len(catalogue.names), names=catalogue.names
         ),

@@ -18,6 +18,7 @@ from tacevo.config.schema import OutputConfig, RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.splitting import part_sizes
+from tacevo.environment import usable_cores
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.records import Kind, Mode, Rejection
@@ -77,7 +78,7 @@ def trainings(config: RunConfig) -> int:
 def trainings_at_once(config: RunConfig) -> int:
     """Return how many trainings run here together: one for each worker, core and share of a GPU; at least one."""
     is_on_cpu = config.training.device is Device.cpu
-    places = len(os.sched_getaffinity(0)) if is_on_cpu else config.executor.per_gpu * len(visible_gpus())
+    places = usable_cores() if is_on_cpu else config.executor.per_gpu * len(visible_gpus())
     return max(1, min(config.executor.workers, places))
 
 
@@ -105,7 +106,7 @@ def measure(config: RunConfig) -> Pace:
     """
     executor = replace(config.executor, kind=ExecutorKind.local, workers=trainings_at_once(config))
     check_means(replace(config, executor=executor))
-    load = os.getloadavg()[0] / (os.cpu_count() or 1)
+    load = os.getloadavg()[0] / (os.cpu_count() or 1)  # of the whole machine
     with tempfile.TemporaryDirectory() as folder:
         here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder), executor=executor)
         task, data = load_task(here, facts_without_data(here)), noise(here, Path(folder))

@@ -1,8 +1,6 @@
 """The profiles of a finished run's networks, from its store of probes."""
 
-from pathlib import Path
-
-from tacevo.config.recorded import read_recorded
+from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
@@ -11,7 +9,7 @@ from tacevo.search.files import by_rules
 from tacevo.search.lines import CandidateLine
 
 
-def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
+def recall_profiles(run: RecordedRun) -> dict[str, Profile]:
     """Return the profile of every trained candidate of a run, by id, in the order of its ledger.
 
     They are read under the rules of the run. The code of no candidate runs, so no sandbox is needed.
@@ -20,7 +18,6 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
         CacheMissError: a probe is missing.
         RunError: a candidate's file is not what was trained, or the limits of the run reject its source.
     """
-    run = read_recorded(path, store)
     trained = {
         line.id: (rules, line.source)
         for rules, line in by_rules(run.ledger.lines)
@@ -33,6 +30,6 @@ def recall_profiles(path: Path, store: str | None) -> dict[str, Profile]:
             verdict = gates[rules].measure(run.directory.read_source(name, digest))
             if not isinstance(verdict, Admitted):
                 detail = f"{name} was trained, and is rejected now: {verdict.reason}: {verdict.detail}"
-                raise RunError(detail, place=str(path), remedy="restore run.json")
+                raise RunError(detail, place=str(run.directory.path), remedy="restore run.json")
             found[name] = verdict.profile
     return found

@@ -18,7 +18,7 @@ from fractions import Fraction
 
 from tacevo.choices import PromptPolicy
 from tacevo.profile import Admitted
-from tacevo.records import Operator, Rejection, to_json
+from tacevo.records import Operator, Rejection
 from tacevo.search.archive import AddStatus, Elite, Growing, Placed, coverage, qd_score
 from tacevo.search.descriptors import describe
 from tacevo.search.development import Job, Outcome, Tools, candidate_line, check_given, develop, reevaluation_line
@@ -35,7 +35,6 @@ from tacevo.search.proposals import (
 )
 from tacevo.search.reevaluation import Reevaluation, compete_again, plan_reevaluations
 from tacevo.search.state import Ledger, Observer, Plan, SearchState
-from tacevo.storage.canonical import content_hash
 
 
 def run_search(
@@ -160,7 +159,6 @@ def close(
     Generation 0 leaves T_1 as it is: there is no generation before it to compare with. `trained` counts first answers
     only, as the paper has it; repaired ones are counted apart, where any answer was sent back.
     """
-    elites, trials = state.networks.archive.elites, state.prompts.trials
     temperature = state.temperature
     if state.generation > 0:
         temperature = next_temperature(
@@ -182,8 +180,8 @@ def close(
         qd_score=round(qd_score(state.networks.archive), 12),
         prompt_coverage=coverage(state.prompts.archive, plan.prompts.niches),
         bounds=state.networks.bounds,
-        archive=content_hash(to_json(elites)),
-        prompt_archive=content_hash(to_json(trials)),
+        archive=state.networks.digest,
+        prompt_archive=state.prompts.digest,
         repaired=repaired if any(line.repairs for line in lines) else None,
         reevaluated=len(folded) - len(lines) or None,
     )

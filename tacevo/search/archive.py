@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import Record
+from tacevo.records import Record, to_json
+from tacevo.storage.canonical import content_hash
 
 K = TypeVar("K", bound=Hashable)
 
@@ -250,6 +251,11 @@ class NetworkArchive:
     fixed: bool = False
     #: Every candidate offered so far by its name, in order.
     history: Growing[str, Placed] = field(default_factory=Growing)
+
+    @property
+    def digest(self) -> str:
+        """The hash of its elites by niche, for the ledger: 64 hex digits."""
+        return content_hash(to_json(self.archive.elites))
 
     def offer(self, niches: Tessellation | Places, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
         """Offer a candidate.

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tacevo.choices import PromptPolicy
-from tacevo.records import Contract, Message, Reason, Rejection, Request
+from tacevo.records import Contract, Message, Reason, Rejection, Request, to_json
 from tacevo.search.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
+from tacevo.storage.canonical import content_hash
 
 #: What is asked for where a network has no parent.
 SAMPLING = "Draw a network at random."
@@ -56,6 +57,11 @@ class PromptArchive:
     archive: Archive = field(default_factory=Archive)
     #: The trials that the archive's elites name, by niche.
     trials: Growing[int, Trial] = field(default_factory=Growing)
+
+    @property
+    def digest(self) -> str:
+        """The hash of its trials by niche, for the ledger: 64 hex digits."""
+        return content_hash(to_json(self.trials))
 
     def record(
         self, tessellation: Tessellation, trial: Trial, *, prompts: int, name: str

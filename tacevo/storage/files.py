@@ -14,9 +14,6 @@ from typing import BinaryIO
 
 from tacevo.errors import RunError, StoreError
 
-#: A lock for one process that does not wait for another one.
-NOW = fcntl.LOCK_EX | fcntl.LOCK_NB
-
 #: How often a lock that another process holds is tried again, and after how many seconds each.
 _PATIENCE, _PAUSE = 20, 0.05
 
@@ -41,7 +38,7 @@ def alone(folder: Path, *, wait: bool = True) -> Iterator[None]:
     handle = os.open(folder, os.O_RDONLY)
     try:
         with contextlib.suppress(OSError):  # no locks here
-            if not flock(handle, fcntl.LOCK_EX if wait else NOW):
+            if not flock(handle, wait=wait):
                 got = "one that its search or another `tacevo track` is mirroring"
                 remedy = "repeat the command when that is done"
                 raise RunError(got, place=str(folder), expected="an idle run", remedy=remedy)
@@ -80,14 +77,19 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
         os.close(handle)
 
 
-def flock(handle: int, how: int = NOW) -> bool:
+def flock(handle: int, *, wait: bool = False, shared: bool = False) -> bool:
     """Lock an open file or directory until it is closed; return False where another process holds it.
+
+    Args:
+        handle: of the file or directory.
+        wait: for the other process, as long as it takes.
+        shared: with others that share it.
 
     Raises:
         OSError: the file system has no locks.
     """
     try:
-        fcntl.flock(handle, how)
+        fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
         return False
     return True
@@ -149,7 +151,7 @@ def _part_of(path: Path) -> Iterator[BinaryIO]:
 def _lock(file: BinaryIO) -> None:
     """Lock a new file; where the file system cannot, it needs no lock, since `remove_leftovers` fails there too."""
     try:
-        flock(file.fileno(), fcntl.LOCK_EX)
+        flock(file.fileno(), wait=True)
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise

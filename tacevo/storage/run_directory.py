@@ -12,7 +12,6 @@ NOTE.md         what readers must know, if somebody wrote it (tacevo.storage.not
 """
 
 import contextlib
-import fcntl
 import hashlib
 import os
 from contextlib import AbstractContextManager
@@ -107,7 +106,7 @@ class RunDirectory:
         """Whether a process holds the directory at this moment."""
         try:
             with (self.path / ".lock").open("rb") as file:
-                return not flock(file.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+                return not flock(file.fileno(), shared=True)
         except OSError:  # nobody ever held it, or the file system has no locks
             return False
 

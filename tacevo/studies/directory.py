@@ -20,7 +20,7 @@ from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.studies.lines import SCHEMA, Design, FailedLine, Row, ScoreLine, StudyHeader, StudyRecord, study_line_kind
+from tacevo.studies.lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
 from tacevo.typed import parse
 
 #: What `study_names` returns, as a regular expression.
@@ -40,7 +40,34 @@ class Scores:
     header: StudyHeader
     #: In the order of networks and seeds.
     rows: tuple[Row, ...]
-    digest: str
+    #: Of the header and of each row.
+    hashes: tuple[str, ...]
+
+    @property
+    def digest(self) -> str:
+        """The last hash, which stands for all of them."""
+        return self.hashes[-1]
+
+    def compare(self, header: StudyHeader, rows: Sequence[Row]) -> str:
+        """Compare with computed scores; return the digest of these.
+
+        Raises:
+            DivergenceError: they differ; the message names the row.
+        """
+        ledger = Ledger(Sealed((self.header, *self.rows), self.hashes))
+        for line in (header, *rows):
+            ledger.commit(line)
+        return ledger.digest
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FinishedStudy:
+    """A finished study, read and checked once."""
+
+    path: Path
+    #: What study.json holds.
+    record: StudyRecord
+    scores: Scores
 
 
 class StudyDirectory:
@@ -78,24 +105,12 @@ class StudyDirectory:
             RunError: the scores that stand here were damaged or edited.
         """
         if self.scores.exists():
-            digest = self.compare(header, rows)
+            digest = self.read_scores().compare(header, rows)
         else:
             text, digest = sealed_text([header, *rows])
             write_durably(self.scores, text)
         self._write(replace(self.read(), digest=digest))
         return digest
-
-    def compare(self, header: StudyHeader, rows: Sequence[Row]) -> str:
-        """Compare the recorded scores with computed ones; return the digest.
-
-        Raises:
-            DivergenceError: they differ; the message names the row.
-            RunError: the recorded ones were damaged or edited.
-        """
-        ledger = Ledger(self._lines())
-        for line in (header, *rows):
-            ledger.commit(line)
-        return ledger.digest
 
     def read(self) -> StudyRecord:
         """Read study.json.
@@ -113,7 +128,11 @@ class StudyDirectory:
         Raises:
             RunError: the study is not finished, or a line was damaged or edited; the message names network and seed.
         """
-        sealed = self._lines()
+        try:
+            sealed: Sealed[StudyHeader | Row] = read_lines(self.scores, study_line_kind, _row)
+        except RunError as error:
+            error.remedy = self._remedy
+            raise
         headers = [line for line in sealed.lines if isinstance(line, StudyHeader)]
         rows = tuple(line for line in sealed.lines if not isinstance(line, StudyHeader))
         if not headers or not rows or sealed.lines != (headers[0], *rows):
@@ -123,9 +142,9 @@ class StudyDirectory:
                 expected="a header, then scores",
                 remedy=_CONTINUES,
             )
-        return Scores(header=headers[0], rows=rows, digest=sealed.digest)
+        return Scores(header=headers[0], rows=rows, hashes=sealed.hashes)
 
-    def read_finished(self) -> tuple[StudyRecord, Scores]:
+    def read_finished(self) -> FinishedStudy:
         """Read study.json and the scores, and compare their digests; for what uses them without a replay.
 
         Raises:
@@ -139,14 +158,7 @@ class StudyDirectory:
                 expected=f"{scores.digest}, with which scores.jsonl ends",
                 remedy=_CONTINUES,
             )
-        return record, scores
-
-    def _lines(self) -> Sealed[StudyHeader | ScoreLine | FailedLine]:
-        try:
-            return read_lines(self.scores, study_line_kind, _row)
-        except RunError as error:
-            error.remedy = self._remedy
-            raise
+        return FinishedStudy(path=self.path, record=record, scores=scores)
 
     def _write(self, study: StudyRecord) -> None:
         write_durably(self.path / "study.json", readable({**to_json(study), "recipe": written(study.recipe)}))
@@ -197,7 +209,7 @@ def is_stated(study: Design, retraining: Retraining) -> bool:
     return study.terms is not None and not study.other_data and settings == retraining
 
 
-def _row(lines: Sequence[StudyHeader | ScoreLine | FailedLine]) -> str:
+def _row(lines: Sequence[StudyHeader | Row]) -> str:
     """Name the row behind some lines: networks one after the other, each with all seeds."""
     header = lines[0] if lines else None
     if isinstance(header, StudyHeader) and len(lines) <= len(header.networks) * header.seeds:

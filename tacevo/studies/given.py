@@ -13,8 +13,8 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate
-from tacevo.gate.blocks import Problem, parse
 from tacevo.gate.extraction import as_whole
+from tacevo.gate.policy.problems import Problem, parse
 from tacevo.records import Completion, Given, Mode, Rejection, Task
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_data

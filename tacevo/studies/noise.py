@@ -54,4 +54,4 @@ def estimates_of(run: RecordedRun, digest: str) -> dict[str, float]:
             expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
             remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
         )
-    return median_losses(directory.read_finished()[1].rows)
+    return median_losses(directory.read_finished().scores.rows)

@@ -30,8 +30,8 @@ from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import Plan, read_plan
 from tacevo.storage.store import Seen, remove_leftovers_in_stores
-from tacevo.studies.directory import StudyDirectory, find_study, misfits, studies_of
-from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, StudyRecord
+from tacevo.studies.directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
+from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader
 from tacevo.studies.networks import given_networks, networks_of
 from tacevo.studies.noise import estimates_of, noise_digest, noise_runs
 from tacevo.studies.terms import Terms, fewest_seeds
@@ -167,8 +167,8 @@ def _carry_out(
     )
 
 
-def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, str]:
-    """Compare every score of a run's finished studies with the store alone; return the digest of each, by its name.
+def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, FinishedStudy]:
+    """Compare every score of a run's finished studies with the store alone; return each of them, by its name.
 
     Unfinished studies are passed over, and those of the run before it was extended. `seen` gets every store entry that
     is read.
@@ -176,9 +176,9 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
     Raises:
         DivergenceError: a score differs, or the study is not about the networks that the run found.
         CacheMissError: the store lacks a training.
-        RunError: a file is damaged.
+        RunError: a file is damaged, or has more or fewer scores than it says.
     """
-    digests = {}
+    studies = {}
     for directory in studies_of(run.directory.path):
         name, recorded = directory.path.name, directory.read()
         if recorded.digest is None:
@@ -187,12 +187,19 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
             view.say(f"study {name} is about the run before it was extended, and is passed over")
         else:
             with doubting(deviations(recorded.versions, versions())):
-                digests[name] = _replay(run, directory, recorded, seen)
-    return digests
+                scores = directory.read_scores()
+                studies[name] = FinishedStudy(path=directory.path, record=recorded, scores=scores)
+                _replay(run, studies[name], seen)
+    return studies
 
 
-def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, seen: Seen | None) -> str:
-    """Compute the scores of one study again and compare; return the digest."""
+def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
+    """Compute the scores of one study again, and compare."""
+    recorded, scores = study.record, study.scores
+    trainings = recorded.seeds * len(recorded.networks)
+    if len(scores.rows) != trainings:  # else a few digits could ask for more memory than there is
+        place = f"{study.path}/scores.jsonl"
+        raise RunError(f"{len(scores.rows)}", place=place, expected=f"{trainings} scores, by its study.json")
     plan = _plan(
         run,
         elites=len(recorded.networks) - 1,
@@ -206,7 +213,7 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
     )
     if recorded.other_data and recorded.data.fingerprint != run.record.data.fingerprint:
         plan = replace(plan, header=replace(plan.header, data=recorded.data, other_data=recorded.other_data))
-    place = f"{directory.path}/study.json"
+    place = f"{study.path}/study.json"
     if differing := misfits(recorded, plan.header):
         raise DivergenceError(
             f"other values of {listed(differing)}: it was edited, or is the study of another run",
@@ -219,10 +226,9 @@ def _replay(run: RecordedRun, directory: StudyDirectory, recorded: StudyRecord, 
     with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, seen=seen) as bench:
         evaluator = _evaluator(bench, plan.header, recorded.scale)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
-        digest = directory.compare(plan.header, _rows(plan, evaluator, verdicts))
+        digest = scores.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
         raise DivergenceError(str(recorded.digest), place=f"{place}, digest", expected=digest)
-    return digest
 
 
 def _stated(config: StudyConfig, kind: Kind) -> Terms:

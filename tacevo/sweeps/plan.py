@@ -18,6 +18,7 @@ from tacevo.config.compose import compose, spread
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
+from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError
 from tacevo.redaction import check_address, secret_variables
 from tacevo.runs.progress import Progress
@@ -129,7 +130,7 @@ def _run(
     left = [status.job for status in statuses if status.standing not in {Standing.finished, Standing.running}]
     if not left:
         return
-    needed, cores = max(needed_cores(entry.config.executor) for entry in planned), len(os.sched_getaffinity(0))
+    needed, cores = max(needed_cores(entry.config.executor) for entry in planned), usable_cores()
     chosen = fitted(launcher, jobs=len(left), needed=needed, cores=cores)
     options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
     view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")

@@ -1,6 +1,5 @@
 """An MLflow store: opened, its experiment and its runs found or created."""
 
-import fcntl
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +8,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Metric, Param, Run
 from mlflow.exceptions import MlflowException
 
+from tacevo.storage.files import flock
 from tacevo.tracking.entries import Measure
 
 #: The tag by which MLflow nests runs.
@@ -86,7 +86,7 @@ def _create(database: Path) -> None:
     if database.exists() and not part.exists():
         return
     with part.open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)  # another mirror may be creating it
+        flock(file.fileno(), wait=True)  # another mirror may be creating it
         if database.exists():
             part.unlink(missing_ok=True)
             return

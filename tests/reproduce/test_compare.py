@@ -134,8 +134,8 @@ def test_places_of_the_best_are_not_compared() -> None:
 def test_studies_of_one_kind_are_compared_row_by_row() -> None:
     """The header, which names the run, is left out; a study that one run lacks is passed over."""
     rows = tuple(score("variant 1", seed, 0.1 * seed) for seed in range(3))
-    one = Scores(header=STUDY, rows=rows, digest="")
-    other = Scores(header=STUDY, rows=(*rows[:2], score("variant 1", 2, 0.7)), digest="")
+    one = Scores(header=STUDY, rows=rows, hashes=())
+    other = Scores(header=STUDY, rows=(*rows[:2], score("variant 1", 2, 0.7)), hashes=())
     (study,) = compare(replace(RUN, studies={"s": one, "x": one}), replace(RUN, studies={"s": other})).studies
     assert (study.rows, study.same) == (3, 2)
     assert study.first is not None

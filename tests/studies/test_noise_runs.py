@@ -181,7 +181,7 @@ def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) ->
     """The others keep their re-estimates; without the baseline there is nothing to compare them with."""
     run, directory = load_run(folder / "run"), noise_of(folder)
     failing(directory, "variant 1")
-    found = load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
+    found = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
     assert found is not None
     assert [network.name for network in found.networks] == ["baseline", "variant 2"]
     assert [network.name for network in found.failed] == ["variant 1"]
@@ -189,7 +189,7 @@ def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) ->
     assert any("variant 1" in note for note in noise_tables(found, "force")[0].notes)
     failing(directory, "baseline")
     with refused(RunError, expected="a baseline that trains with every seed"):
-        load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
+        load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
 
 
 def test_noise_run_without_a_training_gives_no_re_estimates(folder: Path) -> None:
@@ -199,7 +199,7 @@ def test_noise_run_without_a_training_gives_no_re_estimates(folder: Path) -> Non
     directory.scores.unlink()
     directory.finish(scores.header, scores.rows[:-1])
     with refused(RunError, place=str(directory.path), expected="one score for each network and seed", got="5 others"):
-        load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
+        load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
 
 
 def test_training_that_the_store_rejects_is_named(folder: Path) -> None:
@@ -213,7 +213,7 @@ def test_training_that_the_store_rejects_is_named(folder: Path) -> None:
     (folder / "cache" / "studies" / key[:2] / f"{key}.json").unlink()
     store.write(entry.request, {"rejection": to_json(rejection)})
     with refused(RunError, place=key, expected="a training, as the study's scores say", got="a rejection"):
-        load_reestimates(study, run.config, run.facts.fingerprint, folder / "cache")
+        load_reestimates(study.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
 
 
 def test_noise_run_is_not_a_study_with_test_scores(noisy: Path) -> None:
@@ -233,7 +233,7 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     assert main(NOISE) == 0
     told = capsys.readouterr().out
     run, directory = load_run(folder / "run"), noise_of(folder)
-    again = load_reestimates(directory, run.config, run.facts.fingerprint, folder / "cache")
+    again = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
     assert again is not None
     for network, found in zip(again.networks, again.noise.networks, strict=True):
         cells = [shown(value) for value in (network.fitness, found.median, found.least, found.most)]
@@ -327,11 +327,11 @@ def test_study_that_trains_otherwise_gives_no_re_estimates(noisy: Path) -> None:
     run = load_run(noisy / "run")
     training, fingerprint = run.config.training, run.facts.fingerprint
     (study,) = (one for one in studies_of(noisy / "run") if one.path.name.startswith("elites"))
-    assert load_reestimates(study, run.config, fingerprint, noisy / "cache") is not None
+    assert load_reestimates(study.read_finished(), run.config, fingerprint, noisy / "cache") is not None
     for changed in (replace(training, epochs=2), replace(training, batch_size=7)):
         config = replace(run.config, training=changed)
-        assert load_reestimates(study, config, fingerprint, noisy / "cache") is None
-    assert load_reestimates(study, run.config, "other", noisy / "cache") is None
+        assert load_reestimates(study.read_finished(), config, fingerprint, noisy / "cache") is None
+    assert load_reestimates(study.read_finished(), run.config, "other", noisy / "cache") is None
 
 
 def test_training_that_the_store_lacks_is_named(folder: Path) -> None:

@@ -12,9 +12,9 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from tacevo.gate.blocks import Problem, is_special, parse
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.overrides import overrides
+from tacevo.gate.policy.problems import Problem, is_special, parse
 from tacevo.gate.policy.weight_changes import weight_changes
 from tacevo.records import Contract, Reason, Rejection, Stage
 

@@ -6,8 +6,8 @@ A network that answers `parameters()`, `train()` or `state_dict()` itself can mi
 import ast
 from collections.abc import Iterable, Iterator
 
-from tacevo.gate.blocks import Problem, is_special
 from tacevo.gate.policy import allowed
+from tacevo.gate.policy.problems import Problem, is_special
 from tacevo.records import Reason
 
 _Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from tacevo.gate.blocks import Problem, is_special
+from tacevo.gate.policy.problems import Problem, is_special
 from tacevo.records import Reason
 
 #: Attributes that may not be used while the network runs, each with the reason.
