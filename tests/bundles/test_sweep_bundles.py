@@ -221,7 +221,7 @@ def test_bundle_is_a_run_or_a_sweep(whole: Members, refused: Refused) -> None:
     """Not both, and not a half of either."""
     both = {**whole, **{f"run/{name}": data for name, data in run_of(whole, "none-seed0").items()}}
     refused(both, "expected files of a published sweep only; got 'run/archive.json'")
-    refused({name: data for name, data in whole.items() if name != JOBS}, "none of sweep/sweep.json")
+    refused({name: data for name, data in whole.items() if name != JOBS}, "a file without sweep/sweep.json")
     ledger = "sweep/none-seed1/ledger.jsonl"
     refused({name: data for name, data in whole.items() if name != ledger}, f"none of {ledger}")
 
