@@ -223,7 +223,7 @@ def test_bundle_is_a_run_or_a_sweep(whole: Members, refused: Refused) -> None:
     refused(both, "expected files of a published sweep only; got 'run/archive.json'")
     refused({name: data for name, data in whole.items() if name != JOBS}, "a file without sweep/sweep.json")
     ledger = "sweep/none-seed1/ledger.jsonl"
-    refused({name: data for name, data in whole.items() if name != ledger}, f"none of {ledger}")
+    refused({name: data for name, data in whole.items() if name != ledger}, f"a file without {ledger}")
 
 
 def test_job_does_not_take_the_walls_down(whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
