@@ -3,10 +3,10 @@
     python -m benchmarks.gpu
 
 For the baseline and four networks of the first published force run, at 256 px, in each precision: images/s of the
-trainer's own loop, in one process. Beside it the two limits that the device has for that network: its arithmetic, by the rate of
-a large matrix product, and its memory, by the rate of a large copy. And baselines an hour through the whole sandbox,
-with one, two and four on the GPU at once. Without CUDA it says so and measures nothing; **nobody has run it on a GPU
-yet**.
+trainer's own loop, in one process. Beside it the two limits that the device has for that network: its arithmetic, by
+the rate of a large matrix product, and its memory, by the rate of a large copy. And baselines an hour through the whole
+sandbox, with one, two and four on the GPU at once. Without CUDA it says so and measures nothing; **nobody has run it on
+a GPU yet**.
 """
 
 import sys
