@@ -24,6 +24,7 @@ from benchmarks.llm import asking, memory_of_many
 from benchmarks.peers import REQUIREMENT, peers
 from benchmarks.record import record, write
 from benchmarks.replay import command_cost, synthetic_replays
+from benchmarks.share import beside_training
 from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
@@ -195,6 +196,7 @@ BENCHMARKS: Mapping[Callable[..., Figure | Iterable[Figure]], Mapping[str, Any]]
     replaying: {"settings": TINY, "rounds": 1},
     synthetic_replays: {"generations": [0]},
     tracking: {"settings": TINY, "rounds": 1},
+    beside_training: {"settings": TINY},
     asking: {"count": 10, "rounds": 1},
     memory: {"settings": TINY},
     memory_of_many: {"many": 10},
