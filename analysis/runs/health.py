@@ -161,7 +161,7 @@ def _remedy(run: Run, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
 
 
 def _of_candidates(run: Run) -> Iterator[Alarm]:
-    asked = [candidate for candidate in run.candidates if candidate.parents]
+    asked = run.answered
     known = (repeats(run) | copies(run)) & {candidate.id for candidate in asked}
     if asked and len(known) / len(asked) > REPEATED:
         yield Alarm(
@@ -223,6 +223,6 @@ def _of_temperature(run: Run) -> Iterator[Alarm]:
             yield Alarm(
                 name="stuck temperature",
                 sentence=f"The temperature ended at its limit of {limit:g} and was there for {count} generations; the "
-                "paper's own rule can only raise it (docs/paper.md).",
+                "paper's own rule only raises it, unless elites are trained again (docs/paper.md).",
                 figures=(("limit", limit), ("generations", count)),
             )

@@ -12,10 +12,13 @@ from tacevo.search.proposals import next_temperature
 def reachable_temperatures(run: Run) -> frozenset[float]:
     """Return every T_g that a trial of the run could have had, with any fitness that its generations found.
 
-    A generation either brings a better best or the same; an archive's best never gets worse. Trials begin with
-    generation 1, at T_1; the noise of a request does not enter the prompt archive.
+    A generation brings a better best or the same; where elites are trained again, it can also be worse. Trials begin
+    with generation 1, at T_1; the noise of a request does not enter the prompt archive.
     """
     settings = run.config.temperature
+    bests = [0.5, 1.0]
+    if run.config.archive.reevaluations(run.config.search.candidates):
+        bests.append(1.5)
     found: set[float] = set()
     current = {settings.start}
     for _ in range(run.generations[-1].generation):
@@ -23,7 +26,7 @@ def reachable_temperatures(run: Run) -> frozenset[float]:
         current = {
             next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
             for before in current
-            for best in (0.5, 1.0)
+            for best in bests
         }
     return frozenset(found)
 

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.choices import DataSource, Device, ExecutorKind, SplitRule
+from tacevo.choices import Device, ExecutorKind
 from tacevo.config.schema import OutputConfig, RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
-from tacevo.data.splitting import part_sizes
+from tacevo.data.loading import split_rows
 from tacevo.environment import usable_cores
 from tacevo.errors import RunError
 from tacevo.randomness import stream
@@ -83,17 +83,13 @@ def trainings_at_once(config: RunConfig) -> int:
 
 
 def training_images(config: RunConfig) -> int:
-    """Return how many images the training split has, or nearly so where groups are kept together.
+    """Return how many images the training split has.
 
     Raises:
-        DataError, ConfigError: the data set is not there, or cannot be used.
+        DataError, ConfigError: the data set is not there, or cannot be used or split so.
     """
     data = config.data
-    is_simulated = data.source is DataSource.simulated
-    count = data.images if is_simulated else len(source_of(config).catalogue().labels)
-    if data.split is SplitRule.release:
-        return round(count * 0.6)
-    return part_sizes(count, data.held_out)[0]
+    return len(split_rows(source_of(config).catalogue(), data.split, data.split_seed, data.held_out).train)
 
 
 def measure(config: RunConfig) -> Pace:

@@ -198,6 +198,14 @@ def test_strict_stage_is_told_with_its_commonest_reason() -> None:
     assert alarm.sentence.endswith("most often for no_class (2).")
 
 
+def test_samples_without_parents_are_answers_too() -> None:
+    """Under `ablation=random_sampling` no answer has a parent: the gate rejected two of five."""
+    samples = [replace(line, parents=()) for line in spread(*CORNERS)]
+    lost = [replace(rejected(1, slot, Stage.extract, Reason.no_class, prompt=slot), parents=()) for slot in (0, 1)]
+    (alarm,) = alarms(run([*samples, *lost], [closed(0), closed(1)]), QUARTERS)
+    assert dict(alarm.figures) == {"rejected": 2, "share": 0.4}
+
+
 def test_untried_prompts_are_named() -> None:
     """Only once prompts were drawn at all."""
     hand = run([*spread(*CORNERS), trained(1, 0, prompt=1)], [closed(0), closed(1)])
