@@ -12,17 +12,25 @@ resuming and extending a run are this same loop.
 
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction
 
 from tacevo.choices import PromptPolicy
+from tacevo.errors import ConfigError
 from tacevo.profile import Admitted
-from tacevo.records import Operator, Rejection
+from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.search.archive import AddStatus, Elite, Growing, Placed, coverage, qd_score
 from tacevo.search.descriptors import describe
-from tacevo.search.development import Job, Outcome, Tools, candidate_line, check_given, develop, reevaluation_line
-from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine
+from tacevo.search.development import Job, Outcome, Tools, develop
+from tacevo.search.lines import (
+    CandidateLine,
+    GenerationLine,
+    ReevaluationLine,
+    RepairedAnswer,
+    source_hash,
+    with_result,
+)
 from tacevo.search.prompts import Trial, curiosity
 from tacevo.search.proposals import (
     Candidate,
@@ -35,6 +43,7 @@ from tacevo.search.proposals import (
 )
 from tacevo.search.reevaluation import Reevaluation, compete_again, plan_reevaluations
 from tacevo.search.state import Ledger, Observer, Plan, SearchState
+from tacevo.storage.canonical import content_hash
 
 
 def run_search(
@@ -59,7 +68,7 @@ def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer:
     for outcome in develop(propose(state, plan), tools, repairs=plan.repairs, seeds=plan.seeds):
         check_given(outcome, plan.task)
         observer.developed(outcome)
-        state, line = fold(state, plan, outcome, tools.evaluation_key)
+        state, line = fold(state, plan, outcome)
         lines.append(line)
         ledger.commit(line)
         observer.committed(line, state)
@@ -67,6 +76,20 @@ def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer:
     ledger.commit(last)
     observer.committed(last, state)
     return state
+
+
+def check_given(outcome: Outcome, task: Task) -> None:
+    """Refuse a baseline, or another network of the user's, that does not train."""
+    proposal, result = outcome.proposal, outcome.result
+    if isinstance(proposal, Proposal) and proposal.request is None and isinstance(result, Rejection):
+        is_baseline = proposal.operator is Operator.baseline
+        raise ConfigError(
+            f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
+            place=f"task.baseline of task {task.name}"
+            if is_baseline
+            else f"networks, {task.given[proposal.slot - 1].name}",
+            expected="a network that trains",
+        )
 
 
 def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
@@ -93,27 +116,19 @@ def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
     return (*asked, *again)
 
 
-def fold(
-    state: SearchState, plan: Plan, outcome: Outcome, evaluation_key: Callable[[str, int], str]
-) -> tuple[SearchState, CandidateLine | ReevaluationLine]:
+def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState, CandidateLine | ReevaluationLine]:
     """Fold one outcome into the state; return the state and its ledger line."""
     if isinstance(outcome.proposal, Reevaluation):
-        return reevaluate(state, plan, outcome.proposal, outcome, evaluation_key)
-    return commit(state, plan, outcome.proposal, outcome, evaluation_key)
+        return reevaluate(state, plan, outcome.proposal, outcome)
+    return commit(state, plan, outcome.proposal, outcome)
 
 
-def commit(
-    state: SearchState,
-    plan: Plan,
-    proposal: Proposal,
-    outcome: Outcome,
-    evaluation_key: Callable[[str, int], str],
-) -> tuple[SearchState, CandidateLine]:
+def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
     """Fold one candidate into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
 
     A rejected candidate is discarded: it changes no archive.
     """
-    line = candidate_line(proposal, outcome, evaluation_key, names_dropped=plan.names_dropped)
+    line = _candidate_line(proposal, outcome, names_dropped=plan.names_dropped)
     admitted, result = outcome.admitted, outcome.result
     if admitted is None:
         return state, line
@@ -137,14 +152,17 @@ def commit(
 
 
 def reevaluate(
-    state: SearchState,
-    plan: Plan,
-    job: Reevaluation,
-    outcome: Outcome,
-    evaluation_key: Callable[[str, int], str],
+    state: SearchState, plan: Plan, job: Reevaluation, outcome: Outcome
 ) -> tuple[SearchState, ReevaluationLine]:
     """Fold the further training of an elite into the state; return the state and its ledger line."""
-    line = reevaluation_line(job, outcome, evaluation_key)
+    line = ReevaluationLine(
+        generation=job.generation,
+        slot=job.slot,
+        id=job.elite,
+        source=source_hash(job.source),
+        not_portable=() if outcome.admitted is None else outcome.admitted.profile.not_portable,
+    )
+    line = with_result(line, outcome.result, seed=outcome.seed, trainings=outcome.trainings, keys=outcome.keys)
     estimates = state.estimates.after(line)
     networks, candidates, line = compete_again(state.networks, state.candidates, estimates, plan.networks, line)
     best = min((-elite.objective for elite in networks.archive.elites.values()), default=math.inf)
@@ -216,3 +234,42 @@ def _learned(
         curiosities=Fraction(score),
     )
     return candidates.adding(child.id, child)
+
+
+def _candidate_line(proposal: Proposal, outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
+    """Write a candidate's line as far as its development goes (`names_dropped`: see `Plan`).
+
+    It says what was asked, what the model answered, and what gate and training found; descriptors and archives follow.
+    """
+    completion, admitted = outcome.completion, outcome.admitted
+    line = CandidateLine(
+        generation=proposal.generation,
+        slot=proposal.slot,
+        id=proposal.id,
+        operator=proposal.operator,
+        parents=proposal.parents,
+        prompt=proposal.prompt,
+        request=None if proposal.request is None else content_hash(to_json(proposal.request)),
+        temperature=None if proposal.request is None else proposal.request.temperature,
+        answer=None if completion is None else content_hash(completion.content()),
+        dropped=() if completion is None or not names_dropped else completion.dropped,
+        repairs=tuple(
+            RepairedAnswer(
+                answer=content_hash(attempt.completion.content()),
+                stage=attempt.rejection.stage,
+                reason=attempt.rejection.reason,
+                dropped=attempt.completion.dropped if names_dropped else (),
+            )
+            for attempt in outcome.attempts
+        ),
+    )
+    if admitted is not None:
+        profile = admitted.profile
+        line = replace(
+            line,
+            source=source_hash(admitted.source),
+            parameters=profile.parameters,
+            flops=profile.flops,
+            not_portable=profile.not_portable,
+        )
+    return with_result(line, outcome.result, seed=outcome.seed, trainings=outcome.trainings, keys=outcome.keys)

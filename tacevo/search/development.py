@@ -5,28 +5,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import Protocol
 
-from tacevo.errors import CacheMissError, ConfigError
+from tacevo.errors import CacheMissError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Operator, Rejection, Request, Task, Training, to_json
-from tacevo.search.lines import (
-    CandidateLine,
-    ReevaluationLine,
-    RepairedAnswer,
-    TrainedLine,
-    seed_lines,
-    source_hash,
-    with_training,
-)
+from tacevo.records import Completion, Operator, Rejection, Request, Training
 from tacevo.search.prompts import repair_request
 from tacevo.search.proposals import Proposal
 from tacevo.search.reevaluation import Reevaluation
-from tacevo.storage.canonical import content_hash
-
-T = TypeVar("T", bound=TrainedLine)
 
 #: A slot of a generation.
 Job = Proposal | Reevaluation
@@ -94,6 +81,8 @@ class Outcome:
     seed: int = 0
     #: The trainings by the numbers of their seeds, in order; none where one failed.
     trainings: Mapping[int, Training] = field(default_factory=dict)
+    #: What names each training in its store, by the number of its seed; none where the gate rejected the answer.
+    keys: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def completions(self) -> tuple[Completion, ...]:
@@ -131,21 +120,7 @@ def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int = 0, seeds: 
         for index, completion in _answers(asked, proposals, tools.llm):
             judged[index] = tools.executor.submit(_judge, proposals[index], completion, tools, trainings, asked[index])
     for index, proposal in enumerate(proposals):
-        yield _outcome(proposal, judged[index].result())
-
-
-def check_given(outcome: Outcome, task: Task) -> None:
-    """Refuse a baseline, or another network of the user's, that does not train."""
-    proposal, result = outcome.proposal, outcome.result
-    if isinstance(proposal, Proposal) and proposal.request is None and isinstance(result, Rejection):
-        is_baseline = proposal.operator is Operator.baseline
-        raise ConfigError(
-            f"one that is rejected: {result.stage}, {result.reason}: {result.detail}",
-            place=f"task.baseline of task {task.name}"
-            if is_baseline
-            else f"networks, {task.given[proposal.slot - 1].name}",
-            expected="a network that trains",
-        )
+        yield _outcome(proposal, judged[index].result(), tools.evaluation_key)
 
 
 def _answers(asked: Mapping[int, "_Asked"], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
@@ -291,7 +266,7 @@ def _done(answer: _Trained) -> Future[_Trained]:
     return future
 
 
-def _outcome(proposal: Job, judged: _Judged) -> Outcome:
+def _outcome(proposal: Job, judged: _Judged, evaluation_key: Callable[[str, int], str]) -> Outcome:
     """Wait for the trainings of what the gate admitted."""
     try:
         found = {seed: training.result() for seed, training in judged.trainings.items()}
@@ -300,16 +275,18 @@ def _outcome(proposal: Job, judged: _Judged) -> Outcome:
         raise
     results = {seed: result for seed, (result, _) in found.items()}
     trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
+    admitted = judged.gated if isinstance(judged.gated, Admitted) else None
     seed = _telling(results)
     return Outcome(
         proposal=proposal,
         completion=judged.completion,
-        admitted=judged.gated if isinstance(judged.gated, Admitted) else None,
+        admitted=admitted,
         result=results[seed],
         seconds=judged.seconds + sum(seconds for _, seconds in found.values()),
         attempts=judged.attempts,
         seed=seed,
         trainings=trainings if len(trainings) == len(results) else {},
+        keys={} if admitted is None else {seed: evaluation_key(admitted.source, seed) for seed in results},
     )
 
 
@@ -325,63 +302,3 @@ def _telling(results: Mapping[int, Training | Rejection]) -> int:
             return seed
         losses.append((result.fitness, seed))
     return sorted(losses)[len(losses) // 2][1]
-
-
-def candidate_line(
-    proposal: Proposal, outcome: Outcome, evaluation_key: Callable[[str, int], str], *, names_dropped: bool
-) -> CandidateLine:
-    """Write a candidate's line as far as its development goes (`names_dropped`: see `Plan`).
-
-    It says what was asked, what the model answered, and what gate and training found; descriptors and archives follow.
-    """
-    completion, admitted = outcome.completion, outcome.admitted
-    line = CandidateLine(
-        generation=proposal.generation,
-        slot=proposal.slot,
-        id=proposal.id,
-        operator=proposal.operator,
-        parents=proposal.parents,
-        prompt=proposal.prompt,
-        request=None if proposal.request is None else content_hash(to_json(proposal.request)),
-        temperature=None if proposal.request is None else proposal.request.temperature,
-        answer=None if completion is None else content_hash(completion.content()),
-        dropped=_dropped(completion, names_dropped),
-        repairs=tuple(
-            RepairedAnswer(
-                answer=content_hash(attempt.completion.content()),
-                stage=attempt.rejection.stage,
-                reason=attempt.rejection.reason,
-                dropped=_dropped(attempt.completion, names_dropped),
-            )
-            for attempt in outcome.attempts
-        ),
-    )
-    if admitted is None:
-        return _with_result(line, "", outcome, evaluation_key)
-    profile = admitted.profile
-    line = replace(line, source=source_hash(admitted.source), parameters=profile.parameters, flops=profile.flops)
-    return _with_result(line, admitted.source, outcome, evaluation_key)
-
-
-def reevaluation_line(
-    job: Reevaluation, outcome: Outcome, evaluation_key: Callable[[str, int], str]
-) -> ReevaluationLine:
-    """Write the line of an elite's further training, without what the archive did with it."""
-    line = ReevaluationLine(generation=job.generation, slot=job.slot, id=job.elite, source=source_hash(job.source))
-    return _with_result(line, job.source, outcome, evaluation_key)
-
-
-def _with_result(line: T, source: str, outcome: Outcome, evaluation_key: Callable[[str, int], str]) -> T:
-    """Return a line with what gate and training found of a source."""
-    line = replace(line, seed=outcome.seed)
-    if outcome.admitted is not None:
-        key = evaluation_key(source, outcome.seed)
-        line = replace(line, evaluation=key, not_portable=outcome.admitted.profile.not_portable)
-    if isinstance(outcome.result, Rejection):
-        return replace(line, stage=outcome.result.stage, reason=outcome.result.reason)
-    seeds = seed_lines(outcome.trainings, partial(evaluation_key, source))
-    return replace(with_training(line, outcome.result), seeds=seeds)
-
-
-def _dropped(completion: Completion | None, names_dropped: bool) -> tuple[str, ...]:
-    return completion.dropped if completion is not None and names_dropped else ()

@@ -6,11 +6,11 @@ before a field existed therefore keep their bytes.
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Literal, Self, TypeVar
 
-from tacevo.records import Operator, Reason, Record, Stage, Training
+from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
 from tacevo.search.archive import AddStatus, Bounds
 
 T = TypeVar("T", bound="TrainedLine")
@@ -187,22 +187,26 @@ def with_training(line: T, training: Training) -> T:
     )
 
 
-def seed_lines(trainings: Mapping[int, Training], key: Callable[[int], str]) -> tuple[SeedLine, ...]:
-    """Return the lines of several trainings, by the numbers of their seeds; none of a single one."""
-    if len(trainings) < 2:
-        return ()
-    return tuple(
+def with_result(
+    line: T, result: Training | Rejection, *, seed: int, trainings: Mapping[int, Training], keys: Mapping[int, str]
+) -> T:
+    """Return a line with what gate and training found; the values are those of `tacevo.search.development.Outcome`."""
+    line = replace(line, seed=seed, evaluation=keys.get(seed))
+    if isinstance(result, Rejection):
+        return replace(line, stage=result.stage, reason=result.reason)
+    seeds = tuple(
         SeedLine(
-            seed=seed,
-            evaluation=key(seed),
+            seed=number,
+            evaluation=keys[number],
             train_losses=training.train_losses,
             validation_losses=training.validation_losses,
             predictions=training.predictions_sha256,
             weights=training.weights_sha256,
             not_deterministic=training.not_deterministic,
         )
-        for seed, training in trainings.items()
+        for number, training in trainings.items()
     )
+    return replace(with_training(line, result), seeds=seeds if len(seeds) > 1 else ())
 
 
 def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int, seeds: int = 1) -> int:
