@@ -1,9 +1,10 @@
 """The search: the paper's Algorithm 1 as a deterministic fold.
 
-    run_search   for g = 0..G: plan, develop, commit in slot order, close the generation
-    commit       one candidate: descriptors, niche, insertion, prompt archive
-    reevaluate   one elite that was trained again, where a search does that: estimate, the archive filled again
-    close        one generation: best fitness, temperature
+    step       lines    of a generation
+    propose    1 to 4   operator, prompt pool, parents, instructions: requests; of generation 0, mutations of a baseline
+    develop    4 to 6   answers of the model, the gate, trainings
+    commit     7, 8     one candidate, in slot order: descriptors, niche, insertion, prompt archive
+    close      9        best fitness, next temperature
 
 Work finishes in any order and is committed in slot order, so one worker and sixteen give the same bytes. What
 is expensive comes in through `Tools` and is answered from stores where it was answered before; so replaying,
@@ -62,7 +63,7 @@ def run_search(
 
 
 def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
-    """Run one generation: plan, complete, admit, evaluate, commit."""
+    """Run one generation: propose, develop, commit, close."""
     before = state
     lines: list[CandidateLine | ReevaluationLine] = []
     for outcome in develop(propose(state, plan), tools, repairs=plan.repairs, seeds=plan.seeds):
@@ -93,7 +94,7 @@ def check_given(outcome: Outcome, task: Task) -> None:
 
 
 def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
-    """Plan the next generation from the state: its candidates, then the elites that are trained again."""
+    """Propose the next generation from the state: its candidates, then the elites that are trained again."""
     if state.generation == 0:
         return plan_initial(plan.task, plan.settings, mutations=plan.initial, temperature=state.temperature)
     settings, archive = plan.settings, state.networks.archive
@@ -117,14 +118,14 @@ def propose(state: SearchState, plan: Plan) -> tuple[Job, ...]:
 
 
 def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState, CandidateLine | ReevaluationLine]:
-    """Fold one outcome into the state; return the state and its ledger line."""
+    """Commit one outcome to the state; return the state and its ledger line."""
     if isinstance(outcome.proposal, Reevaluation):
         return reevaluate(state, plan, outcome.proposal, outcome)
     return commit(state, plan, outcome.proposal, outcome)
 
 
 def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
-    """Fold one candidate into the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
+    """Commit one candidate to the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
 
     A rejected candidate is discarded: it changes no archive.
     """
@@ -151,10 +152,11 @@ def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome)
     return _record_prompt(state, plan, line, score)
 
 
+# Not part of the paper's algorithm.
 def reevaluate(
     state: SearchState, plan: Plan, job: Reevaluation, outcome: Outcome
 ) -> tuple[SearchState, ReevaluationLine]:
-    """Fold the further training of an elite into the state; return the state and its ledger line."""
+    """Commit the further training of an elite to the state; return the state and its ledger line."""
     line = ReevaluationLine(
         generation=job.generation,
         slot=job.slot,
@@ -172,7 +174,7 @@ def reevaluate(
 def close(
     before: SearchState, state: SearchState, plan: Plan, folded: Sequence[CandidateLine | ReevaluationLine]
 ) -> tuple[SearchState, GenerationLine]:
-    """End a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
+    """Close a generation: its best fitness, its figures, and the next temperature (paper, Algorithm 1, line 9).
 
     Generation 0 leaves T_1 as it is: there is no generation before it to compare with. `trained` counts first answers
     only, as the paper has it; repaired ones are counted apart, where any answer was sent back.

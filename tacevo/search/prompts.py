@@ -84,7 +84,7 @@ def prompt_point(prompt: int, temperature: float, *, prompts: int) -> Point:
 
 
 def draw_pool(prompts: int, size: int | None, rng: np.random.Generator) -> tuple[int, ...]:
-    """Draw the prompt pool P_g of one generation (paper, Algorithm 1, line 4): different instructions, uniformly.
+    """Draw the prompt pool P_g of one generation (paper, Algorithm 1, line 3): different instructions, uniformly.
 
     Return `size` indices in [0, prompts), ascending; all of them for None, which takes no random number.
     """

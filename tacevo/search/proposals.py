@@ -99,7 +99,7 @@ class Proposal:
 def plan_initial(task: Task, settings: Settings, *, mutations: int, temperature: float) -> tuple[Proposal, ...]:
     """Plan generation 0: the baseline in slot 0, then mutations of it (docs/paper.md, initial archive).
 
-    It comes before Algorithm 1's loop, whose line 4 draws the pools, so it draws from the whole library. Networks that
+    It comes before Algorithm 1's loop, whose line 3 draws the pools, so it draws from the whole library. Networks that
     the task gives stand in place of the mutations.
     """
     baseline = _without_request(0, Operator.baseline, task.baseline)

@@ -21,7 +21,7 @@ ROWS = {line.split("|")[1].strip(): line for line in PAGE.splitlines() if line.s
         ("which four variants are studied", "by validation fitness"),
         ("the gate", "the paper's 96.0 % and 94.5 % are two quantities"),
         ("split of `data=tacverse`", "60/20/20"),
-        ("prompt pool P_g (Algorithm 1, line 4)", "`prompts.pool=N`"),
+        ("prompt pool P_g (Algorithm 1, line 3)", "`prompts.pool=N`"),
         ("output activations", "as if it were logits"),
         ("axis of the Efficiency Ratio", "`ablation=linear_eff_ratio`"),
     ],
