@@ -5,17 +5,6 @@ import threading
 import warnings
 from collections.abc import Collection, Iterable, Sequence
 
-from tacevo.records import Reason
-
-#: Reasons of candidates that are not what they say: they misreport their size, mode or optimiser.
-MISREPORTING = (
-    Reason.redefines_module,
-    Reason.changes_its_weights,
-    Reason.changes_its_mode,
-    Reason.hidden_parameters,
-    Reason.depends_on_batch,
-)
-
 #: Filters of warnings belong to all threads; and so does, in CPython up to 3.11, the depth that its parser counts (its
 #: issue 106905): two threads that parse at once can end in a SystemError.
 _PARSER = threading.Lock()
@@ -49,19 +38,6 @@ def printable(text: str) -> str:
         letter if letter.isprintable() or letter in "\n\t" else letter.encode("unicode_escape").decode("ascii")
         for letter in text
     )
-
-
-def misreported(rejected: Iterable[tuple[str, int]]) -> list[str]:
-    """Return a line with how many first answers were rejected for misreporting themselves; no line where none was.
-
-    Reasons come with counts of first answers, each perhaps once for each stage.
-    """
-    counts = {reason.value: 0 for reason in MISREPORTING}
-    for reason, count in rejected:
-        if reason in counts:
-            counts[reason] += count
-    found = ", ".join(f"{reason} {count}" for reason, count in counts.items() if count)
-    return [f"Rejected for misreporting themselves (docs/gate.md): {sum(counts.values())} ({found})."] if found else []
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from analysis.runs.archive_history import archive_history
 from analysis.runs.coverage_map import descriptors
 from analysis.runs.niches import Niches, load_niches
-from analysis.runs.run import Run, as_run, was_inserted
+from analysis.runs.run import Run, as_run
 from tacevo.search.archive import AddStatus
 from tacevo.search.files import EliteEntry, TrialEntry, read_ledger
 from tacevo.search.lines import GenerationLine
@@ -68,7 +68,7 @@ def _trials(run: Run, niches: Niches) -> tuple[TrialEntry, ...]:
                 instruction=run.instructions[line.prompt],
                 prompt=line.prompt,
                 temperature=temperatures[line.generation],
-                inserted=was_inserted(line),
+                inserted=line.inserted,
                 curiosity=line.curiosity,
             )
     return tuple(found[niche] for niche in sorted(found))

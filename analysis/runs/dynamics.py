@@ -10,9 +10,9 @@ from itertools import pairwise
 
 from scipy.stats import binomtest
 
-from analysis.runs.run import Run, was_inserted
+from analysis.runs.run import Run
 from tacevo.costs import Spending, total
-from tacevo.records import Operator, Reason, Stage
+from tacevo.records import Operator, Stage
 from tacevo.rounding import DIGITS
 from tacevo.search.archive import AddStatus
 from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks, training_flops
@@ -57,20 +57,6 @@ class Progress:
     def lost(self) -> int:
         """How many occupied niches were empty after bounds moved, less those that were occupied then."""
         return self.new - self.growth
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GateStage:
-    """One stage of the gate over a whole run."""
-
-    stage: Stage
-    rejected: int
-    #: First answers that passed it and all stages before it; the baseline is not an answer.
-    left: int
-    #: Of all first answers, in [0, 1]; None where nothing was asked.
-    left_share: float | None
-    #: Most frequent first.
-    reasons: tuple[tuple[Reason, int], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +108,7 @@ def progress(run: Run) -> tuple[Progress, ...]:
         slots = [candidate for candidate in run.candidates if candidate.generation == line.generation]
         elites = round(line.coverage * run.places)
         statuses = Counter(candidate.status for candidate in slots)
-        stages = Counter(first[0] for first in map(first_rejection, slots) if first)
+        stages = Counter(first[0] for slot in slots if (first := slot.first_rejection))
         found.append(
             Progress(
                 line=line,
@@ -137,15 +123,6 @@ def progress(run: Run) -> tuple[Progress, ...]:
             )
         )
     return tuple(found)
-
-
-def first_rejection(candidate: CandidateLine) -> tuple[Stage, Reason] | None:
-    """Return where and why a candidate's first answer was rejected; None where it was trained."""
-    if candidate.repairs:
-        return candidate.repairs[0].stage, candidate.repairs[0].reason
-    if candidate.stage is None or candidate.reason is None:
-        return None
-    return candidate.stage, candidate.reason
 
 
 def repeats(run: Run) -> frozenset[str]:
@@ -168,27 +145,6 @@ def copies(run: Run) -> frozenset[str]:
         for candidate in run.candidates
         if candidate.source is not None and candidate.source in {sources.get(parent) for parent in candidate.parents}
     )
-
-
-def gate_stages(run: Run) -> tuple[GateStage, ...]:
-    """Count where first answers were rejected; what the last stage leaves was trained."""
-    answers = run.answered
-    counts = Counter(first for first in map(first_rejection, answers) if first)
-    left = len(answers)
-    found = []
-    for stage in Stage:
-        reasons = Counter({reason: count for (where, reason), count in counts.items() if where is stage})
-        left -= reasons.total()
-        found.append(
-            GateStage(
-                stage=stage,
-                rejected=reasons.total(),
-                left=left,
-                left_share=left / len(answers) if answers else None,
-                reasons=tuple(sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))),
-            )
-        )
-    return tuple(found)
 
 
 def by_prompt(run: Run) -> tuple[Productivity, ...]:
@@ -258,7 +214,7 @@ def _mutations(run: Run) -> list[CandidateLine]:
 
 
 def _productivity(name: str, asked: list[CandidateLine]) -> Productivity:
-    inserted = sum(map(was_inserted, asked))
+    inserted = sum(candidate.inserted for candidate in asked)
     return Productivity(
         name=name,
         tried=len(asked),

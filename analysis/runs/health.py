@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, Occupation, effective_niches, fullest_tenth, occupation, reachable
-from analysis.runs.dynamics import by_prompt, copies, gate_stages, progress, repeats
+from analysis.runs.dynamics import by_prompt, copies, progress, repeats
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
-from tacevo.search.lines import TEMPERATURE
+from tacevo.search.lines import TEMPERATURE, gate_stages
 from tacevo.text import counted
 
 #: Below this part of reachable niches, coverage says more about the bounds than about the search: the paper's own runs
@@ -169,7 +169,7 @@ def _of_candidates(run: Run) -> Iterator[Alarm]:
             sentence=f"{len(known)} of {counted(len(asked), 'answer')} brought a source that was evaluated before.",
             figures=(("duplicates", len(known)), ("answers", len(asked)), ("share", len(known) / len(asked))),
         )
-    for stage in gate_stages(run):
+    for stage in gate_stages(run.candidates):
         share = stage.rejected / len(asked) if asked else 0.0
         if share > REJECTED:
             reason, count = stage.reasons[0]

@@ -14,7 +14,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Task, to_json
-from tacevo.search.archive import AddStatus, Bounds, best_of_their_own
+from tacevo.search.archive import Bounds, best_of_their_own
 from tacevo.search.descriptors import scaled
 from tacevo.search.files import (
     EliteEntry,
@@ -129,11 +129,6 @@ class Run:
         candidates = {candidate.id: candidate for candidate in self.candidates}
         entries = [(elite.fitness, elite.id, candidates[elite.id].source) for elite in self.elites]
         return tuple(candidates[name] for name in best_of_their_own(entries, self.baseline.source)[:count])
-
-
-def was_inserted(candidate: CandidateLine) -> bool:
-    """Return whether the network archive took a candidate when it came."""
-    return candidate.status in {AddStatus.new, AddStatus.improved}
 
 
 def descriptors_of(candidate: CandidateLine, scale: Scale) -> tuple[float, float]:

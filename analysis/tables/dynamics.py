@@ -13,7 +13,6 @@ from analysis.runs.dynamics import (
     Productivity,
     by_prompt,
     by_temperature,
-    gate_stages,
     improvement,
     progress,
     temperature_follows_age,
@@ -24,8 +23,8 @@ from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
 from tacevo.records import Stage
-from tacevo.search.lines import TEMPERATURE
-from tacevo.text import counted, drawn, misreported
+from tacevo.search.lines import TEMPERATURE, gate_stages, misreported
+from tacevo.text import counted, drawn
 
 #: Below every improvement.
 ONE_DRAW = (
@@ -102,7 +101,7 @@ def costs_table(run: Run) -> Table:
 
 def gate_table(run: Run) -> Table:
     """Show where first answers were rejected, and how many for misreporting themselves."""
-    stages = gate_stages(run)
+    stages = gate_stages(run.candidates)
     rows = tuple(
         (
             found.stage.value,
@@ -118,7 +117,7 @@ def gate_table(run: Run) -> Table:
         caption=f"Where the gate rejected first answers of {run.name}; the baseline is not an answer.",
         columns=("stage", "rejected", "left", "share left", "reasons"),
         rows=rows,
-        notes=tuple(misreported(entry for stage in stages for entry in stage.reasons)),
+        notes=tuple(misreported(stages)),
     )
 
 

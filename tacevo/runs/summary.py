@@ -1,19 +1,18 @@
 """What a run found, in words and tables, from its ledger alone."""
 
 import math
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, total, usd
-from tacevo.records import Operator, Stage
+from tacevo.records import Operator
 from tacevo.search.files import Line, eras_in_words, eras_of
-from tacevo.search.lines import TEMPERATURE, CandidateLine, GenerationLine, not_sent
+from tacevo.search.lines import TEMPERATURE, CandidateLine, GenerationLine, gate_stages, misreported, not_sent
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.run_directory import RunRecord
-from tacevo.text import counted, drawn, listed, misreported, table
+from tacevo.text import counted, drawn, listed, table
 
 #: How many elites the summary lists.
 TOP = 5
@@ -145,44 +144,31 @@ def _fitness(line: CandidateLine) -> float:
 
 
 def _stages(lines: Collection[CandidateLine]) -> str:
-    """Count where first answers were rejected, corrected or not; what is left at the end is the paper's rate.
+    """Tabulate where first answers were rejected, corrected or not; what is left at the end is the paper's rate.
 
-    The baseline and given networks are not answers, so they are not counted, as in
-    `analysis.runs.dynamics.gate_stages`.
+    Reasons are in the order of their names, as published pages have them.
     """
-    answers, reasons = _first_answers(lines)
-    left = answers
-    rows = []
-    for stage in Stage:
-        lost = {reason: count for (where, reason), count in sorted(reasons.items()) if where is stage}
-        left -= sum(lost.values())
-        detail = ", ".join(f"{reason} {count}" for reason, count in lost.items()) or "-"
-        rows.append(
-            [stage.value, str(sum(lost.values())), str(left), f"{left / answers:.1%}" if answers else "-", detail]
-        )
+    stages = gate_stages(lines)
+    rows = [
+        [one.stage.value, str(one.rejected), str(one.left), "-" if one.left_share is None else f"{one.left_share:.1%}",
+         ", ".join(f"{reason} {count}" for reason, count in sorted(one.reasons)) or "-"]
+        for one in stages
+    ]  # fmt: skip
     page = "## Gate\n\nOf first answers; the baseline is not an answer.\n\n" + table(
         ["stage", "rejected", "left", "of all", "reasons"], rows
     )
-    return "\n\n".join([page, *misreported((reason, count) for (_, reason), count in reasons.items())])
-
-
-def _first_answers(lines: Collection[CandidateLine]) -> tuple[int, Counter[tuple[Stage, str]]]:
-    """Count first answers, and those that were rejected, by stage and reason."""
-    answers = [line.repairs[0] if line.repairs else line for line in lines if line.request is not None]
-    return len(answers), Counter((first.stage, first.reason) for first in answers if first.stage and first.reason)
+    return "\n\n".join([page, *misreported(stages)])
 
 
 def _rate(lines: Collection[CandidateLine]) -> str:
     """Say in a line how many first answers the gate let through, and at which stages others ended."""
-    answers, reasons = _first_answers(lines)
-    if not answers:
+    stages = gate_stages(lines)
+    left, share = stages[-1].left, stages[-1].left_share
+    if share is None:
         return "Gate: no model was asked."
-    lost = Counter[Stage]()
-    for (stage, _), count in reasons.items():
-        lost[stage] += count
-    left = answers - lost.total()
-    rejected = listed(f"{stage} {lost[stage]}" for stage in Stage if lost[stage])
-    return f"Gate: {left} of {counted(answers, 'first answer')} trained ({left / answers:.1%}); rejected: {rejected}."
+    answers = counted(left + sum(one.rejected for one in stages), "first answer")
+    rejected = listed(f"{one.stage} {one.rejected}" for one in stages if one.rejected)
+    return f"Gate: {left} of {answers} trained ({share:.1%}); rejected: {rejected}."
 
 
 def _repaired(lines: Collection[CandidateLine]) -> list[str]:

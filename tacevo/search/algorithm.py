@@ -214,8 +214,7 @@ def _record_prompt(
     """Let a mutation's prompt configuration compete in A_P; the mutations of generation 0 come before it begins."""
     if plan.settings.prompts is PromptPolicy.none or line.prompt is None or line.generation == 0:
         return state, line
-    inserted = line.status is not AddStatus.rejected
-    trial = Trial(prompt=line.prompt, temperature=state.temperature, inserted=inserted, curiosity=score)
+    trial = Trial(prompt=line.prompt, temperature=state.temperature, inserted=line.inserted, curiosity=score)
     prompts, niche, status = state.prompts.record(
         plan.prompts, trial, prompts=len(plan.task.instructions), name=line.id
     )

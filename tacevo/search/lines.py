@@ -18,6 +18,15 @@ T = TypeVar("T", bound="TrainedLine")
 #: The sampling setting that a search adapts.
 TEMPERATURE = "temperature"
 
+#: Reasons of candidates that are not what they say: they misreport their size, mode or optimiser.
+MISREPORTING = (
+    Reason.redefines_module,
+    Reason.changes_its_weights,
+    Reason.changes_its_mode,
+    Reason.hidden_parameters,
+    Reason.depends_on_batch,
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedAnswer(Record):
@@ -124,6 +133,17 @@ class CandidateLine(TrainedLine):
         """
         return None if TEMPERATURE in self.dropped else self.temperature
 
+    @property
+    def first_rejection(self) -> tuple[Stage, Reason] | None:
+        """Where and why the first answer was rejected; None where it was trained."""
+        first = self.repairs[0] if self.repairs else self
+        return (first.stage, first.reason) if first.stage and first.reason else None
+
+    @property
+    def inserted(self) -> bool:
+        """Whether the network archive took the candidate when it came."""
+        return self.status in {AddStatus.new, AddStatus.improved}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReevaluationLine(TrainedLine):
@@ -163,6 +183,20 @@ class GenerationLine(Record):
     #: Slots that trained an elite again; they are not among the candidates. None where there were none.
     reevaluated: int | None = None
     kind: Literal["generation"] = "generation"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GateStage:
+    """One stage of the gate over a whole run."""
+
+    stage: Stage
+    rejected: int
+    #: First answers that passed it and all stages before it; the baseline is not an answer.
+    left: int
+    #: Of all first answers, in [0, 1]; None where nothing was asked.
+    left_share: float | None
+    #: Most frequent first.
+    reasons: tuple[tuple[Reason, int], ...]
 
 
 #: What a search itself commits.
@@ -243,3 +277,39 @@ def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:
         for setting in sorted(missed)
     }
     return {setting: f"{setting} was not sent{part}: the model refuses it" for setting, part in parts.items()}
+
+
+def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:
+    """Count where first answers were rejected; what the last stage leaves was trained.
+
+    The baseline and given networks are not answers. An answer that was rejected and then repaired counts as rejected,
+    as the paper discards it.
+    """
+    answers = [line for line in lines if line.request is not None]
+    counts = Counter(line.first_rejection for line in answers)
+    left = len(answers)
+    found = []
+    for stage in Stage:
+        reasons = {entry[1]: count for entry, count in counts.items() if entry and entry[0] is stage}
+        rejected = sum(reasons.values())
+        left -= rejected
+        found.append(
+            GateStage(
+                stage=stage,
+                rejected=rejected,
+                left=left,
+                left_share=left / len(answers) if answers else None,
+                reasons=tuple(sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))),
+            )
+        )
+    return tuple(found)
+
+
+def misreported(stages: Iterable[GateStage]) -> list[str]:
+    """Return a line with how many first answers were rejected for misreporting themselves; no line where none was."""
+    counts = dict.fromkeys(MISREPORTING, 0)
+    for reason, count in (entry for stage in stages for entry in stage.reasons):
+        if reason in counts:
+            counts[reason] += count
+    found = ", ".join(f"{reason} {count}" for reason, count in counts.items() if count)
+    return [f"Rejected for misreporting themselves (docs/gate.md): {sum(counts.values())} ({found})."] if found else []

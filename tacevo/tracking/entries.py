@@ -7,7 +7,6 @@ from typing import Self
 
 from tacevo.costs import Spending, total
 from tacevo.records import Instruction, Json, Operator
-from tacevo.search.archive import AddStatus
 from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import leaves
 
@@ -84,7 +83,7 @@ def candidate_measures(line: CandidateLine) -> tuple[Measure, ...]:
         for epoch, value in enumerate(values or (), 1)
     ]
     losses += [Measure(key="seed_loss", value=one.validation_losses[-1], step=one.seed) for one in line.seeds]
-    inserted = None if line.status is None else line.status is not AddStatus.rejected
+    inserted = None if line.status is None else line.inserted
     return (*losses, *_measures({**_figures(line, _CANDIDATE_METRICS), "inserted": inserted}, 0))
 
 

@@ -19,7 +19,7 @@ from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.probe import run
 from tacevo.records import Reason, to_json
 from tacevo.sandbox.candidate import check_leaves
-from tacevo.text import MISREPORTING
+from tacevo.search.lines import MISREPORTING
 
 #: Reasons that lies have, too, and that are older than these rules.
 OTHERS = {Reason.forbidden_construct, Reason.forbidden_name, Reason.construction_failed}

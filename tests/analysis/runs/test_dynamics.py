@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hand_runs import closed, rejected, run, trained
 
-from analysis.runs.dynamics import by_prompt, by_temperature, copies, gate_stages, improvement, progress, repeats
+from analysis.runs.dynamics import by_prompt, by_temperature, copies, improvement, progress, repeats
 from analysis.runs.run import Run
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import (
@@ -20,7 +20,7 @@ from analysis.tables.dynamics import (
 from tacevo.costs import Spending
 from tacevo.records import Reason, Stage
 from tacevo.search.archive import AddStatus
-from tacevo.search.lines import ReevaluationLine
+from tacevo.search.lines import ReevaluationLine, gate_stages
 
 PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 
@@ -93,7 +93,7 @@ def test_gate_counts_what_each_stage_leaves() -> None:
         rejected(1, 2, Stage.probe, Reason.forward_failed),
         rejected(1, 3, Stage.probe, Reason.forward_failed),
     ]
-    extract, policy, probe, train = gate_stages(run(slots, []))
+    extract, policy, probe, train = gate_stages(slots)
     assert [(found.rejected, found.left) for found in (extract, policy, probe, train)] == [
         (1, 4),
         (0, 4),
@@ -121,7 +121,7 @@ def test_gate_table_counts_misreporting_candidates() -> None:
 def test_repaired_answer_counts_as_rejected_once_at_first() -> None:
     """The paper discards a failed answer, so a rate that counts corrected ones could not stand beside its rate."""
     mended = trained(1, 0, repairs=((Stage.extract, Reason.no_class), (Stage.probe, Reason.bad_output)))
-    stages = gate_stages(run([trained(0, 0), mended], []))
+    stages = gate_stages([trained(0, 0), mended])
     assert [found.rejected for found in stages] == [1, 0, 0, 0]
 
 

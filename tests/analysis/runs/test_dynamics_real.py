@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from analysis.runs.dynamics import by_prompt, gate_stages, progress
-from analysis.runs.run import Run, load_run, was_inserted
+from analysis.runs.dynamics import by_prompt, progress
+from analysis.runs.run import Run, load_run
 from analysis.tables.dynamics import gate_table
 from tacevo.records import Stage
+from tacevo.search.lines import gate_stages
 
 
 @pytest.fixture
@@ -18,7 +19,7 @@ def run(whole_search: tuple[Path, str]) -> Run:
 
 def test_first_answers_are_counted_as_the_search_did(run: Run) -> None:
     """What all stages leave is what the generations call trained, less the baseline, and some was lost at first."""
-    left = gate_stages(run)[-1].left
+    left = gate_stages(run.candidates)[-1].left
     assert left == sum(line.trained for line in run.generations) - 1 < len(run.candidates) - 1
     for entry in progress(run):
         assert entry.line.trained == entry.line.candidates - sum(entry.rejected.values())
@@ -42,5 +43,5 @@ def test_prompts_were_tried_once_a_mutation(run: Run) -> None:
     """Every mutation of generation 1 was asked with one instruction; each inserted child belongs to one."""
     later = [it for it in run.candidates if it.generation > 0 and it.prompt is not None]
     assert sum(entry.tried for entry in by_prompt(run)) == len(later) > 0
-    inserted = sum(map(was_inserted, later))
+    inserted = sum(line.inserted for line in later)
     assert sum(entry.inserted for entry in by_prompt(run)) == inserted

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from gate_cases import VALID, candidate
 
 from tacevo.records import Reason
-from tacevo.text import MISREPORTING
+from tacevo.search.lines import MISREPORTING
 
 NAMES, WEIGHTS, MODE, HIDDEN, BATCH = MISREPORTING
 HOOK = Reason.forbidden_name
