@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tacevo.choices import ParentPolicy
 from tacevo.randomness import stream
-from tacevo.search.archive import Archive, Bounds, Elite, NetworkArchive, Placed, Tessellation
+from tacevo.search.archive import Archive, Bounds, Elite, Individual, NetworkArchive, Tessellation
 from tacevo.search.proposals import Candidate, draw_parents, pool_of_parents
 
 Floats = NDArray[np.float64]
@@ -169,7 +169,7 @@ def search(
         newcomer = Candidate(id=name, source=name, fitness=median(losses[-1]), curiosities=Fraction(0))
         candidates[name] = newcomer
         elite = Elite(name=name, objective=-newcomer.fitness)
-        archive, _, _ = archive.offer(niches, Placed(elite=elite, point=(float(point[0]), float(point[1]))))
+        archive, _, _ = archive.offer(niches, Individual(elite=elite, point=(float(point[0]), float(point[1]))))
     return Searched(points=np.array(points), fitness=np.array([median(of) for of in losses]), archive=archive.archive)
 
 

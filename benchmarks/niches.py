@@ -22,7 +22,7 @@ from analysis.runs.run import Run, descriptors_of, load_run
 from tacevo.bundles.open import opened
 from tacevo.choices import Scale
 from tacevo.config.compose import compose
-from tacevo.search.archive import Bounds, Elite, NetworkArchive, Placed, Point, Tessellation, find_centroids
+from tacevo.search.archive import Bounds, Elite, Individual, NetworkArchive, Point, Tessellation, find_centroids
 from tacevo.search.descriptors import scaled
 
 
@@ -54,7 +54,7 @@ def filled(points: Sequence[Point], fitnesses: Sequence[float], niches: Tessella
     archive = NetworkArchive(bounds=bounds, fixed=bounds is not None)
     occupied = [0]
     for point, fitness in zip(points, fitnesses, strict=True):
-        newcomer = Placed(elite=Elite(name=str(len(occupied)), objective=-fitness), point=point)
+        newcomer = Individual(elite=Elite(name=str(len(occupied)), objective=-fitness), point=point)
         archive, _, _ = archive.offer(niches, newcomer)
         occupied.append(len(archive.archive.elites))
     last = archive.bounds or Bounds(low=points[0], high=points[0])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis.runs.coverage_map import descriptors
 from analysis.runs.run import Run
 from tacevo.choices import BoundsRule
-from tacevo.search.archive import Archive, Elite, NetworkArchive, Placed, Places, Tessellation
+from tacevo.search.archive import Archive, Elite, Individual, NetworkArchive, Tessellation, TopK
 from tacevo.search.reevaluation import Estimates
 
 
@@ -21,7 +21,7 @@ def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, 
 
     The centroids, shape (niches, axes), in [0, 1], are not looked at where its archive has no niches.
     """
-    niches = Tessellation(centroids) if run.has_niches else Places(niches=run.places)
+    niches = Tessellation(centroids) if run.has_niches else TopK(niches=run.places)
     arrivals = iter(descriptors(run).tolist())
     archive, estimates, found = _empty(run), Estimates(), []
     for line in run.generations:
@@ -32,7 +32,7 @@ def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, 
                     estimates = estimates.after(candidate)
                     fitness = estimates.fitness(str(candidate.source))
                 elite = Elite(name=candidate.id, objective=-fitness)
-                archive, _, _ = archive.offer(niches, Placed(elite=elite, point=tuple(next(arrivals))))
+                archive, _, _ = archive.offer(niches, Individual(elite=elite, point=tuple(next(arrivals))))
         for again in run.reevaluations:
             if again.generation == line.generation:
                 estimates = estimates.after(again)

@@ -14,7 +14,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Task, to_json
-from tacevo.search.archive import Bounds, best_of_their_own
+from tacevo.search.archive import Bounds, best_distinct
 from tacevo.search.descriptors import scaled
 from tacevo.search.files import (
     EliteEntry,
@@ -124,11 +124,11 @@ class Run:
     def best(self, count: int = TOP) -> tuple[CandidateLine, ...]:
         """Return the best elites with distinct sources, at most `count`: those that a study would choose.
 
-        The rule is `tacevo.search.archive.best_of_their_own`.
+        The rule is `tacevo.search.archive.best_distinct`.
         """
         candidates = {candidate.id: candidate for candidate in self.candidates}
         entries = [(elite.fitness, elite.id, candidates[elite.id].source) for elite in self.elites]
-        return tuple(candidates[name] for name in best_of_their_own(entries, self.baseline.source)[:count])
+        return tuple(candidates[name] for name in best_distinct(entries, self.baseline.source)[:count])
 
 
 def descriptors_of(candidate: CandidateLine, scale: Scale) -> tuple[float, float]:

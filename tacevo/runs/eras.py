@@ -8,7 +8,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.records import DataFacts, Task
 from tacevo.rules import Rules
 from tacevo.search.algorithm import run_search
-from tacevo.search.archive import Places, coverage, qd_score
+from tacevo.search.archive import TopK, coverage, qd_score
 from tacevo.search.development import Tools
 from tacevo.search.files import EliteEntry, NetworkFile, PromptFile, RulesLine, RunLine, TrialEntry
 from tacevo.search.state import Observer, Plan, SearchState
@@ -18,7 +18,7 @@ from tacevo.storage.ledger import Ledger
 
 def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan, rules: Rules) -> RunLine:
     """Return the first line of a ledger: all that the run's results follow from."""
-    networks = [] if isinstance(plan.networks, Places) else plan.networks.centroids.tolist()
+    networks = [] if isinstance(plan.networks, TopK) else plan.networks.centroids.tolist()
     return RunLine(
         schema=1,
         config=identity(config),
@@ -64,7 +64,7 @@ def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFi
     elites = tuple(
         EliteEntry(
             niche=niche,
-            centroid=None if isinstance(plan.networks, Places) else tuple(plan.networks.centroids[niche].tolist()),
+            centroid=None if isinstance(plan.networks, TopK) else tuple(plan.networks.centroids[niche].tolist()),
             id=elite.name,
             fitness=-elite.objective,
             descriptors=networks.history[elite.name].point,

@@ -25,7 +25,7 @@ from tacevo.runs.datasets import source_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
-from tacevo.search.archive import Bounds, NetworkArchive, Places, Tessellation, find_centroids
+from tacevo.search.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.search.descriptors import scaled
 from tacevo.search.development import LLM, Tools
 from tacevo.search.proposals import Settings
@@ -109,14 +109,14 @@ def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
     return Bounds(low=low, high=high)
 
 
-def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | Places:
+def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | TopK:
     """Return the network archive's niches, or the places of one that has none."""
     archive = config.archive
     match archive.kind:
         case ArchiveKind.cvt | ArchiveKind.extract:
             return _tessellation(config, archive.niches, len(archive.axes), mode, seen)
         case ArchiveKind.best:
-            return Places(niches=archive.kept)
+            return TopK(niches=archive.kept)
 
 
 def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, seen: Seen | None) -> Tessellation:

@@ -21,7 +21,7 @@ from tacevo.choices import PromptPolicy
 from tacevo.errors import ConfigError
 from tacevo.profile import Admitted
 from tacevo.records import Operator, Rejection, Task, to_json
-from tacevo.search.archive import AddStatus, Elite, Growing, Placed, coverage, qd_score
+from tacevo.search.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
 from tacevo.search.descriptors import describe
 from tacevo.search.development import Job, Outcome, Tools, develop
 from tacevo.search.lines import (
@@ -142,8 +142,8 @@ def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome)
         estimates = estimates.after(line)
         fitness = estimates.fitness(str(line.source))
     point = descriptor.point(plan.axes, plan.eff_ratio_scale)
-    placed = Placed(elite=Elite(name=line.id, objective=-fitness), point=point)
-    networks, niche, status = state.networks.offer(plan.networks, placed)
+    newcomer = Individual(elite=Elite(name=line.id, objective=-fitness), point=point)
+    networks, niche, status = state.networks.offer(plan.networks, newcomer)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
     candidates = _learned(state.candidates, proposal, admitted, fitness, score)
     line = replace(line, niche=niche, status=status, curiosity=score)

@@ -1,7 +1,7 @@
 """CVT MAP-Elites: one elite in each niche of a centroidal Voronoi tessellation of [0, 1]^d.
 
 Vassiliades, Chatzilygeroudis and Mouret 2018, arXiv:1610.05729. The archive of networks and the archive of
-prompts are both this one; they differ in what their axes mean. `Places` is the archive without niches that an
+prompts are both this one; they differ in what their axes mean. `TopK` is the archive without niches that an
 ablation puts in its place: the best networks, wherever they lie.
 """
 
@@ -173,7 +173,7 @@ def insert(archive: Archive, niche: int, elite: Elite) -> tuple[Archive, AddStat
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Places:
+class TopK:
     """An archive without niches: so many places for the best networks of all."""
 
     #: How many, at least 1.
@@ -228,7 +228,7 @@ class Bounds(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Placed:
+class Individual:
     """A candidate as the network archive sees it."""
 
     elite: Elite
@@ -250,14 +250,14 @@ class NetworkArchive:
     #: Bounds given by the config never move.
     fixed: bool = False
     #: Every candidate offered so far by its name, in order.
-    history: Growing[str, Placed] = field(default_factory=Growing)
+    history: Growing[str, Individual] = field(default_factory=Growing)
 
     @property
     def digest(self) -> str:
         """The hash of its elites by niche, for the ledger: 64 hex digits."""
         return content_hash(to_json(self.archive.elites))
 
-    def offer(self, niches: Tessellation | Places, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
+    def offer(self, niches: Tessellation | TopK, newcomer: Individual) -> tuple["NetworkArchive", int, AddStatus]:
         """Offer a candidate.
 
         Returns:
@@ -269,24 +269,24 @@ class NetworkArchive:
         archive, status = insert(self.archive, place, newcomer.elite)
         return replace(self, archive=archive, history=self._with(newcomer)), place, status
 
-    def _offer_to_niche(self, tessellation: Tessellation, newcomer: Placed) -> tuple["NetworkArchive", int, AddStatus]:
+    def _offer_to_niche(self, niches: Tessellation, newcomer: Individual) -> tuple["NetworkArchive", int, AddStatus]:
         bounds = self.bounds or Bounds(low=newcomer.point, high=newcomer.point)
         archive = self.archive
         if not self.fixed:
             bounds = bounds.covering(newcomer.point)
             if bounds != self.bounds:
-                archive = _rebuilt(tessellation, bounds, self.history.values())
-        niche = tessellation.niche_of(bounds.normalise(newcomer.point))
+                archive = _rebuilt(niches, bounds, self.history.values())
+        niche = niches.niche_of(bounds.normalise(newcomer.point))
         archive, status = insert(archive, niche, newcomer.elite)
         return replace(self, archive=archive, bounds=bounds, history=self._with(newcomer)), niche, status
 
-    def reestimated(self, niches: Tessellation | Places, names: Iterable[str], objective: float) -> "NetworkArchive":
+    def reestimated(self, niches: Tessellation | TopK, names: Iterable[str], objective: float) -> "NetworkArchive":
         """Return the archive with another objective of some candidates, filled again by all that were offered.
 
         Raises:
             ValueError: it has no niches, or no candidate was offered yet.
         """
-        if self.bounds is None or isinstance(niches, Places):
+        if self.bounds is None or isinstance(niches, TopK):
             raise ValueError("expected an archive with niches and candidates; got another one")
         history = self.history
         for name in names:
@@ -294,20 +294,20 @@ class NetworkArchive:
             history = history.adding(name, replace(history[name], elite=elite))
         return replace(self, archive=_rebuilt(niches, self.bounds, history.values()), history=history)
 
-    def _with(self, newcomer: Placed) -> Growing[str, Placed]:
+    def _with(self, newcomer: Individual) -> Growing[str, Individual]:
         return self.history.adding(newcomer.elite.name, newcomer)
 
 
-def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: Collection[Placed]) -> Archive:
+def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: Collection[Individual]) -> Archive:
     """Re-insert all candidates, in order, under other bounds."""
     archive = Archive()
-    niches = tessellation.niches_of([bounds.normalise(placed.point) for placed in history])
-    for niche, placed in zip(niches, history, strict=True):
-        archive, _ = insert(archive, niche, placed.elite)
+    niches = tessellation.niches_of([bounds.normalise(one.point) for one in history])
+    for niche, one in zip(niches, history, strict=True):
+        archive, _ = insert(archive, niche, one.elite)
     return archive
 
 
-def best_of_their_own(elites: Iterable[tuple[float, str, str | None]], baseline: str | None) -> list[str]:
+def best_distinct(elites: Iterable[tuple[float, str, str | None]], baseline: str | None) -> list[str]:
     """Rank elites, and pass over those whose source is the baseline's or a better elite's; return ids, best first.
 
     Each elite comes as fitness (lower is better), id and source, in any order. The earlier candidate wins a tie.

@@ -184,7 +184,7 @@ def elites_of(candidates: Mapping[str, Candidate], archive: Archive) -> tuple[Ca
 def fittest(candidates: Iterable[Candidate], count: int) -> tuple[Candidate, ...]:
     """Return the candidates of least loss, best first, at most `count`.
 
-    Of several exactly as fit only the first one counts, as in an archive without niches (`archive.Places`): a network
+    Of several exactly as fit only the first one counts, as in an archive without niches (`archive.TopK`): a network
     that comes twice is one network. One that failed when it was trained again, of infinite loss, does not count.
     """
     first: dict[float, Candidate] = {}

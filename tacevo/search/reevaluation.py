@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
-from tacevo.search.archive import Growing, NetworkArchive, Places, Tessellation
+from tacevo.search.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.search.lines import CandidateLine, ReevaluationLine, TrainedLine, source_hash
 from tacevo.search.proposals import Candidate, Settings
 
@@ -127,7 +127,7 @@ def compete_again(
     networks: NetworkArchive,
     candidates: Growing[str, Candidate],
     estimates: Estimates,
-    niches: Tessellation | Places,
+    niches: Tessellation | TopK,
     line: ReevaluationLine,
 ) -> tuple[NetworkArchive, Growing[str, Candidate], ReevaluationLine]:
     """Let all candidates of a source that was trained again compete by its estimate; return them, and the whole line.

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from tacevo.choices import Axis, Scale, TemperatureRule
 from tacevo.records import Task
-from tacevo.search.archive import Growing, NetworkArchive, Places, Tessellation
+from tacevo.search.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.search.development import Outcome
 from tacevo.search.lines import SearchLine, training_flops
 from tacevo.search.prompts import PromptArchive
@@ -40,7 +40,7 @@ class Plan:
     generations: int
     #: Mutations of the baseline in generation 0.
     initial: int
-    networks: Tessellation | Places
+    networks: Tessellation | TopK
     prompts: Tessellation
     #: The network archive to begin with: empty, with fixed bounds or none.
     archive: NetworkArchive

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from statistics import median
 
 from tacevo.errors import RunError
-from tacevo.search.archive import best_of_their_own
+from tacevo.search.archive import best_distinct
 from tacevo.search.lines import CandidateLine
 from tacevo.studies.lines import Network, Row, ScoreLine
 
@@ -36,7 +36,7 @@ def networks_of(
     offered = {name: _studied(name, lines.get(name)) for name in elites}
     fitness = {name: network.fitness for name, network in offered.items()} if estimates is None else estimates
     entries = [(fitness[name], name, network.source) for name, network in offered.items() if name in fitness]
-    best = best_of_their_own(entries, baseline.source)[:count]
+    best = best_distinct(entries, baseline.source)[:count]
     return baseline, *(_studied(f"variant {number}", lines[name]) for number, name in enumerate(best, start=1))
 
 

@@ -14,10 +14,10 @@ from tacevo.search.archive import (
     Archive,
     Bounds,
     Elite,
+    Individual,
     NetworkArchive,
-    Placed,
-    Places,
     Tessellation,
+    TopK,
     coverage,
     find_centroids,
     insert,
@@ -34,9 +34,9 @@ def elite(name: str, objective: float) -> Elite:
     return Elite(name=name, objective=objective)
 
 
-def placed(name: str, objective: float, point: tuple[float, float]) -> Placed:
+def individual(name: str, objective: float, point: tuple[float, float]) -> Individual:
     """Write a candidate briefly."""
-    return Placed(elite=elite(name, objective), point=point)
+    return Individual(elite=elite(name, objective), point=point)
 
 
 @pytest.mark.slow
@@ -138,10 +138,10 @@ def test_bounds_clip_and_centre() -> None:
 
 def test_moving_bounds_rebuild_the_archive() -> None:
     """A candidate outside the bounds renumbers the niches of those before it, and two of them now compete."""
-    networks, niche, status = NetworkArchive().offer(QUARTERS, placed("a", 1.0, (0.0, 0.0)))
-    networks, niche, status = networks.offer(QUARTERS, placed("b", 2.0, (1.0, 1.0)))
+    networks, niche, status = NetworkArchive().offer(QUARTERS, individual("a", 1.0, (0.0, 0.0)))
+    networks, niche, status = networks.offer(QUARTERS, individual("b", 2.0, (1.0, 1.0)))
     assert (niche, status) == (3, AddStatus.new)
-    networks, niche, status = networks.offer(QUARTERS, placed("c", 0.5, (9.0, 9.0)))
+    networks, niche, status = networks.offer(QUARTERS, individual("c", 0.5, (9.0, 9.0)))
     assert (niche, status) == (3, AddStatus.new)
     assert {niche: e.name for niche, e in networks.archive.elites.items()} == {0: "b", 3: "c"}
     assert networks.bounds == Bounds(low=(0.0, 0.0), high=(9.0, 9.0))
@@ -150,7 +150,7 @@ def test_moving_bounds_rebuild_the_archive() -> None:
 def test_fixed_bounds_never_move() -> None:
     """Given bounds clip what lies outside."""
     fixed = NetworkArchive(bounds=Bounds(low=(0.0, 0.0), high=(1.0, 1.0)), fixed=True)
-    networks, niche, _ = fixed.offer(QUARTERS, placed("a", 1.0, (9.0, -9.0)))
+    networks, niche, _ = fixed.offer(QUARTERS, individual("a", 1.0, (9.0, -9.0)))
     assert niche == QUARTERS.niche_of((1.0, 0.0))
     assert networks.bounds == fixed.bounds
 
@@ -160,7 +160,7 @@ def test_grown_archive_equals_one_rebuilt_from_scratch(offers: list[tuple[float,
     """However the bounds moved on the way, the end is the insertion of all candidates under the last bounds."""
     networks = NetworkArchive()
     for index, (x, y, objective) in enumerate(offers):
-        networks, _, _ = networks.offer(QUARTERS, placed(str(index), objective, (x, y)))
+        networks, _, _ = networks.offer(QUARTERS, individual(str(index), objective, (x, y)))
     assert networks.bounds is not None
     fresh = Archive()
     for index, (x, y, objective) in enumerate(offers):
@@ -194,7 +194,7 @@ def kept_after(*objectives: float) -> tuple[Archive, list[AddStatus]]:
     """Offer candidates to an archive of two places for the best."""
     networks, said = NetworkArchive(), []
     for index, objective in enumerate(objectives):
-        networks, _, status = networks.offer(Places(niches=2), placed(str(index), objective, (0.5, 0.5)))
+        networks, _, status = networks.offer(TopK(niches=2), individual(str(index), objective, (0.5, 0.5)))
         said.append(status)
     assert networks.bounds is None
     return networks.archive, said
@@ -233,11 +233,11 @@ def test_old_network_archives_stay_what_they_were(offers: list[tuple[float, floa
     """Each remembers the candidates offered to it, also when later ones moved the bounds."""
     states = [NetworkArchive()]
     for index, (x, y, objective) in enumerate(offers):
-        networks, _, _ = states[-1].offer(QUARTERS, placed(str(index), objective, (x, y)))
+        networks, _, _ = states[-1].offer(QUARTERS, individual(str(index), objective, (x, y)))
         states.append(networks)
-    expected = [placed(str(index), objective, (x, y)) for index, (x, y, objective) in enumerate(offers)]
+    expected = [individual(str(index), objective, (x, y)) for index, (x, y, objective) in enumerate(offers)]
     for count, state in enumerate(states):
         assert list(state.history.values()) == expected[:count]
-    branch, _, _ = states[1].offer(QUARTERS, placed("other", 0, (0.5, 0.5)))
+    branch, _, _ = states[1].offer(QUARTERS, individual("other", 0, (0.5, 0.5)))
     assert list(branch.history) == ["0", "other"]
     assert list(states[-1].history) == [str(index) for index in range(len(offers))]

@@ -21,7 +21,7 @@ from tacevo.errors import DivergenceError
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Given, Operator, Reason, Rejection, Request, Stage, Training
 from tacevo.rounding import rounded
-from tacevo.search.archive import Elite, NetworkArchive, Placed, Places
+from tacevo.search.archive import Elite, Individual, NetworkArchive, TopK
 from tacevo.search.files import by_rules, line_kind
 from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine
 from tacevo.search.reevaluation import Estimates, fitness_by_id
@@ -298,9 +298,9 @@ def test_archive_of_every_generation_is_rebuilt_from_the_lines() -> None:
 def test_archive_without_niches_trains_nothing_again() -> None:
     """Its best of all would have to be drawn from all again; there is no such kind."""
     archive = NetworkArchive()
-    archive, *_ = archive.offer(Places(niches=2), Placed(elite=Elite(name="a", objective=-1.0), point=(0.0, 0.0)))
+    archive, *_ = archive.offer(TopK(niches=2), Individual(elite=Elite(name="a", objective=-1.0), point=(0.0, 0.0)))
     with pytest.raises(ValueError, match="niches"):
-        archive.reestimated(Places(niches=2), ["a"], -2.0)
+        archive.reestimated(TopK(niches=2), ["a"], -2.0)
 
 
 def test_median_of_an_even_number_is_the_mean_of_the_middle_two() -> None:
