@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.figures.axes import count_along, on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
-from analysis.runs.dynamics import Productivity, Progress
+from analysis.runs.dynamics import GenerationFigures, Productivity
 from analysis.runs.run import Run
 from tacevo.records import Stage
 
@@ -43,7 +43,7 @@ def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
 
 
 @house_style()
-def trainable(generations: Sequence[Progress]) -> Figure:
+def trainable(generations: Sequence[GenerationFigures]) -> Figure:
     """Draw how many first answers of each generation were trained, and at which stage the others were rejected."""
     figure, (axes,) = new_figure("single", 2.4)
     numbers = [entry.line.generation for entry in generations]

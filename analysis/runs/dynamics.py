@@ -32,7 +32,7 @@ BANDS = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Progress:
+class GenerationFigures:
     """One generation."""
 
     #: What its ledger line says: temperature, best, median, coverage, QD-score.
@@ -100,17 +100,17 @@ class Improvement:
     coverage: float
 
 
-def progress(run: Run) -> tuple[Progress, ...]:
+def progress(run: Run) -> tuple[GenerationFigures, ...]:
     """Return the figures of every generation, in order."""
     repeated, unchanged = repeats(run), copies(run)
-    found: list[Progress] = []
+    found: list[GenerationFigures] = []
     for line in run.generations:
         slots = [candidate for candidate in run.candidates if candidate.generation == line.generation]
         elites = round(line.coverage * run.places)
         statuses = Counter(candidate.status for candidate in slots)
         stages = Counter(first[0] for slot in slots if (first := slot.first_rejection))
         found.append(
-            Progress(
+            GenerationFigures(
                 line=line,
                 elites=elites,
                 growth=elites - (found[-1].elites if found else 0),

@@ -17,7 +17,7 @@ from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
 from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
-from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
@@ -274,7 +274,7 @@ def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]
     notes = [words for folder in dict.fromkeys((place.folder, found.run.path)) for words in read_note(folder)]
-    material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables, remarks=[*notes, *remarks])
+    material = RunMaterial(found=found, recorded=read_texts(found.run), tables=tables, remarks=[*notes, *remarks])
     return material, missing
 
 

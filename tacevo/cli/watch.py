@@ -20,7 +20,7 @@ from pathlib import Path
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.contents import PageContents, SweepContents
 from analysis.report.page.html import as_data, html_around
-from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import collect_sweep
@@ -183,7 +183,7 @@ class LivePage:
             found, material = self._collected(run, is_finished=is_finished), None
             if found is not None:
                 remarks = [*read_note(run.path), *found.run.not_sent.values(), *found.left_out, *found.remarks]
-                recorded, tables = read_recorded(found.run), tables_of(found, None)
+                recorded, tables = read_texts(found.run), tables_of(found, None)
                 material = RunMaterial(found=found, recorded=recorded, tables=tables, remarks=remarks)
             known = self._readings[run.path] = _Reading(seen=seen, is_finished=is_finished, material=material)
         return known

@@ -12,7 +12,7 @@ _HEAD = re.compile(r"(?P<host>[^\s:/\[\]]+|\[[0-9a-fA-F:]+\]):(?P<port>\d{1,5})"
 _WAIT = 10.0
 
 
-def check_address(address: str) -> None:
+def check_head(address: str) -> None:
     """Check that something listens at the address of a head; `auto` is left to Ray.
 
     Raises:

@@ -12,7 +12,7 @@ from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.records import DataFacts, Task
-from tacevo.search.files import Line, NetworkFile, PromptFile, RulesLine, eras_of, read_archives, read_finished
+from tacevo.search.files import Line, NetworkArchiveFile, PromptFile, RulesLine, eras_of, read_archives, read_finished
 from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -57,7 +57,7 @@ class RecordedRun:
         """Return the run with its stores elsewhere."""
         return replace(self, config=replace(self.config, store=StoreConfig(root=store)))
 
-    def read_archives(self) -> tuple[NetworkFile, PromptFile]:
+    def read_archives(self) -> tuple[NetworkArchiveFile, PromptFile]:
         """Read both archives, and compare them with the ledger."""
         return read_archives(self.directory, self.generations[-1])
 

@@ -13,7 +13,7 @@ from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.wiring import Workbench, build_plan
 from tacevo.search.development import Outcome
-from tacevo.search.files import NETWORKS, PROMPTS, NetworkFile, read_archive_files
+from tacevo.search.files import NETWORKS, PROMPTS, NetworkArchiveFile, read_archive_files
 from tacevo.search.reevaluation import Reevaluation
 from tacevo.search.state import Plan, SearchState
 from tacevo.storage.ledger import Ledger, first_difference
@@ -89,7 +89,7 @@ def _compare_archives(run: RecordedRun, plan: Plan, state: SearchState) -> None:
     for recorded, computed in zip(read_archive_files(run.directory), archive_files(plan, state), strict=True):
         if recorded != computed:
             field, (was, now) = first_difference(recorded, computed)
-            name = NETWORKS if isinstance(recorded, NetworkFile) else PROMPTS
+            name = NETWORKS if isinstance(recorded, NetworkArchiveFile) else PROMPTS
             raise DivergenceError(was, place=f"{run.directory.path / name}, {field}", expected=now)
 
 

@@ -10,7 +10,7 @@ from tacevo.rules import Rules
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import TopK, coverage, qd_score
 from tacevo.search.development import Tools
-from tacevo.search.files import EliteEntry, NetworkFile, PromptFile, RulesLine, RunLine, TrialEntry
+from tacevo.search.files import EliteEntry, NetworkArchiveFile, PromptFile, RulesLine, RunLine, TrialEntry
 from tacevo.search.state import Observer, Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
@@ -58,7 +58,7 @@ def run_eras(
     return state
 
 
-def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFile]:
+def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkArchiveFile, PromptFile]:
     """Return every niche, or place, of both archives that is occupied, and by whom."""
     networks, prompts = state.networks, state.prompts
     elites = tuple(
@@ -82,7 +82,7 @@ def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkFile, PromptFi
         for niche, trial in sorted(prompts.trials.items())
     )
     return (
-        NetworkFile(
+        NetworkArchiveFile(
             niches=plan.networks.niches,
             coverage=coverage(networks.archive, plan.networks.niches),
             qd_score=round(qd_score(networks.archive), 12),

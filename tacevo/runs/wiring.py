@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NoReturn, Self
 
 from tacevo.choices import ArchiveKind, Axis, BoundsRule, DataSource, Device, ExecutorKind
-from tacevo.cluster.address import check_address
+from tacevo.cluster.address import check_head
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import import_ray
 from tacevo.cluster.facts import Order
@@ -156,7 +156,7 @@ def check_means(config: RunConfig) -> None:
         case ExecutorKind.ray:
             import_ray(config.executor.address)
             if config.executor.address is not None:
-                check_address(config.executor.address)
+                check_head(config.executor.address)
 
 
 @dataclass(eq=False)

@@ -89,7 +89,7 @@ class EliteEntry(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NetworkFile(Record):
+class NetworkArchiveFile(Record):
     """What archive.json holds."""
 
     niches: int
@@ -233,7 +233,7 @@ def by_rules(lines: Sequence[Line]) -> Iterator[tuple[Rules, TrainedLine]]:
             rules = line.rules
 
 
-def write_archives(directory: RunDirectory, files: tuple[NetworkFile, PromptFile]) -> None:
+def write_archives(directory: RunDirectory, files: tuple[NetworkArchiveFile, PromptFile]) -> None:
     """Write archive.json and prompts.json."""
     for name, file in zip((NETWORKS, PROMPTS), files, strict=True):
         directory.write_json(name, written(file))
@@ -245,19 +245,19 @@ def read_elites(directory: RunDirectory) -> tuple[EliteEntry, ...]:
     Raises:
         RunError: archive.json is damaged.
     """
-    return _read(directory, NETWORKS, NetworkFile).elites if (directory.path / NETWORKS).exists() else ()
+    return _read(directory, NETWORKS, NetworkArchiveFile).elites if (directory.path / NETWORKS).exists() else ()
 
 
-def read_archive_files(directory: RunDirectory) -> tuple[NetworkFile, PromptFile]:
+def read_archive_files(directory: RunDirectory) -> tuple[NetworkArchiveFile, PromptFile]:
     """Read archive.json and prompts.json.
 
     Raises:
         RunError: a file is missing or damaged.
     """
-    return _read(directory, NETWORKS, NetworkFile), _read(directory, PROMPTS, PromptFile)
+    return _read(directory, NETWORKS, NetworkArchiveFile), _read(directory, PROMPTS, PromptFile)
 
 
-def read_archives(directory: RunDirectory, last: GenerationLine) -> tuple[NetworkFile, PromptFile]:
+def read_archives(directory: RunDirectory, last: GenerationLine) -> tuple[NetworkArchiveFile, PromptFile]:
     """Read archive.json and prompts.json of a finished run, and compare them with the last generation of its ledger.
 
     Raises:

@@ -33,7 +33,7 @@ class Tracked:
     failed: tuple[str, ...]
 
 
-class _StoreError(RunError):
+class _MlflowError(RunError):
     """MLflow failed, and would fail with the next run."""
 
 
@@ -60,7 +60,7 @@ def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
         try:
             done[_mirror(run, uri)] += 1
         except TacevoError as error:
-            if run == path or isinstance(error, _StoreError):
+            if run == path or isinstance(error, _MlflowError):
                 raise
             failed.append(str(error))
     show(len(runs), len(runs))
@@ -113,7 +113,7 @@ def _mirror(path: Path, given: str) -> str:
     except Exception as error:  # each driver has classes of its own
         reason = without_address(str(error)).partition("\n")[0]
         driver = "install the database driver that this address needs, then " if isinstance(error, ImportError) else ""
-        raise _StoreError(
+        raise _MlflowError(
             f"{type(error).__name__}: {reason}",
             place=f"{path} into {shown_address(uri)}",
             expected="an MLflow store that can be written",

@@ -17,7 +17,7 @@ from refusals import refused
 
 from tacevo.choices import Confinement, Device, Numerics
 from tacevo.cluster import images as files
-from tacevo.cluster.address import check_address
+from tacevo.cluster.address import check_head
 from tacevo.cluster.connection import import_ray, is_guarded, kept_environment
 from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
 from tacevo.cluster.images import Images
@@ -327,15 +327,15 @@ def test_images_are_made_where_that_is_quicker() -> None:
 def test_address_of_another_form_is_refused_at_once(address: str) -> None:
     """Ray itself would wait for minutes, or ask for another of its packages."""
     with refused(ConfigError, place="executor.address", got=address, expected="HOST:PORT"):
-        check_address(address)
+        check_head(address)
 
 
 def test_address_where_nothing_listens_is_refused() -> None:
     """A port that was just given back; one that listens is accepted, whatever it is."""
-    check_address("auto")  # Ray finds it
+    check_head("auto")  # Ray finds it
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
-        check_address(address)
+        check_head(address)
     with refused(ConfigError, place="executor.address", got=address, remedy="ray start --head"):
         check_means(compose(["executor=ray", f"executor.address={address}"]))
 

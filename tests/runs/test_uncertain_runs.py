@@ -7,7 +7,7 @@ import pytest
 from smallest import SMALLEST, UNTRACKED, Once
 
 from analysis.report.collection import collect, tables_of
-from analysis.report.page.of_run import RunMaterial, read_recorded, run_contents
+from analysis.report.page.of_run import RunMaterial, read_texts, run_contents
 from analysis.runs.archive_history import archive_history
 from tacevo.cli.app import main
 from tacevo.storage.store import Store
@@ -53,7 +53,7 @@ def test_tables_and_page_have_the_archive_as_the_search_left_it(uncertain: Path)
     held = {niche: (elite.name, -elite.objective) for niche, elite in last.elites.items()}
     assert held == {elite.niche: (elite.id, elite.fitness) for elite in found.run.elites}
     assert any(table.name.startswith("corrected_force_noise") for table in tables_of(found, None))
-    page = run_contents(RunMaterial(found=found, recorded=read_recorded(found.run)))
+    page = run_contents(RunMaterial(found=found, recorded=read_texts(found.run)))
     again = {line.source for line in found.run.reevaluations}
     losses = {one.id: len(one.seed_losses) for one in page.candidates}
     assert losses == {

@@ -57,7 +57,7 @@ class Recorded:
     texts: Mapping[str, str]
 
 
-def read_recorded(run: Run) -> Recorded:
+def read_texts(run: Run) -> Recorded:
     """Read run.json and the candidates' files; a source that is not the ledger's is left out.
 
     Raises:

@@ -11,7 +11,7 @@ from ledger_lines import run_record
 
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.contents import RunContents
-from analysis.report.page.of_run import Recorded, RunMaterial, read_recorded, run_contents, run_sources
+from analysis.report.page.of_run import Recorded, RunMaterial, read_texts, run_contents, run_sources
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.sources import kept_lines, marked
 from analysis.report.sweep_collection import collect_sweep
@@ -41,7 +41,7 @@ def contents(given: Run, texts: dict[str, str] | None = None) -> RunContents:
 def whole(published: Path) -> tuple[Collection, RunContents]:
     """Return a recorded run with its study, and what its page shows."""
     found = collect(published / "run")
-    material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables_of(found, None))
+    material = RunMaterial(found=found, recorded=read_texts(found.run), tables=tables_of(found, None))
     return found, run_contents(material)
 
 
@@ -54,7 +54,7 @@ def test_last_archive_is_the_recorded_one(whole: tuple[Collection, RunContents])
 def test_every_candidate_has_its_line_and_its_source(whole: tuple[Collection, RunContents]) -> None:
     """Fitness, losses and size are the ledger's; the source has the hash of the line."""
     found, shown = whole
-    sources = run_sources(found.run, read_recorded(found.run).texts)
+    sources = run_sources(found.run, read_texts(found.run).texts)
     for line, one in zip(found.run.candidates, shown.candidates, strict=True):
         assert (one.id, one.fitness, one.parameters, one.parents) == (
             line.id,
@@ -107,7 +107,7 @@ def test_training_that_two_studies_share_counts_once(whole: tuple[Collection, Ru
     """Studies of the same seeds get the same losses from the store."""
     found, given = whole
     twice = replace(found, reestimates=found.reestimates * 2)
-    again = run_contents(RunMaterial(found=twice, recorded=read_recorded(found.run)))
+    again = run_contents(RunMaterial(found=twice, recorded=read_texts(found.run)))
     assert again.candidates == given.candidates
 
 
@@ -115,7 +115,7 @@ def test_edited_source_is_not_shown(folder: Path) -> None:
     """A file that is not what was trained is named, and its candidate has no source."""
     found = collect(folder / "run")
     (folder / "run" / "candidates" / "g00s00.py").write_text("edited")
-    shown = run_contents(RunMaterial(found=found, recorded=read_recorded(found.run)))
+    shown = run_contents(RunMaterial(found=found, recorded=read_texts(found.run)))
     assert shown.candidates[0].source is None
     assert "no source, because the file is missing or was edited: g00s00" in shown.remarks
 

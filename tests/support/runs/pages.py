@@ -10,7 +10,7 @@ from playwright.sync_api import Page
 
 from analysis.report.collection import collect, tables_of
 from analysis.report.page.contents import Generation, PageContents, Source
-from analysis.report.page.of_run import RunMaterial, read_recorded
+from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.sources import marked
 from analysis.report.page.whole import page_contents
 from tacevo.bundles.open import opened
@@ -34,7 +34,7 @@ def page_of_shipped_run() -> PageContents:
 def page_of(run: Path, store: Path, *, title: str) -> PageContents:
     """Return what the page of a run shows, without its sample images."""
     found = collect(run, store)
-    material = RunMaterial(found=found, recorded=read_recorded(found.run), tables=tables_of(found, None))
+    material = RunMaterial(found=found, recorded=read_texts(found.run), tables=tables_of(found, None))
     return page_contents([material], title=title, checked=[f"digest {64 * 'f'}"], commands=["tacevo replay it"])
 
 
