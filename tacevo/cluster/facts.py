@@ -5,14 +5,12 @@ import hashlib
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from tacevo.choices import Confinement, Device, Numerics
-from tacevo.environment import machine
+from tacevo.environment import machine, versions
 from tacevo.errors import SandboxError, TacevoError
-from tacevo.records import to_json
 from tacevo.redaction import secret_variables
 from tacevo.rules import CURRENT, STUDY
 from tacevo.sandbox.confinement import available, check_confinement
@@ -67,10 +65,11 @@ class Facts:
 
 def facts_here(order: Order) -> Facts:
     """Find out what this process would compute with."""
+    installed = versions()
     decisive = {
         "python": ".".join(platform.python_version_tuple()[:2]),
-        **{package: _version(package) for package in _DECISIVE},
-        **{f"rules of {part}": str(number) for part, number in _numbers(to_json(CURRENT)).items()},
+        **{package: installed[package] for package in _DECISIVE},
+        **{f"rules of {part}": str(number) for part, number in asdict(CURRENT).items()},
         "rules of study": str(STUDY),
         "code": _code(),
         **({"cpu": str(machine()["cpu"])} if order.numerics is Numerics.fast else {}),
@@ -109,11 +108,6 @@ def _listed(names: list[str], values: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {values.get(name, 'absent')}" for name in names)
 
 
-def _numbers(rules: object) -> Mapping[str, int]:
-    assert isinstance(rules, dict)
-    return rules
-
-
 @functools.cache
 def _code() -> str:
     """Return 12 hex digits that stand for the code of this package: two checkouts of one version may differ."""
@@ -121,13 +115,6 @@ def _code() -> str:
     sources = {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*.py")}
     digests = {name: hashlib.sha256(source).hexdigest() for name, source in sources.items()}
     return hashlib.sha256(repr(sorted(digests.items())).encode()).hexdigest()[:12]
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "absent"
 
 
 def _fault(order: Order) -> TacevoError | None:
