@@ -35,7 +35,7 @@ Check = Callable[[Opened], Collection[Path]]
 
 
 def continue_run(
-    published: Opened, overrides: Sequence[str], view: Progress, *, check: Check, mix_rules: bool = False
+    published: Opened, overrides: Sequence[str], view: Progress, *, check: Check, mix_rules: bool
 ) -> Result:
     """Continue a finished run in a new run directory.
 

@@ -53,8 +53,8 @@ def publish(
     terms: Terms,
     make_pages: Callable[[Path, Sequence[Rerun]], tuple[Mapping[str, bytes], Mapping[str, bytes]]],
     view: Progress,
-    studies: Sequence[Path] = (),
-    store: Path | None = None,
+    studies: Sequence[Path],
+    store: Path | None,
 ) -> Published:
     """Replay a finished run or sweep with its studies, and write all that belongs to it into one file.
 

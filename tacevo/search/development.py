@@ -91,7 +91,7 @@ class Outcome:
         return (*(attempt.completion for attempt in self.attempts), *last)
 
 
-def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int = 0, seeds: int = 1) -> Iterator[Outcome]:
+def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int, seeds: int) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted

@@ -9,7 +9,7 @@ import hashlib
 import itertools
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -80,7 +80,7 @@ def sweep(
     """
     launcher, settings = split_launcher(overrides)
     check_launcher(launcher)
-    shared, own = part(settings, own=_OWN if into is None else (*_OWN, *_own_keys(SweepDirectory(Path(into)))))
+    shared, own = part(settings, () if into is None else _own_keys(SweepDirectory(Path(into))))
     first = plan(shared, own[:1])[0].config
     directory = SweepDirectory(folder(shared, first) if into is None else Path(into))
     terms = settled(directory, asked, first.task)
@@ -154,8 +154,8 @@ def _run(
     run(directory, left, chosen, show)
 
 
-def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Separate what all jobs share from what distinguishes them: several values, or a key of `own`.
+def part(settings: Sequence[str], begun: Collection[str]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Separate what all jobs share from what distinguishes them: several values, or a key of `_OWN` or `begun`.
 
     Returns:
         The shared overrides, and those of each job.
@@ -170,7 +170,7 @@ def part(settings: Sequence[str], own: Sequence[str] = _OWN) -> tuple[tuple[str,
         if key == "run.dir":
             remedy = "name the directory of the sweep by --into"
             raise ConfigError(value, place=key, expected="no value: each job of a sweep has its own", remedy=remedy)
-        if len(values) > 1 or key in own:
+        if len(values) > 1 or key in _OWN or key in begun:
             varied.append(values)
         else:
             shared.append(written)

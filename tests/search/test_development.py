@@ -80,7 +80,7 @@ def run(
             evaluation_key=lambda source, seed: source,
             executor=executor,
         )
-        return list(develop(planned, tools, repairs=repairs))
+        return list(develop(planned, tools, repairs=repairs, seeds=1))
 
 
 def weights(outcomes: list[Outcome]) -> list[str]:

@@ -24,7 +24,7 @@ NAMES = ["none-seed0", "none-seed1", "fixed_temperature-seed0", "fixed_temperatu
 
 def test_several_values_tell_jobs_apart() -> None:
     """What has one value is shared, but for the ablation and the seed, to which others may come."""
-    shared, varied = part(["experiment=demo", "ablation=none", "seed=range(0,2)", "temperature=paper,stall"])
+    shared, varied = part(["experiment=demo", "ablation=none", "seed=range(0,2)", "temperature=paper,stall"], ())
 
     assert shared == ("experiment=demo",)
     assert varied == (
@@ -65,7 +65,7 @@ def test_search_that_does_not_end_when_told_is_killed(tmp_path: Path, monkeypatc
 def test_override_that_a_sweep_cannot_have_is_rejected(setting: str, place: str) -> None:
     """Values without an end, and what sweep.json must not keep; a password is not shown."""
     with pytest.raises(ConfigError) as raised:
-        part([*SHARED, setting])
+        part([*SHARED, setting], ())
     assert raised.value.place.startswith(place)
     assert "hunter2" not in str(raised.value)
 
@@ -113,7 +113,7 @@ def test_no_job_is_called_after_a_folder_of_this_machine() -> None:
 @pytest.mark.slow
 def test_all_arms_of_the_default_search_are_listed_as_the_manual_says() -> None:
     """A list of all but the one that needs an LLM can be composed."""
-    shared, varied = part([*SHARED, "ablation=glob(*,exclude=llm_vs_grammar)"])
+    shared, varied = part([*SHARED, "ablation=glob(*,exclude=llm_vs_grammar)"], ())
 
     assert len(plan(shared, varied)) == len(varied) > 10
     assert "'ablation=glob(*,exclude=llm_vs_grammar)'" in ROOT.joinpath("docs/sweeps.md").read_text()
@@ -149,7 +149,7 @@ def test_same_search_runs_once(place: Path) -> None:
 def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
     """It follows from what the jobs share, and from nothing that leaves results alone."""
     first, more, watched, other = (
-        plan(*part([*SHARED, *settings]))[0].config
+        plan(*part([*SHARED, *settings], ()))[0].config
         for settings in (
             ["ablation=none", "seed=0"],
             ["ablation=stall_temperature", "seed=3"],
