@@ -116,10 +116,11 @@ def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress
     for source, target in zip(found.runs, staged.runs, strict=True):
         run = read_recorded(source)
         _stage(run, target, _studies((), run, view))
-    _, jobs = directory.read()
-    published = [_published_job(staged.folder, job) for job in jobs]
-    arms = {job.arm: shown.arm for job, shown in zip(jobs, published, strict=True)}
-    SweepDirectory(staged.folder).write((), published, published_terms(directory.read_terms(), arms))
+    sweep = directory.read()
+    jobs = tuple(_published_job(staged.folder, job) for job in sweep.jobs)
+    arms = {job.arm: shown.arm for job, shown in zip(sweep.jobs, jobs, strict=True)}
+    terms = published_terms(sweep.terms, arms)
+    SweepDirectory(staged.folder).write(replace(sweep, overrides=(), jobs=jobs, terms=terms))
     return staged
 
 
@@ -222,7 +223,7 @@ def _run_members(place: str, staged: Path, done: Rerun) -> dict[str, bytes]:
 
 def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
     """Gather what the pages say of what is published."""
-    jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
+    jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read().jobs
     return Subject(
         runs=tuple(done.run for done in runs),
         studies=tuple({name: study.scores.digest for name, study in done.studies.items()} for done in runs),

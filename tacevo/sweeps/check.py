@@ -31,8 +31,8 @@ def check_jobs(directory: SweepDirectory) -> None:
         DivergenceError: the first difference, with job, field and both values.
         RunError: a file is damaged.
     """
-    _, jobs = directory.read()
-    vary = directory.read_terms().vary
+    sweep = directory.read()
+    jobs, vary = sweep.jobs, sweep.terms.vary
     settings = []
     for job in jobs:
         config, _, _ = read_run(directory.run(job))

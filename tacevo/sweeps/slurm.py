@@ -66,7 +66,7 @@ class SearchJob(Checkpointable):
     def __call__(self, sweep: Path, name: str) -> None:
         """Run it to its end, or until the scheduler wants the node back."""
         directory = SweepDirectory(sweep)
-        job = next(job for job in directory.read()[1] if job.name == name)
+        job = next(job for job in directory.read().jobs if job.name == name)
         search = start(directory, job)
         try:
             keep_ending(directory, job, search.wait())

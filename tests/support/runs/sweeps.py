@@ -29,7 +29,7 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
     """Write a run directory of a job, with a generation of its ledger."""
     run = directory.run(job)
     run.path.mkdir(parents=True, exist_ok=True)
-    vary = directory.read_terms().vary if directory.is_one else ()
+    vary = directory.read().terms.vary if directory.is_one else ()
     config = composed(*shared, *job.overrides, *seeded(vary, job.seed))
     facts = replace(facts_without_data(config), counts=(config.data.images, 0, 0))
     text, digest = sealed_text([header(task=job.name), ended(0)])
@@ -59,7 +59,7 @@ class Launched:
             if job.name in self.failing:
                 directory.fail(job, "the disk is full")
             else:
-                begin(directory, job, directory.read()[0])
+                begin(directory, job, directory.read().overrides)
                 directory.succeed(job)
             show(job)
 
