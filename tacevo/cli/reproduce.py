@@ -6,11 +6,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.bundles.extend import continue_run
 from tacevo.bundles.open import Opened, check_walls, opened, over_runs
 from tacevo.bundles.verify import Rerun, Verified, rerun, verify
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store, whole_number
-from tacevo.cli.search import print_end
 from tacevo.config.recorded import read_recorded
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
@@ -170,6 +168,9 @@ def add_continue(parser: Parser) -> None:
 
 
 def _continue(options: argparse.Namespace) -> int:
+    from tacevo.bundles.extend import continue_run  # with Hydra, which takes half a second, and a replay needs none
+    from tacevo.cli.search import print_end
+
     with opened(Path(options.run)) as found, Progress() as view:
         moved = found.root is None and options.store is not None
         published = replace(found, store=Path(options.store)) if moved else found

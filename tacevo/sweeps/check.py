@@ -9,8 +9,8 @@ label.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tacevo.config.compose import from_plain, to_plain
 from tacevo.config.identity import config_hash, decisive
+from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.recorded import read_run
 from tacevo.errors import DivergenceError
 from tacevo.records import Json

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from ledger_lines import ended, header, run_record
 
-from tacevo.config.compose import compose, to_plain
+from tacevo.config.compose import compose
+from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.runs.progress import Progress
