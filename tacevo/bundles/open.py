@@ -18,7 +18,7 @@ from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.search.files import finished_digest
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
 
 T = TypeVar("T")
 
@@ -93,11 +93,8 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
     done = []
     for number, (job, run) in enumerate(zip(found.jobs, found.runs, strict=True), start=1):
         say(f"job {job} ({number} of {len(found.jobs)})")
-        try:
+        with naming(job):
             done.append(act(run))
-        except TacevoError as error:
-            error.place = ", ".join(part for part in (f"job {job}", error.place) if part)
-            raise
     return tuple(done)
 
 

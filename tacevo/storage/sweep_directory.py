@@ -6,8 +6,8 @@ failed/NAME.json      why a job failed, until it is repeated and succeeds
 launch/               what launching leaves behind: the last output of each job (NAME.log), and submitit's files
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge
 
 from tacevo.choices import ChosenBy, Primary, Varied
-from tacevo.errors import RunError
+from tacevo.errors import RunError, TacevoError
 from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
@@ -176,6 +176,16 @@ class SweepDirectory:
 
     def _failure(self, job: Job) -> Path:
         return self.path / "failed" / f"{job.name}.json"
+
+
+@contextmanager
+def naming(job: str) -> Iterator[None]:
+    """Let errors name the job that they are of."""
+    try:
+        yield
+    except TacevoError as error:
+        error.place = ", ".join(part for part in (f"job {job}", error.place) if part)
+        raise
 
 
 def name_arm(own: Sequence[str]) -> str:

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.config.study import NoiseConfig, StudyConfig
-from tacevo.errors import RunError, TacevoError
+from tacevo.errors import RunError
 from tacevo.runs.progress import Progress
 from tacevo.search.files import finished_digest
-from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory
+from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming
 from tacevo.studies.directory import is_stated, studies_of
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
@@ -80,11 +80,8 @@ def _each(
     studies = []
     for number, job in enumerate(finished, start=1):
         view.say(f"job {job.name} ({number} of {len(finished)})")
-        try:
+        with naming(job.name):
             studies.append(train(str(directory.run(job).path)))
-        except TacevoError as error:
-            error.place = ", ".join(part for part in (f"job {job.name}", error.place) if part)
-            raise
         view.advance("jobs", number, len(finished))
     jobs = directory.read().jobs  # with those that were added meanwhile
     return StudiedSweep(studies=tuple(studies), unfinished=tuple(job.name for job in jobs if job not in finished))
