@@ -11,9 +11,9 @@ from pathlib import Path
 
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, sealed
-from tacevo.bundles.open import Opened, located, over_runs, private_folder, standing_for
+from tacevo.bundles.open import Opened, located, private_folder, standing_for
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
-from tacevo.bundles.verify import Rerun, rerun
+from tacevo.bundles.verify import Rerun, rerun, rerun_all
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import config_hash
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
@@ -81,9 +81,7 @@ def publish(
         staged = _staged(studies, found, folder, view)
         read: set[Path] = set()
         with standing_for(staged.folder, run):
-            runs = over_runs(staged, lambda path: rerun(read_recorded(path, str(store)), view, seen=read.add), view.say)
-            if staged.jobs is not None:
-                check_jobs(SweepDirectory(staged.folder))
+            runs = rerun_all(staged, lambda path: rerun(read_recorded(path, str(store)), view, seen=read.add), view)
         tables, figures = make_pages(staged.folder, runs)
         members = {
             **_members(staged, runs),
