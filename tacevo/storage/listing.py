@@ -12,7 +12,7 @@ from tacevo.records import Completion, Json, Request
 from tacevo.storage.arrays import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, readable, shown, value_at
 from tacevo.storage.files import write_durably
-from tacevo.storage.store import KINDS, Entry, Store, check_entry, read_entry
+from tacevo.storage.store import KINDS, Entry, Store, check_entry, place_of, read_entry
 from tacevo.text import counted, table
 from tacevo.typed import FreeJson, convert, parse
 
@@ -164,8 +164,7 @@ def _find(root: Path, prefix: str) -> Path:
         raise StoreError(
             prefix, expected=f"a JSON file with a request, or at least {_SHORTEST_KEY} hexadecimal digits of a key"
         )
-    folder = prefix.lower()[:2]
-    paths = [path for kind in KINDS for path in (root / kind / folder).glob(f"{prefix.lower()}*.json")]
+    paths = [path for kind in KINDS for path in root.glob(place_of(kind, f"{prefix.lower()}*"))]
     if len(paths) != 1:
         raise StoreError(
             f"{len(paths)}",
