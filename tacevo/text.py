@@ -15,6 +15,11 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def first_line(error: BaseException) -> str:
+    """Return the first line of an error, or its class where it says nothing."""
+    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)
+
+
 def drawn(seeds: int, *, or_more: bool = False) -> str:
     """Say what a fitness is: of a candidate that was trained with so many seeds, or with more where it was an elite."""
     if or_more:

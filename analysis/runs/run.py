@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tacevo.choices import ArchiveKind, Scale
 from tacevo.config.identity import identity, task_hash
+from tacevo.config.recorded import read_config
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
@@ -33,7 +34,6 @@ from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.text import drawn, listed
-from tacevo.typed import convert
 
 #: How many of the best networks tables and figures look at, as the paper does.
 TOP = 4
@@ -176,9 +176,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
     """
     check_references(path, record, ledger.lines)
     header = next(line for line in ledger.lines if isinstance(line, RunLine))
-    config = convert(
-        RunConfig, record.config, place=f"{path}/run.json, config", error=RunError, remedy="restore the file"
-    )
+    config = read_config(path, record)
     _check_description(path, config, record.task, header)
     generations = tuple(line for line in ledger.lines if isinstance(line, GenerationLine))
     return Run(

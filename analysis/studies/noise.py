@@ -16,7 +16,7 @@ from analysis.studies.scores import LOWER_IS_BETTER, PRIMARY
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
-from tacevo.storage.store import read_entry
+from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
 from tacevo.studies.directory import FinishedStudy
 from tacevo.studies.lines import FailedLine, Network, ScoreLine, StudyHeader
@@ -128,7 +128,7 @@ def _tested(header: StudyHeader, rows: Sequence[ScoreLine]) -> NDArray[np.float6
 
 def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
     """Return the validation loss of each epoch of a full training."""
-    path = store / "studies" / row.evaluation[:2] / f"{row.evaluation}.json"
+    path = store / place_of("studies", row.evaluation)
     if not path.exists():
         raise RunError(
             f"none of {row.network} with seed {row.seed}",

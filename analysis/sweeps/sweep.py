@@ -73,7 +73,8 @@ def load_sweep(path: Path, known: Mapping[str, Run] | None = None) -> Sweep:
             overrides give, or a run was damaged or edited or is not that of its job.
     """
     directory = SweepDirectory(path)
-    _, jobs = directory.read()
+    record = directory.read()
+    jobs, terms = record.jobs, record.terms
     _check_distinct(path, jobs)
     _check_names(path, jobs)
     finished, missing = [], []
@@ -91,7 +92,6 @@ def load_sweep(path: Path, known: Mapping[str, Run] | None = None) -> Sweep:
             expected="at least one finished job",
             remedy="continue the sweep by the `tacevo search -m` command that began it",
         )
-    terms = directory.read_terms()
     sweep = Sweep(path=path, finished=tuple(finished), missing=tuple(missing), terms=terms)
     return sweep if terms.retraining is None else _with_tests(sweep, terms.retraining)
 

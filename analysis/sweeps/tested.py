@@ -17,7 +17,7 @@ from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.directory import is_stated, studies_of
 from tacevo.studies.lines import Design, FailedLine, Row, ScoreLine
-from tacevo.studies.networks import median_losses
+from tacevo.studies.noise import estimates_of
 from tacevo.text import listed
 
 
@@ -106,9 +106,4 @@ def _fitness(run: Run, study: Design) -> dict[str, float]:
     if not study.chosen_by:
         # A baseline that failed when it was trained again stands in the study by its first draw, and found nothing.
         return {network.id: network.fitness for network in study.networks if network.id in run.fitness}
-    for directory in studies_of(run.path):
-        if directory.read().digest == study.chosen_by:
-            return median_losses(directory.read_finished().scores.rows)
-    digests = listed(str(directory.read().digest)[:12] for directory in studies_of(run.path))
-    expected = f"the noise run {study.chosen_by[:12]}, by which the elites were chosen"
-    raise RunError(f"studies of the digests {digests}", place=f"{run.path}/studies", expected=expected)
+    return estimates_of(run.path, study.chosen_by)

@@ -7,7 +7,7 @@ killed; errors name the file and not that directory. The commands see runs, and 
 import contextlib
 import json
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -18,7 +18,7 @@ from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.search.files import finished_digest
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
 
 T = TypeVar("T")
 
@@ -77,9 +77,11 @@ def located(path: Path) -> Opened:
     Raises:
         RunError: it is neither, or a sweep that is not finished, or one whose runs have several stores.
     """
-    jobs = _jobs(path) if SweepDirectory(path).is_one else None
-    if jobs is not None:
-        _check_finished(SweepDirectory(path))
+    jobs = None
+    if (directory := SweepDirectory(path)).is_one:
+        sweep = _read_sweep(path)
+        jobs = tuple(job.name for job in sweep.jobs)
+        _check_finished(directory, sweep.jobs)
     found = Opened(folder=path, store=path, jobs=jobs)
     return replace(found, store=_store_of(found))
 
@@ -91,11 +93,8 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
     done = []
     for number, (job, run) in enumerate(zip(found.jobs, found.runs, strict=True), start=1):
         say(f"job {job} ({number} of {len(found.jobs)})")
-        try:
+        with naming(job):
             done.append(act(run))
-        except TacevoError as error:
-            error.place = ", ".join(part for part in (f"job {job}", error.place) if part)
-            raise
     return tuple(done)
 
 
@@ -131,31 +130,32 @@ def _unpacked(source: Path, folder: Path) -> Opened:
         (folder / "moved").rename(run)  # tables and figures bear the name of the run's directory
         return replace(found, folder=run)
     with refusing():
-        jobs, written = _jobs(found.folder), SweepDirectory(found.folder).text()
+        sweep = _read_sweep(found.folder)
+    jobs = tuple(job.name for job in sweep.jobs)
     for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
         what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
         raise BundleError(what, place=f"{source}/{JOBS}", expected="one directory for each job")
-    if (folder / JOBS).read_bytes() != written.encode():
+    if (folder / JOBS).read_bytes() != sweep.text.encode():
         expected = "the text that `tacevo publish` writes of these jobs"
         raise BundleError("the same jobs in another text: it was edited", place=f"{source}/{JOBS}", expected=expected)
     return replace(found, jobs=jobs)
 
 
-def _jobs(folder: Path) -> tuple[str, ...]:
-    """Read the names of a sweep's jobs."""
-    _, jobs = SweepDirectory(folder).read()
-    names = tuple(job.name for job in jobs)
+def _read_sweep(folder: Path) -> SweepRecord:
+    """Read a sweep of at least one job, each of another name."""
+    sweep = SweepDirectory(folder).read()
+    names = [job.name for job in sweep.jobs]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not names:
         got = f"{twice[0]!r} twice" if twice else "no job"
         raise RunError(got, place=f"{folder}/sweep.json", expected="at least one job, each of another name")
-    return names
+    return sweep
 
 
-def _check_finished(directory: SweepDirectory) -> None:
+def _check_finished(directory: SweepDirectory, jobs: Sequence[Job]) -> None:
     """Check that every job of a sweep is finished: results of a part of it would be another sweep's."""
     unfinished = []
-    for job in directory.read()[1]:
+    for job in jobs:
         if finished_digest(directory.run(job)) is None:
             failure = directory.failure(job)
             unfinished.append(job.name if failure is None else f"{job.name} (failed: {failure.reason})")

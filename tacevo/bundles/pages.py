@@ -95,7 +95,7 @@ class Subject:
         task = self.first.record.task.name
         if self.jobs:
             return f"TacEvo sweep of {counted(len(self.jobs), 'run')}: architecture searches, task {task}"
-        what = "architecture search" if _asked(self.first) else "given networks"
+        what = "architecture search" if self.first.searched else "given networks"
         return f"TacEvo run {self.first.record.name}: {what}, task {task}"
 
     @property
@@ -111,7 +111,7 @@ class Subject:
             seeds = ", ".join(map(str, sorted({job.seed for job in self.jobs})))
             what, which = "A sweep of finished architecture searches", f"arms {arms}, seeds {seeds}"
         else:
-            what = "A finished architecture search" if _asked(self.first) else "A run of given networks"
+            what = "A finished architecture search" if self.first.searched else "A run of given networks"
             which = f"seed {self.first.config.seed}"
         what += f" for tactile perception: task {self.first.record.task.name}, {which}, {sizes}."
         digest = f"The digest of {'the sweep' if self.jobs else 'its ledger'} is {self.digest}."
@@ -121,16 +121,11 @@ class Subject:
 def origin_of_answers(run: RecordedRun) -> str:
     """Say what answered the requests, and plainly where that was not a language model."""
     config = run.config
-    if not _asked(run):
+    if not run.searched:
         return "No model was asked: the networks were given."
     if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
     return f"Answers by the language model {config.llm.model} (llm={config.llm.provider})."
-
-
-def _asked(run: RecordedRun) -> bool:
-    """Return whether a run asked for networks, or only recorded those that it was given."""
-    return any(line.request is not None for line in run.candidates)
 
 
 def origin_of_data(config: RunConfig) -> str:

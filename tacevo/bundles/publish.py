@@ -11,9 +11,9 @@ from pathlib import Path
 
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, sealed
-from tacevo.bundles.open import Opened, located, over_runs, private_folder, standing_for
+from tacevo.bundles.open import Opened, located, private_folder, standing_for
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
-from tacevo.bundles.verify import Rerun, rerun
+from tacevo.bundles.verify import Rerun, rerun, rerun_all
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import config_hash
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
@@ -81,9 +81,7 @@ def publish(
         staged = _staged(studies, found, folder, view)
         read: set[Path] = set()
         with standing_for(staged.folder, run):
-            runs = over_runs(staged, lambda path: rerun(read_recorded(path, str(store)), view, seen=read.add), view.say)
-            if staged.jobs is not None:
-                check_jobs(SweepDirectory(staged.folder))
+            runs = rerun_all(staged, lambda path: rerun(read_recorded(path, str(store)), view, seen=read.add), view)
         tables, figures = make_pages(staged.folder, runs)
         members = {
             **_members(staged, runs),
@@ -116,10 +114,11 @@ def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress
     for source, target in zip(found.runs, staged.runs, strict=True):
         run = read_recorded(source)
         _stage(run, target, _studies((), run, view))
-    _, jobs = directory.read()
-    published = [_published_job(staged.folder, job) for job in jobs]
-    arms = {job.arm: shown.arm for job, shown in zip(jobs, published, strict=True)}
-    SweepDirectory(staged.folder).write((), published, published_terms(directory.read_terms(), arms))
+    sweep = directory.read()
+    jobs = tuple(_published_job(staged.folder, job) for job in sweep.jobs)
+    arms = {job.arm: shown.arm for job, shown in zip(sweep.jobs, jobs, strict=True)}
+    terms = published_terms(sweep.terms, arms)
+    SweepDirectory(staged.folder).write(replace(sweep, overrides=(), jobs=jobs, terms=terms))
     return staged
 
 
@@ -222,7 +221,7 @@ def _run_members(place: str, staged: Path, done: Rerun) -> dict[str, bytes]:
 
 def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:
     """Gather what the pages say of what is published."""
-    jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read()[1]
+    jobs = () if staged.jobs is None else SweepDirectory(staged.folder).read().jobs
     return Subject(
         runs=tuple(done.run for done in runs),
         studies=tuple({name: study.scores.digest for name, study in done.studies.items()} for done in runs),

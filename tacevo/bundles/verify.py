@@ -84,11 +84,9 @@ def verify(
             _check_files(run, checked)
             return checked
 
-    runs = over_runs(bundle, check, view.say)
     with _refusing(bundle.root):
+        runs = rerun_all(bundle, check, view)
         _check_entries(bundle.store, read)
-        if bundle.jobs is not None:
-            check_jobs(SweepDirectory(bundle.folder))
         made = make_tables(bundle.folder, runs)
         outdated = 0
         if all(run.pages == PAGES for run in runs):
@@ -97,6 +95,14 @@ def verify(
             outdated = _count_outdated(bundle.root / "tables", made)
     figures = len(list(bundle.root.glob("figures/*")))
     return Verified(runs=runs, entries=len(read), tables=len(made), outdated=outdated, figures=figures)
+
+
+def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> tuple[Rerun, ...]:
+    """Run every search and its studies again, by `again`; of a sweep, compare its list of jobs with them, too."""
+    runs = over_runs(found, again, view.say)
+    if found.jobs is not None:
+        check_jobs(SweepDirectory(found.folder))
+    return runs
 
 
 def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:

@@ -18,8 +18,9 @@ from analysis.runs.run import load_run
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser
-from tacevo.config.compose import compose, from_plain
+from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
+from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions

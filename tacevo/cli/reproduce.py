@@ -6,11 +6,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.bundles.extend import continue_run
-from tacevo.bundles.open import Opened, check_walls, opened, over_runs
-from tacevo.bundles.verify import Rerun, Verified, rerun, verify
+from tacevo.bundles.open import Opened, check_walls, opened
+from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, verify
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store, whole_number
-from tacevo.cli.search import print_end
 from tacevo.config.recorded import read_recorded
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
@@ -18,8 +16,7 @@ from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import describe, retrain
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
-from tacevo.storage.sweep_directory import SweepDirectory, sweep_digest
-from tacevo.sweeps.check import check_jobs
+from tacevo.storage.sweep_directory import sweep_digest
 from tacevo.text import printable
 
 #: What `--retrain` without a number stands for.
@@ -62,7 +59,8 @@ def _replay(options: argparse.Namespace) -> int:
         if options.retrain is not None:
             check_walls(found)
         if found.root is None:
-            runs, beside = _rerun(found, existing_store(options.store), view), []
+            store, beside = existing_store(options.store), []
+            runs = rerun_all(found, lambda run: rerun(read_recorded(run, store), view), view)
         else:  # its --store is for the images of --retrain, and need not exist yet
             verified = _verified(found, view)
             runs = verified.runs
@@ -95,14 +93,6 @@ def _in_bundle(verified: Verified) -> str:
         f"{verified.figures} figures and the pages that describe the bundle: their checksums are right, nothing else "
         "was compared"
     )
-
-
-def _rerun(found: Opened, store: str | None, view: Progress) -> tuple[Rerun, ...]:
-    """Run every search and study of a directory again; compare a sweep's list of jobs with them."""
-    runs = over_runs(found, lambda run: rerun(read_recorded(run, store), view), view.say)
-    if found.jobs is not None:
-        check_jobs(SweepDirectory(found.folder))
-    return runs
 
 
 def _told(found: Opened, runs: Sequence[Rerun]) -> list[str]:
@@ -170,6 +160,9 @@ def add_continue(parser: Parser) -> None:
 
 
 def _continue(options: argparse.Namespace) -> int:
+    from tacevo.bundles.extend import continue_run  # with Hydra, which takes half a second, and a replay needs none
+    from tacevo.cli.search import print_end
+
     with opened(Path(options.run)) as found, Progress() as view:
         moved = found.root is None and options.store is not None
         published = replace(found, store=Path(options.store)) if moved else found

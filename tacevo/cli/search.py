@@ -159,12 +159,11 @@ def run_sweep(options: argparse.Namespace) -> int:
 
 def _status(options: argparse.Namespace) -> int:
     directory = SweepDirectory(Path(options.sweep))
-    shared, jobs = directory.read()
-    terms = directory.read_terms()
-    statuses = [status_of(directory, job) for job in jobs]
-    print(f"sweep over {' '.join(shared) or 'the defaults'}: {describe_jobs(statuses)}")
-    if terms != UNSTATED:
-        print(f"\n{describe_terms(terms)}")
+    record = directory.read()
+    statuses = [status_of(directory, job) for job in record.jobs]
+    print(f"sweep over {' '.join(record.overrides) or 'the defaults'}: {describe_jobs(statuses)}")
+    if record.terms != UNSTATED:
+        print(f"\n{describe_terms(record.terms)}")
     return DONE
 
 

@@ -157,7 +157,7 @@ class LivePage:
     def _runs(self) -> list[RunDirectory]:
         """List the runs, begun or not."""
         directory = SweepDirectory(self._path)
-        return [directory.run(job) for job in directory.read()[1]] if directory.is_one else [RunDirectory(self._path)]
+        return [directory.run(job) for job in directory.read().jobs] if directory.is_one else [RunDirectory(self._path)]
 
     def _made(self, readings: list[_Reading]) -> PageContents:
         sweep, reason = self._compared() if SweepDirectory(self._path).is_one else (None, "")

@@ -1,9 +1,8 @@
 """From what a user typed to a checked configuration: the only module that composes with Hydra."""
 
 import contextlib
-import difflib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import TypeVar, cast
 
@@ -17,13 +16,12 @@ from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 
 from tacevo.config.ablation import check_change, read_arm, split_arm
-from tacevo.config.checks import check_together
 from tacevo.config.folder import conf_root, groups
+from tacevo.config.plain import converted, from_plain, near, to_plain
 from tacevo.config.schema import RunConfig, keys
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
-from tacevo.typed import convert
 
 T = TypeVar("T")
 
@@ -47,7 +45,7 @@ def compose(overrides: Sequence[str]) -> RunConfig:
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
         plain = _plain(composed)
-    return _checked(plain)
+    return from_plain(plain)
 
 
 def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConfig:
@@ -100,7 +98,7 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     brought = {key for key in chosen if choices and (key in {"source", *split} or chosen[key] != usual[key])}
     named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
     own = {key: laid[key] for key in brought | named}
-    found = _checked({**to_plain(config), "data": {**to_json(config.data), **own}})
+    found = from_plain({**to_plain(config), "data": {**to_json(config.data), **own}})
     if found.data.image_size != config.data.image_size:
         raise ConfigError(
             str(found.data.image_size),
@@ -129,7 +127,7 @@ def _compose_command(command: str, kind: type[T], overrides: Sequence[str]) -> T
     _check_settings(overrides)
     with _hydra(keys(kind), overrides, command):
         plain = _plain(hydra_compose(command, overrides=list(overrides)))
-    return _converted(kind, plain)
+    return converted(kind, plain)
 
 
 def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -148,54 +146,6 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     with _hydra([], overrides):
         parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
         return tuple(_values(override) for override in parser.parse_overrides(list(overrides)))
-
-
-def to_plain(config: RunConfig) -> dict[str, Json]:
-    """Write a configuration as plain JSON values; `from_plain` reads it back."""
-    return to_json(config)
-
-
-def from_plain(value: Mapping[str, Json]) -> RunConfig:
-    """Read what `to_plain` wrote, and nothing else.
-
-    Args:
-        value: of this version or an earlier one, which lacks the settings that came later.
-
-    Raises:
-        ConfigError: the values are not a configuration of this version.
-    """
-    return _checked(dict(value))
-
-
-def read_named(key: str, name: str) -> str:
-    """Read a file that a configuration names, relative to conf/ or absolute."""
-    path = conf_root() / name
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}, which cannot be read ({error})", place=key, expected="a text file") from error
-
-
-def _checked(plain: Json) -> RunConfig:
-    config = _converted(RunConfig, plain)
-    check_together(config)
-    return config
-
-
-def _converted(kind: type[T], plain: Json) -> T:
-    try:
-        return convert(kind, plain, place="", error=ConfigError)
-    except ConfigError as error:
-        if error.expected == "text":
-            error.remedy = "put it in quotes, as in 'run.dir=\"5\"' or 'data.target_columns=[\"5\"]'"
-        elif error.expected == "an object":  # a value for what only holds settings
-            known = keys(kind)
-            within = [key for key in known if key.startswith(f"{error.place}.")]
-            settings = [key for key in within if not any(other.startswith(f"{key}.") for other in known)]
-            error.expected, error.remedy = "settings of its own", f"set {' or '.join(settings)}"
-        elif error.expected.startswith("only keys"):  # a file of conf/ misspells one
-            error.remedy = _near(error.place, keys(kind))
-        raise
 
 
 def _plain(composed: DictConfig) -> dict[str, Json]:
@@ -247,11 +197,6 @@ def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "searc
         raise _explained(error, names, overrides, command) from error
 
 
-def _near(name: str, names: Sequence[str], command: str = "search") -> str:
-    close = difflib.get_close_matches(name, names, n=1)
-    return f"did you mean {close[0]}?" if close else f"`tacevo {command} --help` lists the settings"
-
-
 def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str], command: str) -> ConfigError:
     """Return the error that says what Hydra or OmegaConf found wrong, and what the user may have meant."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
@@ -259,7 +204,7 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
     if unknown:
         # The cause names the key of a group that was set as a whole.
         name = max(unknown.group(1), getattr(error.__cause__, "full_key", None) or "", key=len)
-        return ConfigError("not a setting", place=name, remedy=_near(name, names, command))
+        return ConfigError("not a setting", place=name, remedy=near(name, names, command))
     if lines[0].startswith("Ambiguous value"):
         key, _, several = lines[0].partition("'")[2].rstrip("'").partition("=")
         return ConfigError(several, place=key, expected="one value", remedy="`tacevo search -m` runs each of several")

@@ -1,4 +1,4 @@
-"""Where the configs lie, and which choices each group has."""
+"""Where the configs lie, which choices each group has, and the files that they name."""
 
 from pathlib import Path
 
@@ -24,3 +24,12 @@ def groups() -> dict[str, list[str]]:
     """List the choices of every config group, e.g. `{"task": ["force", "grating", "hardness"], ...}`."""
     folders = sorted(folder for folder in conf_root().iterdir() if folder.is_dir() and folder.name != "library")
     return {folder.name: sorted(path.stem for path in folder.glob("*.yaml")) for folder in folders}
+
+
+def read_named(key: str, name: str) -> str:
+    """Read a file that a configuration names, relative to conf/ or absolute."""
+    path = conf_root() / name
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}, which cannot be read ({error})", place=key, expected="a text file") from error

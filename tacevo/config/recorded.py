@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Self
 
 from tacevo.choices import DataSource, ExecutorKind
-from tacevo.config.compose import from_plain
+from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, TacevoError
@@ -75,6 +75,19 @@ def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
     return RecordedRun(directory=directory, record=record, config=config, ledger=ledger, eras=eras_of(ledger.lines))
 
 
+def read_config(path: Path, record: RunRecord) -> RunConfig:
+    """Return the configuration of a run as it was recorded; `path` is its directory.
+
+    Raises:
+        RunError: it is not one of this version.
+    """
+    try:
+        return from_plain(record.config)
+    except ConfigError as error:
+        expected = "a configuration of this version"
+        raise RunError(str(error), place=f"{path}/run.json", expected=expected, remedy="restore it") from error
+
+
 def read_settings(directory: RunDirectory, record: RunRecord, store: str | None = None) -> RunConfig:
     """Return the configuration of a run for this machine alone, with no more workers than cores.
 
@@ -85,18 +98,13 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
             does not know.
         ConfigError: its prompt pool is larger than its library.
     """
-    place = f"{directory.path}/run.json"
-    try:
-        config = from_plain(record.config)
-    except ConfigError as error:
-        expected = "a configuration of this version"
-        raise RunError(str(error), place=place, expected=expected, remedy="restore it") from error
+    config = read_config(directory.path, record)
     config.prompts.check_library(len(record.task.instructions))
     images = sum(record.data.counts)
     if config.data.source is DataSource.simulated and config.data.images != images:
         raise RunError(
             str(config.data.images),
-            place=f"{place}, data.images",
+            place=f"{directory.path}/run.json, data.images",
             expected=f"the {images} images of the run's data set",
             remedy="restore it",
         )

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import yaml
 
-from tacevo.config.compose import read_named
+from tacevo.config.folder import read_named
 from tacevo.config.schema import RunConfig, TaskConfig, is_a
 from tacevo.errors import ConfigError
 from tacevo.records import Contract, DataFacts, Instruction, Kind, Record, Task

@@ -9,7 +9,7 @@ import yaml
 
 from tacevo.choices import OPTIONAL_SAMPLING, Provider
 from tacevo.config.ablation import GROUP, read_arm, split_arm
-from tacevo.config.compose import read_named
+from tacevo.config.folder import read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.llm.budget import Account, BudgetedLLM

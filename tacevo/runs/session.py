@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import Tracking
-from tacevo.config.compose import to_plain
 from tacevo.config.identity import length
+from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.costs import Spending, spending_on, total

@@ -12,7 +12,7 @@ from tacevo.records import Completion, Json, Request
 from tacevo.storage.arrays import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, readable, shown, value_at
 from tacevo.storage.files import write_durably
-from tacevo.storage.store import KINDS, Entry, Store, check_entry, read_entry
+from tacevo.storage.store import KINDS, Entry, Store, check_entry, place_of, read_entry
 from tacevo.text import counted, table
 from tacevo.typed import FreeJson, convert, parse
 
@@ -126,7 +126,7 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
         if path != root / entry.place:
             got = str(path.relative_to(root))
             raise StoreError(got, place=str(path), expected=entry.place, remedy="move it, or delete it")
-        model, completion = _completion(path, entry)
+        model, completion = _checked_answer(path, entry)
         return Found(kind=kind, path=path, bytes=size, entry=entry, model=model, completion=completion)
     except StoreError as error:
         problem = error
@@ -135,8 +135,8 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
     return Found(kind=kind, path=path, bytes=size, entry=None, problem=problem)
 
 
-def _completion(place: Path, entry: Entry) -> tuple[str, Completion | None]:
-    """Read the model and the answer of a completion; of another kind, nothing.
+def _checked_answer(place: Path, entry: Entry) -> tuple[str, Completion | None]:
+    """Check an answer by its kind; return the model and the answer of a completion, of another kind nothing.
 
     Raises:
         StoreError: its answer is not a completion, or its request is not a request, although the checksum is right; or
@@ -164,8 +164,7 @@ def _find(root: Path, prefix: str) -> Path:
         raise StoreError(
             prefix, expected=f"a JSON file with a request, or at least {_SHORTEST_KEY} hexadecimal digits of a key"
         )
-    folder = prefix.lower()[:2]
-    paths = [path for kind in KINDS for path in (root / kind / folder).glob(f"{prefix.lower()}*.json")]
+    paths = [path for kind in KINDS for path in root.glob(place_of(kind, f"{prefix.lower()}*"))]
     if len(paths) != 1:
         raise StoreError(
             f"{len(paths)}",
@@ -194,7 +193,7 @@ def _asked(path: Path) -> tuple[str, Json]:
 
 def _answered(path: Path) -> list[str]:
     """Describe a completion's answer; those of other kinds are readable in their files."""
-    _, completion = _completion(path, read_entry(path))
+    _, completion = _checked_answer(path, read_entry(path))
     if completion is None:
         return []
     dropped = f", sent without {', '.join(completion.dropped)}" if completion.dropped else ""
@@ -242,7 +241,7 @@ def take_in(source: Path, entries: Iterable[Entry], root: Path) -> tuple[int, in
 
 def _is_new(source: Path, root: Path, entry: Entry) -> bool:
     """Verify an entry, and compare it with what stands in its place."""
-    _completion(source / entry.place, entry)
+    _checked_answer(source / entry.place, entry)
     target = root / entry.place
     if not target.resolve().is_relative_to(root.resolve()) or target.is_symlink():
         got = f"a link to {target.resolve()}"

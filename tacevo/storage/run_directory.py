@@ -42,7 +42,7 @@ class RunRecord(Record):
     #: Layout of the file.
     schema: Literal[1] = 1
     name: str
-    #: As `tacevo.config.compose.to_plain` writes it.
+    #: As `tacevo.config.plain.to_plain` writes it.
     config: dict[str, FreeJson]
     task: Task
     data: DataFacts

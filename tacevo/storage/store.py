@@ -55,9 +55,8 @@ class Entry(Record):
 
     @property
     def place(self) -> str:
-        """Where it stands below the root of the stores, e.g. `probes/0a/0a1b....json`."""
-        key = self.key
-        return f"{self.kind}/{key[:2]}/{key}.json"
+        """Where it stands below the root of the stores."""
+        return place_of(self.kind, self.key)
 
     def sealed(self) -> dict[str, Json]:
         """Return all that its file holds."""
@@ -85,6 +84,11 @@ class _Sealed(Record):
     request: UncheckedJson
     answer: UncheckedJson
     checksum: str
+
+
+def place_of(kind: str, key: str) -> str:
+    """Return where the entry of a key stands below the root of the stores, e.g. `probes/0a/0a1b....json`."""
+    return f"{kind}/{key[:2]}/{key}.json"
 
 
 class Store:
@@ -192,7 +196,7 @@ class Store:
                 yield read_entry(path)
 
     def _path(self, key: str) -> Path:
-        return self._folder / key[:2] / f"{key}.json"
+        return self._folder.parent / place_of(self._kind, key)
 
     def _miss(self, request: Json) -> CacheMissError:
         """Name the nearest recording, and the first field in which it differs."""

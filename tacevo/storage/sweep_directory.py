@@ -6,8 +6,8 @@ failed/NAME.json      why a job failed, until it is repeated and succeeds
 launch/               what launching leaves behind: the last output of each job (NAME.log), and submitit's files
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge
 
 from tacevo.choices import ChosenBy, Primary, Varied
-from tacevo.errors import RunError
+from tacevo.errors import RunError, TacevoError
 from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
@@ -74,13 +74,19 @@ UNSTATED = SweepTerms()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sweep(Record):
+class SweepRecord(Record):
     """What sweep.json holds."""
 
     schema: Literal[1] = 1
+    #: Those that all jobs share.
     overrides: tuple[str, ...]
     jobs: tuple[Job, ...]
     terms: SweepTerms = UNSTATED
+
+    @property
+    def text(self) -> str:
+        """The file; terms that state nothing are left out, as they are from an early sweep."""
+        return readable({"schema": self.schema, **written(self)})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,30 +128,17 @@ class SweepDirectory:
         """Return the run directory of a job, begun or not."""
         return RunDirectory(self.path / job.name)
 
-    def write(self, overrides: Sequence[str], jobs: Sequence[Job], terms: SweepTerms = UNSTATED) -> None:
+    def write(self, sweep: SweepRecord) -> None:
         """Write sweep.json whole."""
         remove_leftovers(self.path)
-        write_durably(self.path / "sweep.json", sweep_text(overrides, jobs, terms))
+        write_durably(self.path / "sweep.json", sweep.text)
 
-    def read(self) -> tuple[tuple[str, ...], tuple[Job, ...]]:
-        """Read the shared overrides and the jobs.
+    def read(self) -> SweepRecord:
+        """Read sweep.json.
 
         Raises:
             RunError: sweep.json is missing, damaged or of another layout, or names a job outside its directory.
         """
-        found = self._read()
-        return found.overrides, found.jobs
-
-    def read_terms(self) -> SweepTerms:
-        """Read the terms that arms are compared on; errors are those of `read`."""
-        return self._read().terms
-
-    def text(self) -> str:
-        """Return sweep.json as `write` writes it; errors are those of `read`."""
-        found = self._read()
-        return sweep_text(found.overrides, found.jobs, found.terms)
-
-    def _read(self) -> _Sweep:
         path = self.path / "sweep.json"
         if not path.exists():
             is_run = (self.path / "run.json").exists()
@@ -156,7 +149,7 @@ class SweepDirectory:
                 remedy="this is a run, which the other commands take" if is_run else "`tacevo search -m` makes one",
             )
         remedy = "restore it, or delete it and repeat the `tacevo search -m` command that began the sweep"
-        found = parse(_Sweep, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
+        found = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
         for job in found.jobs:
             if Path(job.name).name != job.name or job.name in _TAKEN:
                 raise RunError(repr(job.name), place=f"{path}, jobs", expected="the name of a directory", remedy=remedy)
@@ -185,6 +178,16 @@ class SweepDirectory:
         return self.path / "failed" / f"{job.name}.json"
 
 
+@contextmanager
+def naming(job: str) -> Iterator[None]:
+    """Let errors name the job that they are of."""
+    try:
+        yield
+    except TacevoError as error:
+        error.place = ", ".join(part for part in (f"job {job}", error.place) if part)
+        raise
+
+
 def name_arm(own: Sequence[str]) -> str:
     """Name what a job compares: its ablation, and what else is varied but the seed."""
     given = dict(override.split("=", 1) for override in own)
@@ -202,10 +205,3 @@ def sweep_digest(digests: Mapping[str, str]) -> str:
 def seeded(vary: Collection[Varied], seed: int) -> tuple[str, ...]:
     """Return the overrides of a job that follow from its seed."""
     return tuple(f"{key}={seed}" for key in vary)
-
-
-def sweep_text(overrides: Sequence[str], jobs: Sequence[Job], terms: SweepTerms = UNSTATED) -> str:
-    """Return what sweep.json holds; terms that state nothing are left out, as they are from an early sweep."""
-    whole = asdict(_Sweep(overrides=tuple(overrides), jobs=tuple(jobs), terms=terms))
-    stated = written(terms)
-    return readable({**whole, "terms": stated} if stated else {key: whole[key] for key in whole if key != "terms"})

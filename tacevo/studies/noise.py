@@ -1,5 +1,7 @@
 """The finished noise runs of a run: which one elites are chosen by, and what it says of them."""
 
+from pathlib import Path
+
 from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
 from tacevo.studies.directory import studies_of
@@ -32,26 +34,24 @@ def noise_runs(run: RecordedRun) -> list[StudyRecord]:
     return [one for one in every if one.terms is None and one.digest is not None and one.run == run.ledger.digest]
 
 
-def estimates_of(run: RecordedRun, digest: str) -> dict[str, float]:
+def estimates_of(run: Path, digest: str) -> dict[str, float]:
     """Return the re-estimated fitness of the networks of a noise run, by id: the median over its seeds.
 
     A network is left out where one of its trainings failed.
 
     Args:
-        run: the run.
+        run: its directory.
         digest: of the noise run.
 
     Raises:
         RunError: the run does not have it, or it was edited.
     """
-    for directory in studies_of(run.directory.path):
+    for directory in studies_of(run):
         if directory.read().digest == digest:
-            break
-    else:
-        raise RunError(
-            f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run.directory.path))}",
-            place=f"{run.directory.path}/studies",
-            expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
-            remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
-        )
-    return median_losses(directory.read_finished().scores.rows)
+            return median_losses(directory.read_finished().scores.rows)
+    raise RunError(
+        f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run))}",
+        place=f"{run}/studies",
+        expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
+        remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
+    )

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.config.study import NoiseConfig, StudyConfig
-from tacevo.errors import RunError, TacevoError
+from tacevo.errors import RunError
 from tacevo.runs.progress import Progress
 from tacevo.search.files import finished_digest
-from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory
+from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming
 from tacevo.studies.directory import is_stated, studies_of
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
@@ -44,9 +44,12 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     directory = SweepDirectory(path)
-    finished = _finished(directory)
-    _state(directory, Retraining(seeds=config.seeds, epochs=config.epochs, choose=config.choose))
-    planned = directory.read_terms().plan
+    sweep = directory.read()
+    finished = _finished(directory, sweep.jobs)
+    retraining = Retraining(seeds=config.seeds, epochs=config.epochs, choose=config.choose)
+    if sweep.terms.retraining != retraining:
+        _state(directory, retraining)
+    planned = sweep.terms.plan
     if planned is not None and planned.retraining not in {None, config.seeds}:
         view.say(
             f"this is not what was planned, which is {counted(planned.retraining, 'training seed')} of each network"
@@ -57,13 +60,12 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep
 def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> StudiedSweep:
     """Train the elites of each finished job again, or resume such noise runs; arguments and errors as `study_sweep`."""
     directory = SweepDirectory(path)
-    finished = _finished(directory)
+    finished = _finished(directory, directory.read().jobs)
     return _each(directory, finished, lambda run: estimate_noise(replace(config, run=run, sweep=None), view), view)
 
 
-def _finished(directory: SweepDirectory) -> list[Job]:
+def _finished(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
     """Return the finished jobs of a sweep, at least one."""
-    jobs = directory.read()[1]
     finished = [job for job in jobs if finished_digest(directory.run(job)) is not None]
     if not finished:
         got, expected = f"{len(jobs)} of {len(jobs)} that are not finished", "at least one finished job"
@@ -78,13 +80,10 @@ def _each(
     studies = []
     for number, job in enumerate(finished, start=1):
         view.say(f"job {job.name} ({number} of {len(finished)})")
-        try:
+        with naming(job.name):
             studies.append(train(str(directory.run(job).path)))
-        except TacevoError as error:
-            error.place = ", ".join(part for part in (f"job {job.name}", error.place) if part)
-            raise
         view.advance("jobs", number, len(finished))
-    jobs = directory.read()[1]
+    jobs = directory.read().jobs  # with those that were added meanwhile
     return StudiedSweep(studies=tuple(studies), unfinished=tuple(job.name for job in jobs if job not in finished))
 
 
@@ -95,26 +94,24 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
         RunError: a job was tested as stated otherwise, or so before it was stated; or another process holds the sweep,
             which has to be written.
     """
-    if directory.read_terms().retraining == retraining:
-        return
     with directory.locked():
-        overrides, jobs = directory.read()
-        terms = directory.read_terms()
-        if terms.retraining is not None and _is_tested(directory, jobs, terms.retraining):
+        sweep = directory.read()  # as it is now that nobody else can write
+        stated = sweep.terms.retraining
+        if stated is not None and _is_tested(directory, sweep.jobs, stated):
             raise RunError(
                 _settings(retraining),
                 place=f"{directory.path}/sweep.json, terms.retraining",
-                expected=f"{_settings(terms.retraining)}, as stated before its jobs were tested",
+                expected=f"{_settings(stated)}, as stated before its jobs were tested",
                 remedy="set these values; `tacevo study run=` studies single jobs under others",
             )
-        if _is_tested(directory, jobs, retraining):
+        if _is_tested(directory, sweep.jobs, retraining):
             raise RunError(
                 _settings(retraining),
                 place=f"{directory.path}/sweep.json, terms.retraining",
                 expected="settings under which no job was tested before they are stated",
                 remedy="give other seeds= or epochs=; a study by hand stays, and is not what its sweep compares",
             )
-        directory.write(overrides, jobs, replace(terms, retraining=retraining))
+        directory.write(replace(sweep, terms=replace(sweep.terms, retraining=retraining)))
 
 
 def _is_tested(directory: SweepDirectory, jobs: Sequence[Job], stated: Retraining) -> bool:

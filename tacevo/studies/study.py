@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ChosenBy
-from tacevo.config.compose import compose_data
 from tacevo.config.recorded import RecordedRun, doubting, read_recorded
 from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -98,7 +97,11 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     run = read_recorded(Path(config.run or ""), config.store.root)
-    elsewhere = compose_data(run.config, data).data if data else None
+    elsewhere = None
+    if data:
+        from tacevo.config.compose import compose_data  # Hydra takes half a second to import, and a replay needs none
+
+        elsewhere = compose_data(run.config, data).data
     by_noise = config.choose is ChosenBy.reestimated and not run.record.task.given
     plan = _plan(
         run,
@@ -263,7 +266,7 @@ def _plan(
     if given := run.record.task.given:
         networks = given_networks(run.candidates, [network.name for network in given])
     else:
-        estimates = estimates_of(run, chosen_by) if chosen_by else None
+        estimates = estimates_of(run.directory.path, chosen_by) if chosen_by else None
         known = fitness_by_id(run.ledger.lines)
         candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
         networks = networks_of(candidates, [elite.id for elite in archive.elites], elites, estimates)

@@ -9,8 +9,8 @@ label.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tacevo.config.compose import from_plain, to_plain
 from tacevo.config.identity import config_hash, decisive
+from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.recorded import read_run
 from tacevo.errors import DivergenceError
 from tacevo.records import Json
@@ -31,8 +31,8 @@ def check_jobs(directory: SweepDirectory) -> None:
         DivergenceError: the first difference, with job, field and both values.
         RunError: a file is damaged.
     """
-    _, jobs = directory.read()
-    vary = directory.read_terms().vary
+    sweep = directory.read()
+    jobs, vary = sweep.jobs, sweep.terms.vary
     settings = []
     for job in jobs:
         config, _, _ = read_run(directory.run(job))

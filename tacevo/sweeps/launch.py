@@ -22,6 +22,7 @@ from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.searches import keep_ending, start, stop
+from tacevo.text import first_line
 
 #: How the overrides of the launcher begin.
 _LAUNCHER, _OPTION = "hydra/launcher=", "hydra.launcher."
@@ -159,7 +160,7 @@ def _check_cluster(launcher: Launcher) -> None:
             executor_of(launcher.cluster, launcher.options, Path(directory))
     except Exception as error:  # submitit has a class of its own for each mistake
         raise ConfigError(
-            next(iter(str(error).splitlines()), type(error).__name__),
+            first_line(error),
             place=place,
             expected="a launcher that is installed, and options that it has",
             remedy="install it by pip install 'tacevo[slurm]'" if isinstance(error, ImportError) else "",

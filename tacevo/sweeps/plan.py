@@ -26,7 +26,7 @@ from tacevo.runs.providers import check_temperature
 from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import needed_llm
 from tacevo.search.files import read_ledger
-from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of
 from tacevo.sweeps.terms import Asked, check_varied, is_planned_by_primary, settled, varied, with_reference
@@ -92,7 +92,7 @@ def sweep(
         view.say(f"{len(own) - len(planned)} of {len(own)} jobs are the same searches as others, and run once")
     jobs = [entry.job for entry in planned]
     with directory.locked():
-        before = directory.read()[1] if directory.is_one else ()
+        before = directory.read().jobs if directory.is_one else ()
         _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in jobs])
         known = {job.config: job for job in before}
         jobs = [known.get(job.config, job) for job in jobs]  # by what they are, whatever they were called
@@ -100,7 +100,7 @@ def sweep(
         for status in statuses:
             if status.standing is Standing.finished:
                 directory.succeed(status.job)  # it may have been finished by `tacevo search`
-        every = [*before, *(job for job in jobs if job not in before)]
+        every = (*before, *(job for job in jobs if job not in before))
         terms = settled(directory, asked, first.task)  # again, since nobody else can write now
         if not directory.is_one:
             terms = with_reference(terms, {job.arm for job in every})
@@ -111,7 +111,7 @@ def sweep(
                     f"the plan is for {terms.plan.metric}, so its chance is not that of the primary metric, which is "
                     f"{terms.primary}; --primary names another"
                 )
-        directory.write(shared, every, terms)
+        directory.write(SweepRecord(overrides=shared, jobs=every, terms=terms))
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
         _run(directory, statuses, planned, launcher=launcher, view=view, run=run)
         return Swept(directory=directory.path, statuses=tuple(status_of(directory, job) for job in jobs))
@@ -179,7 +179,7 @@ def part(settings: Sequence[str], begun: Collection[str]) -> tuple[tuple[str, ..
 
 def _own_keys(directory: SweepDirectory) -> frozenset[str]:
     """Return what distinguishes the jobs of a sweep that has been begun."""
-    jobs = directory.read()[1] if directory.is_one else ()
+    jobs = directory.read().jobs if directory.is_one else ()
     return frozenset(override.partition("=")[0] for job in jobs for override in job.overrides)
 
 
@@ -260,7 +260,7 @@ def _check_one_sweep(
         except ConfigError:
             same = False
         if not same:
-            began, now = (" ".join(words) or "the defaults" for words in (directory.read()[0], shared))
+            began, now = (" ".join(words) or "the defaults" for words in (directory.read().overrides, shared))
             raise RunError(
                 f"{now}, under which {job.name} would be another search",
                 place=str(directory.path),

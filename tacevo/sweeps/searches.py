@@ -28,7 +28,8 @@ _ERROR = "error: "
 
 def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
     """Return the settings of a job: what all share, its own, and what follows from its seed."""
-    return (*directory.read()[0], *job.overrides, *seeded(directory.read_terms().vary, job.seed))
+    sweep = directory.read()
+    return (*sweep.overrides, *job.overrides, *seeded(sweep.terms.vary, job.seed))
 
 
 def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:

@@ -23,6 +23,7 @@ from tacevo.redaction import secret_variables
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.searches import GRACE, keep_ending, start, stop
 from tacevo.sweeps.status import Standing, status_of
+from tacevo.text import first_line
 
 #: Executors of submitit, by what `hydra/launcher=` calls them.
 _EXECUTORS = {"submitit_slurm": "slurm", "submitit_local": "local"}
@@ -66,7 +67,7 @@ class SearchJob(Checkpointable):
     def __call__(self, sweep: Path, name: str) -> None:
         """Run it to its end, or until the scheduler wants the node back."""
         directory = SweepDirectory(sweep)
-        job = next(job for job in directory.read()[1] if job.name == name)
+        job = next(job for job in directory.read().jobs if job.name == name)
         search = start(directory, job)
         try:
             keep_ending(directory, job, search.wait())
@@ -134,7 +135,7 @@ def _cancel(tasks: Sequence[_Task], ended: Callable[[Collection[_Task]], Mapping
 def _ended_here(tasks: Collection[_Task]) -> dict[str, str]:
     """Return the jobs that have ended, by their ids, each with what went wrong outside its search."""
     over = [task for task in tasks if task.done()]
-    return {task.job_id: "" if (failure := task.exception()) is None else in_short(failure) for task in over}
+    return {task.job_id: "" if (failure := task.exception()) is None else first_line(failure) for task in over}
 
 
 def _ended_on_slurm(tasks: Collection[_Task]) -> dict[str, str]:
@@ -169,12 +170,6 @@ def _submitting(cluster: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # submitit's, the scheduler's or the file system's
-        raise RunError(in_short(error), place=cluster, expected="the cluster to take the jobs") from error
+        raise RunError(first_line(error), place=cluster, expected="the cluster to take the jobs") from error
     finally:
         os.environ.update(hidden)
-
-
-def in_short(error: BaseException) -> str:
-    """Return the first line of an error."""
-    lines = [line for line in str(error).splitlines() if line.strip()]
-    return lines[0].strip() if lines else type(error).__name__

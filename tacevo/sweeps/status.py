@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from tacevo.config.compose import from_plain
 from tacevo.config.identity import config_hash
+from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
 from tacevo.search.files import Line, finished_digest, read_ledger
 from tacevo.search.lines import GenerationLine

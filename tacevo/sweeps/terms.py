@@ -52,7 +52,7 @@ def settled(directory: SweepDirectory, asked: Asked, task: TaskConfig) -> SweepT
     if not directory.is_one:
         primary = primary or Primary.test_score
         return SweepTerms(primary=primary, reference=asked.reference, vary=asked.vary or (), plan=plan)
-    terms = directory.read_terms()
+    terms = directory.read().terms
     for name, wanted in (
         ("primary", primary),
         ("reference", asked.reference),

@@ -12,7 +12,6 @@ from tacevo.costs import Spending, total
 from tacevo.search.files import Line, line_kind
 from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.files import alone
 from tacevo.storage.ledger import read_line
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
@@ -27,6 +26,7 @@ from tacevo.tracking.entries import (
     total_measures,
 )
 from tacevo.tracking.facts import data_set, source_tags
+from tacevo.tracking.lock import alone
 from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter
 

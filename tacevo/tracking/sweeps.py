@@ -6,10 +6,10 @@ from pathlib import Path
 from mlflow import MlflowClient
 
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.files import alone
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.tracking.client import PARENT_TAG, find_or_create_run, log
 from tacevo.tracking.entries import shorten
+from tacevo.tracking.lock import alone
 
 #: Tags of a sweep's run: what it is found by; of it and of its searches: the sweep's name, the arm, the seed.
 SWEEP_KEY_TAG = "tacevo.sweep_key"
@@ -42,23 +42,23 @@ def find_membership(run_dir: Path) -> Membership | None:
     """
     path = run_dir.resolve()
     directory = SweepDirectory(path.parent)
-    jobs = directory.read()[1] if directory.is_one else ()
+    jobs = directory.read().jobs if directory.is_one else ()
     return next((Membership(directory=directory, job=job) for job in jobs if job.name == path.name), None)
 
 
 def join_sweep(client: MlflowClient, experiment: str, member: Membership) -> dict[str, str]:
     """Find or create the run of a sweep, as running; return the tags that nest a search under it."""
-    overrides, jobs = member.directory.read()
-    key = content_hash([member.name, jobs[0].config])  # jobs are only added, so the first one stays
+    sweep = member.directory.read()
+    key = content_hash([member.name, sweep.jobs[0].config])  # jobs are only added, so the first one stays
     with alone(member.directory.path):  # jobs that start at the same moment share the sweep's run
         run = find_or_create_run(client, experiment, tag=SWEEP_KEY_TAG, key=key, name=member.name)
-        sweep: str = run.info.run_id
+        parent: str = run.info.run_id
         if "overrides" not in run.data.params:
-            client.set_tag(sweep, SWEEP_TAG, member.name)
-            log(client, sweep, {"overrides": shorten(" ".join(overrides))}, ())
-    client.update_run(sweep, status="RUNNING")
+            client.set_tag(parent, SWEEP_TAG, member.name)
+            log(client, parent, {"overrides": shorten(" ".join(sweep.overrides))}, ())
+    client.update_run(parent, status="RUNNING")
     return {
-        PARENT_TAG: sweep,
+        PARENT_TAG: parent,
         SWEEP_TAG: member.name,
         ARM_TAG: member.job.arm,
         SEED_TAG: str(member.job.seed),
@@ -67,5 +67,5 @@ def join_sweep(client: MlflowClient, experiment: str, member: Membership) -> dic
 
 def leave_sweep(client: MlflowClient, sweep: str, directory: SweepDirectory) -> None:
     """End the run of a sweep if all of its jobs are finished, including those that were added meanwhile."""
-    if all((directory.path / job.name / "summary.md").exists() for job in directory.read()[1]):
+    if all((directory.path / job.name / "summary.md").exists() for job in directory.read().jobs):
         client.set_terminated(sweep, "FINISHED")

@@ -8,7 +8,7 @@ from sweeps import SHARED, begin
 
 from tacevo.bundles.open import located, opened, private_folder
 from tacevo.errors import DivergenceError, RunError
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import Standing, status_of
 
@@ -46,7 +46,7 @@ def swept(tmp_path: Path) -> tuple[SweepDirectory, Job]:
     job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
     begin(directory, job)
     directory.fail(job, "the disk is full")
-    directory.write(SHARED, [job])
+    directory.write(SweepRecord(overrides=tuple(SHARED), jobs=(job,)))
     return directory, job
 
 

@@ -122,7 +122,7 @@ def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: 
     """Every job that did not come to its end is named, with the reason where one is known."""
     shutil.copytree(swept / "sweep", tmp_path / "sweep")
     directory = SweepDirectory(tmp_path / "sweep")
-    jobs = directory.read()[1]
+    jobs = directory.read().jobs
     directory.fail(jobs[0], "the disk is full")
     shutil.rmtree(directory.run(jobs[1]).path)
     for run in (directory.run(jobs[0]), directory.run(jobs[2])):

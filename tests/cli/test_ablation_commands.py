@@ -14,7 +14,7 @@ from analysis.runs.run import load_run
 from tacevo.cli.app import main
 from tacevo.config.identity import config_hash
 from tacevo.records import Json
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 
 ARMS = ("none", "no_prompt_archive")
 JOBS = tuple(
@@ -34,7 +34,8 @@ def compared(swept: Path, once: Once) -> Path:
         for job in JOBS:
             where = [f"run.dir={folder / 'sweep' / job.name}", f"store.root={folder / 'store'}"]
             assert main(["search", *SMALLEST, UNTRACKED, *SIZES, *where, *job.overrides, f"seed={job.seed}"]) == 0
-        directory.write(SMALLEST, [with_hash(directory, job) for job in JOBS])
+        jobs = tuple(with_hash(directory, job) for job in JOBS)
+        directory.write(SweepRecord(overrides=tuple(SMALLEST), jobs=jobs))
 
     return once("compared", search)
 
@@ -185,9 +186,9 @@ def test_runs_that_changed_places_are_refused(sweep: Path, capsys: pytest.Captur
 def test_names_of_arms_are_set_as_they_are(sweep: Path) -> None:
     """A swept override is an arm, too; without `none` there is no test, and the tables say so."""
     arms = {"none": "temperature=fixed_1", "no_prompt_archive": "task=a|b & c"}
-    _, jobs = SweepDirectory(sweep).read()
-    changed = [replace(job, arm=arms[job.arm], overrides=(arms[job.arm],)) for job in jobs]
-    SweepDirectory(sweep).write([], changed)
+    jobs = SweepDirectory(sweep).read().jobs
+    changed = tuple(replace(job, arm=arms[job.arm], overrides=(arms[job.arm],)) for job in jobs)
+    SweepDirectory(sweep).write(SweepRecord(overrides=(), jobs=changed))
     assert main(["ablations", "sweep"]) == 0
     assert r"temperature=fixed\_1" in (sweep / "ablations" / "ablation_force.tex").read_text()
     text = (sweep / "ablations" / "ablation_best_fitness_force.md").read_text()

@@ -91,8 +91,9 @@ def test_sweep_states_its_plan(sweep: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(["plan", "sweep", str(sweep), "--effect", "0.5", "--power", "0.5"]) == 0
     plan = read_plan(PLAN, "sweep", "force")
     directory = SweepDirectory(sweep)
-    terms = replace(directory.read_terms(), primary=Primary.best_fitness, reference="none", plan=plan)
-    directory.write(*directory.read(), terms)
+    stated = directory.read()
+    terms = replace(stated.terms, primary=Primary.best_fitness, reference="none", plan=plan)
+    directory.write(replace(stated, terms=terms))
     assert main(["sweep", "status", str(sweep)]) == 0
     assert f"planned: {plan.seeds} jobs of each of 2 arms, made on {plan.made}" in capsys.readouterr().out
     assert main(["ablations", str(sweep), "-o", "out"]) == 0
@@ -104,7 +105,8 @@ def test_study_of_a_sweep_says_that_it_is_not_what_was_planned(sweep: Path, caps
     assert main(["plan", "sweep", str(sweep), "--effect", "0.5", "--power", "0.5"]) == 0
     directory = SweepDirectory(sweep)
     plan = replace(read_plan(PLAN, "sweep", "force"), retraining=3)
-    directory.write(*directory.read(), replace(directory.read_terms(), plan=plan))
+    stated = directory.read()
+    directory.write(replace(stated, terms=replace(stated.terms, plan=plan)))
     command = ["study", f"sweep={sweep}", "epochs=1", "choose=reestimated"]
     for seeds, told in ((2, True), (3, False)):
         assert main([*command, f"seeds={seeds}"]) == 2

@@ -1,6 +1,8 @@
 """Promise: the directory of a run is compared with its records as a bundle is; what is not finished is passed over."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -47,6 +49,17 @@ def test_replay_needs_no_sandbox(
     """A run with its study is replayed, as a directory and as a bundle, where no sandbox can be made."""
     assert main(["replay", str(published / recorded)]) == 0
     assert "every score is as recorded" in capsys.readouterr().out
+
+
+def test_what_reads_records_imports_nothing_that_composes_or_trains(published: Path) -> None:
+    """A recorded configuration is whole, so a replay does without Hydra, which takes half a second, as tables do."""
+    script = (
+        "import sys, tacevo.cli.publish, tacevo.cli.tables\nfrom tacevo.cli.app import main\n"
+        f"status = main(['replay', {str(published / 'run.zip')!r}])\n"
+        "print('slow:', status, sorted({'hydra', 'mlflow', 'omegaconf', 'torch'} & set(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert "slow: 0 []" in out
 
 
 @pytest.mark.parametrize("recorded", ["sweep", "sweep.zip"])

@@ -11,8 +11,9 @@ from sweeps import composed
 
 from tacevo.choices import DataSource, SplitRule
 from tacevo.config import folder
-from tacevo.config.compose import compose, from_plain, to_plain
+from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root, groups
+from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.data.splitting import part_sizes

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 from refusals import refused
 
-from tacevo.config.compose import compose, from_plain, to_plain
+from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
+from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
 from tacevo.storage.canonical import canonical

@@ -11,9 +11,10 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
 from tacevo.cli.app import main
-from tacevo.config.compose import compose, compose_study, from_plain
+from tacevo.config.compose import compose, compose_study
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import identity
+from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
 from tacevo.records import to_json
 

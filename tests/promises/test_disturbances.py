@@ -37,8 +37,8 @@ from smallest import UNTRACKED
 
 from tacevo.cli.app import main
 from tacevo.sandbox.processes import children, descendants
-from tacevo.storage.files import alone
 from tacevo.storage.store import SEARCHED
+from tacevo.tracking.lock import alone
 
 pytestmark = unhurried
 

@@ -3,7 +3,8 @@
 import pytest
 from refusals import refused
 
-from tacevo.config.compose import compose, from_plain, to_plain
+from tacevo.config.compose import compose
+from tacevo.config.plain import from_plain, to_plain
 from tacevo.errors import ConfigError
 from tacevo.runs.publishable import published_config, published_overrides
 from tacevo.storage.canonical import value_at

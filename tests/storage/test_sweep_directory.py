@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.storage.sweep_directory import Failure, Job, SweepDirectory
+from tacevo.storage.sweep_directory import Failure, Job, SweepDirectory, SweepRecord
 
 JOBS = (
     Job(name="none-seed0", arm="none", seed=0, overrides=("ablation=none", "seed=0"), config="a" * 64),
@@ -17,9 +17,10 @@ JOBS = (
 
 def test_jobs_are_read_as_they_were_written(tmp_path: Path) -> None:
     """What one process writes, another reads."""
-    SweepDirectory(tmp_path / "sweep").write(["experiment=demo"], JOBS)
+    sweep = SweepRecord(overrides=("experiment=demo",), jobs=JOBS)
+    SweepDirectory(tmp_path / "sweep").write(sweep)
 
-    assert SweepDirectory(tmp_path / "sweep").read() == (("experiment=demo",), JOBS)
+    assert SweepDirectory(tmp_path / "sweep").read() == sweep
     assert SweepDirectory(tmp_path / "sweep").run(JOBS[0]).path == tmp_path / "sweep" / "none-seed0"
 
 
@@ -104,7 +105,7 @@ def test_field_of_another_type_is_named(tmp_path: Path, field: str, value: objec
 def edited(folder: Path, field: str, value: object) -> SweepDirectory:
     """Write a sweep.json whose first job has this value."""
     directory = SweepDirectory(folder)
-    directory.write([], JOBS)
+    directory.write(SweepRecord(overrides=(), jobs=JOBS))
     whole = json.loads((folder / "sweep.json").read_text())
     whole["jobs"][0][field] = value
     (folder / "sweep.json").write_text(json.dumps(whole))

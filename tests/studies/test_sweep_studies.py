@@ -53,10 +53,10 @@ def files(folder: Path) -> dict[str, bytes]:
 def test_each_job_has_a_study_of_its_best_elite(folder: Path) -> None:
     """Of the baseline and one elite, with the stated seeds and epochs, which sweep.json has."""
     directory = SweepDirectory(Path("sweep"))
-    stated = directory.read_terms().retraining
+    stated = directory.read().terms.retraining
     assert stated is not None
     assert (stated.seeds, stated.epochs) == (2, 1)
-    for job in directory.read()[1]:
+    for job in directory.read().jobs:
         (path,) = directory.run(job).path.glob("studies/*")
         study = load_study(path)
         assert (len(study.networks), study.seeds, study.recipe.epochs) == (2, 2, 1)
@@ -102,17 +102,18 @@ def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
     shutil.rmtree(folder / "sweep" / "none-seed0" / "candidates")  # it ends before it trains
     with refused(RunError, place="job none-seed0"):
         study_sweep(Path("sweep"), config, Progress())
-    stated = SweepDirectory(Path("sweep")).read_terms().retraining
+    stated = SweepDirectory(Path("sweep")).read().terms.retraining
     assert stated == Retraining(seeds=2, epochs=2, choose=config.choose)
 
 
 def test_settings_are_not_stated_once_their_scores_are_there(folder: Path) -> None:
     """A study by hand that happens to be alike was not stated before it; other settings are."""
     directory = SweepDirectory(Path("sweep"))
-    directory.write(*directory.read(), replace(directory.read_terms(), retraining=None))
+    sweep = directory.read()
+    directory.write(replace(sweep, terms=replace(sweep.terms, retraining=None)))
     with refused(RunError, place="terms.retraining", got="seeds=2 epochs=1", expected="no job was tested before"):
         study_sweep(Path("sweep"), compose_study(TEST[1:]), Progress())
-    assert directory.read_terms().retraining is None
+    assert directory.read().terms.retraining is None
 
 
 def test_unfinished_job_is_named_and_the_others_are_tested(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,7 +121,7 @@ def test_unfinished_job_is_named_and_the_others_are_tested(folder: Path, capsys:
     shutil.rmtree(folder / "sweep" / "none-seed1")
     assert main(TEST) == 1
     assert "no study, for it is not finished: none-seed1" in capsys.readouterr().out
-    for job in SweepDirectory(Path("sweep")).read()[1]:
+    for job in SweepDirectory(Path("sweep")).read().jobs:
         shutil.rmtree(folder / "sweep" / job.name, ignore_errors=True)
     assert main(TEST) == 2
     assert "expected at least one finished job" in capsys.readouterr().err

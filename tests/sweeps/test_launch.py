@@ -25,7 +25,7 @@ from tacevo.cli.app import main
 from tacevo.config.schema import ExecutorConfig
 from tacevo.errors import ConfigError
 from tacevo.search.files import finished_digest
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.status import Standing, Status, status_of
 
@@ -64,7 +64,7 @@ def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
 def statuses(folder: Path) -> dict[str, Status]:
     """Return how the jobs of the sweep stand, by name."""
     directory = SweepDirectory(folder / "all")
-    return {job.name: status_of(directory, job) for job in directory.read()[1]}
+    return {job.name: status_of(directory, job) for job in directory.read().jobs}
 
 
 def has_begun(folder: Path, name: str) -> bool:
@@ -145,7 +145,7 @@ def test_view_that_fails_stops_the_other_jobs_and_is_raised(place: Path) -> None
     """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
     directory = SweepDirectory(place / "all")
     quick, slow = (Job(name=name, arm=name, seed=0, overrides=own, config=name) for name, own in ENDLESS.items())
-    directory.write(SMALLEST, [quick, slow])
+    directory.write(SweepRecord(overrides=tuple(SMALLEST), jobs=(quick, slow)))
 
     def show(job: Job) -> None:
         assert job == quick

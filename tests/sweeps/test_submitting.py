@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tacevo.storage.sweep_directory import Failure, Job, SweepDirectory
+from tacevo.storage.sweep_directory import Failure, Job, SweepDirectory, SweepRecord
 
 slurm = pytest.importorskip("tacevo.sweeps.slurm", reason="submitit is an extra")
 UncompletedJobError = pytest.importorskip("submitit.core.utils").UncompletedJobError
@@ -71,7 +71,7 @@ def test_search_that_runs_out_of_the_schedulers_time_did_not_fail(
 ) -> None:
     """On the node, too, where submitit's signal ends the wait for the search; one that exits by itself has failed."""
     directory = SweepDirectory(tmp_path)
-    directory.write([], [JOB])
+    directory.write(SweepRecord(overrides=(), jobs=(JOB,)))
     directory.launch.mkdir()
     directory.log(JOB).write_text("error: no answer came")
 

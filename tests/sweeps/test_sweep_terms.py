@@ -17,7 +17,7 @@ from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.storage.plan import Measure, plan_text
-from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms, sweep_text
+from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms
 from tacevo.sweeps.check import check_jobs
 from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.searches import overrides_of
@@ -40,7 +40,7 @@ def test_terms_are_there_before_a_job_runs(place: Path) -> None:
 
     class Looking(Launched):
         def __call__(self, directory: SweepDirectory, *rest: object) -> None:
-            found.append(directory.read_terms())
+            found.append(directory.read().terms)
 
     begun([*SHARED, "ablation=none,fixed_temperature", "seed=0"], Asked(), Looking())
     assert found == [SweepTerms(primary=Primary.test_score, reference="none")]
@@ -48,19 +48,19 @@ def test_terms_are_there_before_a_job_runs(place: Path) -> None:
 
 def test_any_arm_may_be_the_reference(place: Path) -> None:
     """A sweep over settings states one of its own; without one it is told that nothing will be tested."""
-    stated = begun(MODELS, Asked(reference="temperature=stall", primary=Primary.qd_score)).read_terms()
+    stated = begun(MODELS, Asked(reference="temperature=stall", primary=Primary.qd_score)).read().terms
     assert stated == SweepTerms(primary=Primary.qd_score, reference="temperature=stall")
     view = Heard()
     sweep(MODELS, "other", view, Launched())
-    assert SweepDirectory(Path("other")).read_terms().reference is None
+    assert SweepDirectory(Path("other")).read().terms.reference is None
     assert any("--reference" in line for line in view.lines)
 
 
 def test_test_score_may_be_called_by_its_name_in_the_task(place: Path) -> None:
     """The sweep regresses forces, so it is the MSE; another name is refused before a job runs, with the one that is."""
     begun(MODELS, Asked(primary="test_mse"))
-    assert SweepDirectory(ALL).read_terms().primary is Primary.test_score
-    assert begun(MODELS, Asked(primary="test_score")).read_terms().primary is Primary.test_score
+    assert SweepDirectory(ALL).read().terms.primary is Primary.test_score
+    assert begun(MODELS, Asked(primary="test_score")).read().terms.primary is Primary.test_score
     for name in ("test_accuracy", "test_cross_entropy", "mse", ""):
         expected = "test_score, which is test_mse in task force, or best_fitness or qd_score or coverage"
         with refused(ConfigError, place="--primary", expected=expected, got=repr(name)):
@@ -94,8 +94,8 @@ def test_terms_are_not_changed_once_they_are_stated(place: Path) -> None:
         assert not launched.calls
         assert (ALL / "sweep.json").read_bytes() == before
     begun([*SHARED, "temperature=paper", "seed=2"], Asked())
-    assert directory.read_terms().reference == "temperature=stall"
-    assert len(directory.read()[1]) == 3
+    assert directory.read().terms.reference == "temperature=stall"
+    assert len(directory.read().jobs) == 3
 
 
 def test_sweep_of_an_earlier_release_keeps_its_bytes(place: Path) -> None:
@@ -104,8 +104,8 @@ def test_sweep_of_an_earlier_release_keeps_its_bytes(place: Path) -> None:
     told = json.loads((ALL / "sweep.json").read_text())
     del told["terms"]
     (ALL / "sweep.json").write_text(json.dumps(told))
-    assert directory.read_terms() == UNSTATED
-    assert json.loads(sweep_text(*directory.read())) == told
+    assert directory.read().terms == UNSTATED
+    assert json.loads(directory.read().text) == told
     begun([*SHARED, "seed=0,1"], Asked())
     assert "terms" not in json.loads((ALL / "sweep.json").read_text())
     with refused(RunError, expected="none stated"):
@@ -116,9 +116,9 @@ def test_how_jobs_are_tested_is_kept_when_jobs_are_added(place: Path) -> None:
     """A later command writes sweep.json again."""
     directory = begun([*SHARED, "seed=0"], Asked())
     stated = SweepTerms(retraining=Retraining(seeds=3, epochs=2, choose=ChosenBy.reestimated))
-    directory.write(*directory.read(), stated)
+    directory.write(replace(directory.read(), terms=stated))
     begun([*SHARED, "seed=0,1"], Asked())
-    assert directory.read_terms() == stated
+    assert directory.read().terms == stated
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_damaged_terms_are_named(terms: object, place_of: str, place: Path) -> N
 def test_data_follow_from_the_seed_of_a_job(place: Path) -> None:
     """Each job runs as its command line would, with its seed as that of the split; arms keep their names."""
     directory = begun([*SHARED, "ablation=none,fixed_temperature", "seed=3,4"], Asked(vary=SEEDED))
-    _, jobs = directory.read()
+    jobs = directory.read().jobs
     assert {job.arm for job in jobs} == {"none", "fixed_temperature"}
     for job in jobs:
         config = compose(overrides_of(directory, job))
@@ -152,7 +152,7 @@ def test_data_follow_from_the_seed_of_a_job(place: Path) -> None:
 def test_runs_of_other_data_are_one_arm_only_where_the_sweep_says_so(place: Path) -> None:
     """Otherwise a difference between seeds could be chosen after the fact."""
     directory = begun([*SHARED, "seed=3,4"], Asked(vary=SEEDED))
-    directory.write(*directory.read())
+    directory.write(replace(directory.read(), terms=UNSTATED))
     with refused(DivergenceError, place="job none-seed4", expected="the settings of arm 'none', except for the seed"):
         check_jobs(directory)
 
@@ -179,12 +179,12 @@ def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
     """It is copied: a file that is changed later changes nothing, and is not taken in its place."""
     Path("plan.json").write_text(plan_text(PLAN))
     directory = begun(MODELS, Asked(plan=Path("plan.json")))
-    assert directory.read_terms().plan == PLAN
+    assert directory.read().terms.plan == PLAN
     begun(MODELS, Asked(plan=Path("plan.json")))
     Path("plan.json").write_text(plan_text(replace(PLAN, seeds=4)))
     with refused(RunError, place="terms.plan", expected="the plan for 12 jobs of each arm", got="for 4 jobs"):
         begun(MODELS, Asked(plan=Path("plan.json")))
-    assert directory.read_terms().plan == PLAN
+    assert directory.read().terms.plan == PLAN
 
 
 @pytest.mark.parametrize(

@@ -187,7 +187,7 @@ def test_failed_and_stopped_jobs_are_given_again(place: Path) -> None:
     assert view.counts == [(0, 4), (1, 4), (1, 4), (2, 4), (3, 4)]
 
     directory = SweepDirectory(place / "all")
-    stopped = directory.read()[1][0]
+    stopped = directory.read().jobs[0]
     run = directory.run(stopped).read_run()
     directory.run(stopped).write_run(replace(run, digest=None))
     second = Launched()
@@ -203,7 +203,7 @@ def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
 
     assert launched.calls == [NAMES[:2], [NAMES[3]]]
     assert [status.job.name for status in asked.statuses] == [NAMES[1], NAMES[3]]
-    assert [job.name for job in SweepDirectory(place / "all").read()[1]] == [*NAMES[:2], NAMES[3]]
+    assert [job.name for job in SweepDirectory(place / "all").read().jobs] == [*NAMES[:2], NAMES[3]]
 
 
 @pytest.mark.slow
@@ -213,7 +213,7 @@ def test_other_shared_settings_are_another_sweep(place: Path) -> None:
     with refused(RunError, place="all", got="none-seed0 would be another search", remedy="choose another --into"):
         sweep([*SHARED, "search.candidates=3", "seed=1"], "all", Heard(), Launched())
     sweep([*SHARED, "executor.workers=1", "seed=1"], "all", Heard(), Launched())
-    assert SweepDirectory(place / "all").read()[0][-1] == "executor.workers=1"
+    assert SweepDirectory(place / "all").read().overrides[-1] == "executor.workers=1"
 
 
 def test_shared_settings_are_compared_with_every_job(place: Path) -> None:
@@ -247,7 +247,7 @@ def test_finished_job_has_not_failed_whatever_was_written_before(place: Path) ->
     """A job that was finished by hand, or whose launching process was killed, loses the reason of its failure."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
     directory = SweepDirectory(place / "all")
-    job = directory.read()[1][0]
+    job = directory.read().jobs[0]
     directory.fail(job, "the disk is full")
     sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
 
@@ -272,7 +272,7 @@ def test_run_with_other_texts_is_named(place: Path) -> None:
     """It was begun before the task's texts in conf/ were edited, and would go on with both."""
     sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
     directory = SweepDirectory(place / "all")
-    run = directory.run(directory.read()[1][0])
+    run = directory.run(directory.read().jobs[0])
     record = run.read_run()
     run.write_run(replace(record, task=replace(record.task, crossover="Combine.")))
     with refused(RunError, place="none-seed0", got="a run with other texts of task force", remedy="another --into"):

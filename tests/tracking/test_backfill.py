@@ -14,9 +14,9 @@ from waiting import eventually
 
 from tacevo.cli.app import main
 from tacevo.errors import ConfigError, RunError
-from tacevo.storage.files import alone
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.backfill import find_runs, track
+from tacevo.tracking.lock import alone
 
 #: Seconds after which a process is taken for stuck; machines are busy.
 PATIENCE = 300

@@ -54,12 +54,12 @@ def test_searches_of_a_sweep_stand_side_by_side(sweep: Path, uri: str) -> None:
 def test_sweep_ends_with_its_last_job_and_runs_again_with_more(sweep: Path, uri: str) -> None:
     """When every job is finished, so is the sweep's run; jobs and workers that come later change no other run."""
     directory = SweepDirectory(sweep)
-    overrides, jobs = directory.read()
-    directory.write(overrides, jobs[:1])
+    whole = directory.read()
+    directory.write(replace(whole, jobs=whole.jobs[:1]))
     mirror_once(sweep / "none-seed0", uri)
     first = everything(uri)
     assert first["sweep",][1] == "FINISHED"
-    directory.write([*overrides, "executor.workers=4"], jobs)
+    directory.write(replace(whole, overrides=(*whole.overrides, "executor.workers=4")))
     mirror_once(sweep / "none-seed0", uri)
     second = everything(uri)
     assert second.pop(("sweep",))[1] == "RUNNING"

@@ -12,7 +12,7 @@ from refusals import refused
 from analysis.sweeps.sweep import load_sweep
 from tacevo.errors import RunError
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 
 
 def job(name: str, arm: str = "none", seed: int = 0) -> Job:
@@ -20,10 +20,16 @@ def job(name: str, arm: str = "none", seed: int = 0) -> Job:
     return Job(name=name, arm=arm, seed=seed, overrides=(f"ablation={arm}",), config=name)
 
 
+def begin(folder: Path, *jobs: Job) -> SweepDirectory:
+    """Write the sweep.json of these jobs."""
+    directory = SweepDirectory(folder)
+    directory.write(SweepRecord(overrides=(), jobs=jobs))
+    return directory
+
+
 def test_sweep_of_nothing_but_plans_is_refused(tmp_path: Path) -> None:
     """Neither a job that was never begun nor one that failed or was stopped is a result."""
-    directory = SweepDirectory(tmp_path)
-    directory.write([], [job("begun"), job("broken", seed=1), job("new", seed=2)])
+    directory = begin(tmp_path, job("begun"), job("broken", seed=1), job("new", seed=2))
     (tmp_path / "begun").mkdir()
     RunDirectory(tmp_path / "begun").write_run(run_record())
     directory.fail(job("broken", seed=1), "no answer came")
@@ -33,7 +39,7 @@ def test_sweep_of_nothing_but_plans_is_refused(tmp_path: Path) -> None:
 
 def test_seed_that_an_arm_has_twice_is_refused(tmp_path: Path) -> None:
     """It would count as two in every median; another arm may have it."""
-    SweepDirectory(tmp_path).write([], [job("one"), job("other", arm="a"), job("two")])
+    begin(tmp_path, job("one"), job("other", arm="a"), job("two"))
     with refused(RunError, place="sweep.json", got="2 jobs of arm none with seed 0"):
         load_sweep(tmp_path)
 
@@ -41,14 +47,14 @@ def test_seed_that_an_arm_has_twice_is_refused(tmp_path: Path) -> None:
 def test_arms_that_changed_names_are_refused(tmp_path: Path) -> None:
     """Each contrast would be told the wrong way round."""
     one, other = job("one"), job("other", arm="fixed_temperature")
-    SweepDirectory(tmp_path).write([], [replace(one, arm=other.arm), replace(other, arm=one.arm)])
+    begin(tmp_path, replace(one, arm=other.arm), replace(other, arm=one.arm))
     with refused(RunError, place="sweep.json, arm of job one", expected="'none'", got="'fixed_temperature'"):
         load_sweep(tmp_path)
 
 
 def test_damaged_description_of_a_run_is_no_missing_job(tmp_path: Path) -> None:
     """It is named, and not passed over."""
-    SweepDirectory(tmp_path).write([], [job("one")])
+    begin(tmp_path, job("one"))
     (tmp_path / "one").mkdir()
     (tmp_path / "one" / "run.json").write_text("{")
     with refused(RunError, place="one/run.json"):

@@ -44,7 +44,7 @@ def study_digest(folder: Path, name: str = NONE) -> str | None:
 def digest(folder: Path, name: str = NONE) -> str:
     """Return the digest of a job; empty if it is not finished."""
     directory = SweepDirectory(folder / "all")
-    job = next(job for job in directory.read()[1] if job.name == name)
+    job = next(job for job in directory.read().jobs if job.name == name)
     return status_of(directory, job).digest
 
 

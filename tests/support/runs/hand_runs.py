@@ -7,7 +7,8 @@ from typing import Any
 from ledger_lines import candidate, ended
 
 from analysis.runs.run import Run
-from tacevo.config.compose import compose, to_plain
+from tacevo.config.compose import compose
+from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError

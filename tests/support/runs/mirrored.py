@@ -16,7 +16,7 @@ from tacevo.search.lines import CandidateLine
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import Job, SweepDirectory
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -146,12 +146,12 @@ def everything(uri: str) -> dict[tuple[str, ...], Any]:
 
 def build_sweep(folder: Path, lines: Sequence[Line], *, arms: Sequence[str] = ("none", "greedy")) -> None:
     """Write the directory of a sweep, with a whole run for each arm, and one that is not begun for the next seed."""
-    jobs = [
+    jobs = tuple(
         Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(f"ablation={arm}",), config="0" * 64)
         for arm in arms
         for seed in (0, 1)
-    ]
-    SweepDirectory(folder).write(["experiment=demo"], jobs)
+    )
+    SweepDirectory(folder).write(SweepRecord(overrides=("experiment=demo",), jobs=jobs))
     for job in jobs:
         if job.seed == 0:
             build_run(folder / job.name, lines)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from ledger_lines import ended, header, run_record
 
-from tacevo.config.compose import compose, to_plain
+from tacevo.config.compose import compose
+from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.runs.progress import Progress
@@ -29,7 +30,7 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
     """Write a run directory of a job, with a generation of its ledger."""
     run = directory.run(job)
     run.path.mkdir(parents=True, exist_ok=True)
-    vary = directory.read_terms().vary if directory.is_one else ()
+    vary = directory.read().terms.vary if directory.is_one else ()
     config = composed(*shared, *job.overrides, *seeded(vary, job.seed))
     facts = replace(facts_without_data(config), counts=(config.data.images, 0, 0))
     text, digest = sealed_text([header(task=job.name), ended(0)])
@@ -59,7 +60,7 @@ class Launched:
             if job.name in self.failing:
                 directory.fail(job, "the disk is full")
             else:
-                begin(directory, job, directory.read()[0])
+                begin(directory, job, directory.read().overrides)
                 directory.succeed(job)
             show(job)
 

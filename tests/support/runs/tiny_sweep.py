@@ -8,7 +8,7 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.config.identity import config_hash
 from tacevo.config.recorded import read_run
 from tacevo.records import Json
-from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 
 #: What all jobs share.
 SIZES = ["search.generations=1", "search.candidates=2", "search.initial=1"]
@@ -29,7 +29,7 @@ def run_sweep(folder: Path, store: Path) -> None:
     directory = SweepDirectory(folder)
     for name, own in OWN.items():
         assert main(["search", *shared, *own, f"run.dir={folder / name}"]) == 0
-    directory.write(shared, [_job(directory, name) for name in OWN])
+    directory.write(SweepRecord(overrides=tuple(shared), jobs=tuple(_job(directory, name) for name in OWN)))
 
 
 def _job(directory: SweepDirectory, name: str) -> Job:

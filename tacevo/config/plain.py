@@ -1,0 +1,59 @@
+"""A configuration as plain JSON values, as run.json keeps it, and back; it composes nothing, so it needs no Hydra."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
+
+from tacevo.config.checks import check_together
+from tacevo.config.schema import RunConfig, keys
+from tacevo.errors import ConfigError
+from tacevo.records import Json, to_json
+from tacevo.typed import convert
+
+T = TypeVar("T")
+
+
+def to_plain(config: RunConfig) -> dict[str, Json]:
+    """Write a configuration as plain JSON values; `from_plain` reads it back."""
+    return to_json(config)
+
+
+def from_plain(value: Mapping[str, Json]) -> RunConfig:
+    """Read what `to_plain` wrote, and nothing else.
+
+    Args:
+        value: of this version or an earlier one, which lacks the settings that came later.
+
+    Raises:
+        ConfigError: the values are not a configuration of this version.
+    """
+    config = converted(RunConfig, dict(value))
+    check_together(config)
+    return config
+
+
+def converted(kind: type[T], plain: Json) -> T:
+    """Read the settings of a run, a study or a noise run, each by itself.
+
+    Raises:
+        ConfigError: the first value that is not one of its setting; the place is the key.
+    """
+    try:
+        return convert(kind, plain, place="", error=ConfigError)
+    except ConfigError as error:
+        if error.expected == "text":
+            error.remedy = "put it in quotes, as in 'run.dir=\"5\"' or 'data.target_columns=[\"5\"]'"
+        elif error.expected == "an object":  # a value for what only holds settings
+            known = keys(kind)
+            within = [key for key in known if key.startswith(f"{error.place}.")]
+            settings = [key for key in within if not any(other.startswith(f"{key}.") for other in known)]
+            error.expected, error.remedy = "settings of its own", f"set {' or '.join(settings)}"
+        elif error.expected.startswith("only keys"):  # a file of conf/ misspells one
+            error.remedy = near(error.place, keys(kind))
+        raise
+
+
+def near(name: str, names: Sequence[str], command: str = "search") -> str:
+    """Return the remedy for a name that is not one of these: the closest, or else the help of a command."""
+    close = difflib.get_close_matches(name, names, n=1)
+    return f"did you mean {close[0]}?" if close else f"`tacevo {command} --help` lists the settings"
