@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from analysis.statistics.planning import Needed, median_deviation, needed
 from analysis.sweeps.pilots import Pilot, is_error
 from tacevo.rounding import rounded
-from tacevo.storage.plan import Measure, Plan
+from tacevo.storage.plan import Measure, SeedPlan
 
 #: Training seeds of a job's network that are weighed.
 RETRAININGS = (1, 3, 5, 10, 20)
@@ -19,7 +19,7 @@ RETRAININGS = (1, 3, 5, 10, 20)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
-    """What is to be found; `tacevo.storage.plan.Plan` says more of each."""
+    """What is to be found; `tacevo.storage.plan.SeedPlan` says more of each."""
 
     effect: float
     alpha: float
@@ -56,11 +56,11 @@ class Planned:
     chosen: Way | None
 
     @property
-    def plan(self) -> Plan | None:
+    def plan(self) -> SeedPlan | None:
         """What plan.json holds."""
         if self.chosen is None or self.chosen.needed.seeds is None:
             return None
-        return Plan(
+        return SeedPlan(
             kind=self.pilot.kind,
             task=self.pilot.task,
             metric=self.pilot.metric,

@@ -20,7 +20,7 @@ from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
-from tacevo.storage.plan import Measure, Plan
+from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.text import counted, listed
 
 #: What a contrast has, in the order of its columns.
@@ -72,7 +72,7 @@ def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table,
     )
 
 
-def _planned_table(sweep: Sweep, found: Ablation, plan: Plan) -> Table:
+def _planned_table(sweep: Sweep, found: Ablation, plan: SeedPlan) -> Table:
     stated = sweep.terms.retraining
     table = planned_table(
         sweep.task,

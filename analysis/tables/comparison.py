@@ -21,7 +21,7 @@ from analysis.tables.plan import planned_table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
 from tacevo.rounding import rounded
-from tacevo.storage.plan import Plan
+from tacevo.storage.plan import SeedPlan
 from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
@@ -51,7 +51,7 @@ def study_tables(study: Study, found: Comparisons | None, *, is_alone: bool = Fa
     return tuple(tables)
 
 
-def _planned_table(study: Study, plan: Plan) -> Table:
+def _planned_table(study: Study, plan: SeedPlan) -> Table:
     variants = len(study.networks) - 1
     return planned_table(
         study.task,

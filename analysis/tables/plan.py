@@ -6,7 +6,7 @@ from analysis.rounding import shown
 from analysis.statistics.planning import CONFIDENCE, MOST, TRIALS
 from analysis.sweeps.plans import Planned, Way
 from analysis.table import Cell, Percent, Table
-from tacevo.storage.plan import Measure, Plan
+from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.text import counted
 
 #: What a value is, by the metric.
@@ -37,7 +37,7 @@ def plan_table(planned: Planned) -> Table:
     )
 
 
-def planned_table(task: str, plan: Plan, done: Iterable[tuple[str, Cell, Cell]]) -> Table:
+def planned_table(task: str, plan: SeedPlan, done: Iterable[tuple[str, Cell, Cell]]) -> Table:
     """Show what was planned beside what was done: a name, the planned value and the one that came."""
     return Table(
         name=f"planned_{task}",

@@ -160,7 +160,7 @@ def add_continue(parser: Parser) -> None:
 
 
 def _continue(options: argparse.Namespace) -> int:
-    from tacevo.bundles.extend import continue_run  # with Hydra, which takes half a second, and a replay needs none
+    from tacevo.bundles.extend import continue_run  # imports Hydra, which a replay does not need
     from tacevo.cli.search import print_end
 
     with opened(Path(options.run)) as found, Progress() as view:

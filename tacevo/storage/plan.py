@@ -25,7 +25,7 @@ class Measure(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan(Record):
+class SeedPlan(Record):
     """What was planned, and what it was planned from."""
 
     schema: Literal[1] = 1
@@ -65,12 +65,12 @@ class Plan(Record):
         return f"made on {self.made}, by its machine's clock" if self.made else "made on a day that was not recorded"
 
 
-def plan_text(plan: Plan) -> str:
+def plan_text(plan: SeedPlan) -> str:
     """Return what plan.json holds."""
     return readable(to_json(plan))
 
 
-def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> Plan:
+def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> SeedPlan:
     """Read a plan for a study or a sweep of a task.
 
     Raises:
@@ -82,7 +82,7 @@ def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> Plan:
         raise ConfigError(
             str(error.strerror), place=str(path), expected="a plan.json", remedy=f"`tacevo plan {kind}` writes one"
         ) from error
-    plan = parse(Plan, text, place=str(path), error=ConfigError, remedy=f"`tacevo plan {kind}` writes it")
+    plan = parse(SeedPlan, text, place=str(path), error=ConfigError, remedy=f"`tacevo plan {kind}` writes it")
     for name, wanted, found in (("kind", kind, plan.kind), ("task", task, plan.task)):
         if found != wanted:
             raise ConfigError(repr(found), place=f"{path}, {name}", expected=repr(wanted))

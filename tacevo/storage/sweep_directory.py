@@ -19,7 +19,7 @@ from tacevo.errors import RunError, TacevoError
 from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
-from tacevo.storage.plan import Plan
+from tacevo.storage.plan import SeedPlan
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.typed import parse
 
@@ -64,7 +64,7 @@ class SweepTerms(Record):
     #: Settings that are the seed of each job.
     vary: tuple[Varied, ...] = ()
     #: What it follows; None where nothing was planned.
-    plan: Plan | None = None
+    plan: SeedPlan | None = None
     #: Written before the first of these trainings; None until then.
     retraining: Retraining | None = None
 

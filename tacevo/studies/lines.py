@@ -12,7 +12,7 @@ from annotated_types import Ge
 from tacevo.choices import Device, Numerics
 from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rules import FIRST_STUDY
-from tacevo.storage.plan import Plan
+from tacevo.storage.plan import SeedPlan
 from tacevo.studies.terms import Terms
 from tacevo.training.full import Kept
 from tacevo.typed import FreeJson
@@ -58,7 +58,7 @@ class Design(Record):
     #: (name, value) of the settings that are not the run's, where the study is about other data than the run had.
     other_data: tuple[tuple[str, FreeJson], ...] = ()
     #: None where nothing was planned.
-    plan: Plan | None = None
+    plan: SeedPlan | None = None
     #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
 

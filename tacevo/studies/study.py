@@ -27,7 +27,7 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.search.reevaluation import fitness_by_id
-from tacevo.storage.plan import Plan, read_plan
+from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, remove_leftovers_in_stores
 from tacevo.studies.directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader
@@ -99,7 +99,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
     run = read_recorded(Path(config.run or ""), config.store.root)
     elsewhere = None
     if data:
-        from tacevo.config.compose import compose_data  # Hydra takes half a second to import, and a replay needs none
+        from tacevo.config.compose import compose_data  # imports Hydra, which a replay does not need
 
         elsewhere = compose_data(run.config, data).data
     by_noise = config.choose is ChosenBy.reestimated and not run.record.task.given
@@ -256,7 +256,7 @@ def _plan(
     limits: Limits,
     terms: Terms | None,
     chosen_by: str,
-    planned: Plan | None,
+    planned: SeedPlan | None,
     rules: int,
 ) -> _Plan:
     """Work out which networks of a run are trained, how, and on which terms they are judged."""

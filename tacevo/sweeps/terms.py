@@ -13,7 +13,7 @@ from tacevo.config.ablation import NONE
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import Kind
-from tacevo.storage.plan import Measure, Plan, read_plan
+from tacevo.storage.plan import Measure, SeedPlan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
 
 #: What a plan may be of, by the primary metric; others cannot be planned.
@@ -162,7 +162,7 @@ def describe_terms(terms: SweepTerms) -> str:
 
 
 def _in_words(value: object) -> str:
-    if isinstance(value, Plan):
+    if isinstance(value, SeedPlan):
         return f"the plan for {value.seeds} jobs of each arm"
     if isinstance(value, tuple):
         return ",".join(value) or "nothing"

@@ -14,7 +14,7 @@ from analysis.sweeps.common_archive import common_archive
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.costs import Spending
 from tacevo.search.lines import CandidateLine
-from tacevo.storage.plan import Measure, Plan
+from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.storage.sweep_directory import Job
 
 VERSIONS: Any = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
@@ -75,7 +75,7 @@ def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
 
 
 #: What a sweep may follow.
-PLAN = Plan(
+PLAN = SeedPlan(
     kind="sweep",
     task="force",
     metric=Measure.mse,
