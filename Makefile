@@ -62,7 +62,7 @@ format: $(READY) ## format the code
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
-bench: $(PEERS)/.ready ## measure speed and memory beside a peer, in the same run (15 minutes on two quiet cores)
+bench: $(PEERS)/.ready ## measure speed and memory beside a peer, in the same run (14 to 30 minutes on two quiet cores)
 	$(BIN)/python -m benchmarks
 
 bench-quick: $(PEERS)/.ready ## run each of its benchmarks once on next to nothing, to see that it runs
