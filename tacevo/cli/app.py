@@ -33,6 +33,7 @@ COMMANDS = {
     "show": ("inspect", "show what a run found, or one candidate of it"),
     "check": ("inspect", "put raw answers of a model through the gate"),
     "track": ("search", "write the ledgers of runs into MLflow, or what is missing of them there"),
+    "init": ("init", "write a task of your own, copied from another one, to be edited"),
     "data": ("data", "look at a data set, or write a simulated one as files"),
     "cache": ("cache", "look into the stores of answers, and move what a run needs"),
     "doctor": ("inspect", "check whether this machine has what a run needs"),

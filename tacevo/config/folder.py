@@ -20,6 +20,22 @@ def conf_root() -> Path:
     )
 
 
+def checkout_root() -> Path:
+    """Find the directory of configs of a checkout, to which a user may add.
+
+    Raises:
+        ConfigError: tacevo is installed: what is added to its package goes with the next update.
+    """
+    root = conf_root()
+    if root.parent == Path(__file__).parents[1]:
+        raise ConfigError(
+            f"{root}, which belongs to an installed package",
+            expected="the directory conf/ of a checkout",
+            remedy="clone the repository, and use the .venv/bin/tacevo that `make setup` builds there",
+        )
+    return root
+
+
 def groups() -> dict[str, list[str]]:
     """List the choices of every config group, e.g. `{"task": ["force", "grating", "hardness"], ...}`."""
     folders = sorted(folder for folder in conf_root().iterdir() if folder.is_dir() and folder.name != "library")

@@ -1,0 +1,55 @@
+"""The command `tacevo init`."""
+
+import argparse
+import os
+import shlex
+
+from tacevo.choices import SensorTask
+from tacevo.cli.common import DONE, Parser, as_typed
+from tacevo.config.folder import conf_root
+from tacevo.config.new_task import write_task
+from tacevo.config.schema import TaskConfig
+from tacevo.records import Kind
+
+#: The small experiment for labels of each kind.
+_SMALL = {Kind.regression: "published_force", Kind.classification: "published_grating"}
+
+
+def add_init(parser: Parser) -> None:
+    """Describe `tacevo init`."""
+    parser.description = (
+        "Write a task of your own into the conf/ of this checkout: the settings, the baseline and the texts of another "
+        "task under a new name, to be edited. Nothing that exists is changed."
+    )
+    parser.add_argument("name", metavar="NAME", help="of the new task: a lower-case identifier, e.g. shear")
+    parser.add_argument("--like", default="force", metavar="TASK", help="the task to copy (default: force)")
+    parser.set_defaults(command=_init, interrupted="nothing half-made is left")
+
+
+def _init(options: argparse.Namespace) -> int:
+    task = write_task(options.name, options.like)
+    files = {
+        f"task/{task.name}.yaml": "outputs and their names",
+        task.system: "what the images show",
+        task.instructions: "what a mutation does",
+        task.baseline: "where a search starts",
+    }
+    places = {name: os.path.relpath(conf_root() / name) for name in files}
+    for name, what in files.items():
+        print(f"wrote:  {places[name]} (to edit: {what})")
+    tacevo, own = as_typed("tacevo"), f"task={task.name} {_images(task)}"
+    print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {task.name}")
+    if options.like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
+        lent = f"task={task.name} task.name={options.like}"
+        print(f"try:    {tacevo} search experiment=demo {lent}  # before the edit, on simulated images")
+    print(f"look:   {tacevo} data check {own}")
+    print(f"next:   {tacevo} search experiment={_SMALL[task.kind]} {own}")
+    return DONE
+
+
+def _images(task: TaskConfig) -> str:
+    """Return overrides that name recorded images of a task's kind."""
+    if task.kind is Kind.classification:
+        return "data=folder data.root=IMAGES"
+    columns = shlex.quote(f"data.target_columns=[{','.join(task.output_names)}]")
+    return f"data=csv data.root=IMAGES data.table=labels.csv {columns}"

@@ -1,0 +1,123 @@
+"""Promise: `tacevo init` writes a task to search with at once, whole or not at all, and touches nothing else."""
+
+import shlex
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from checkout import ROOT
+from mounts import read_only
+from refusals import refused
+
+from tacevo.cli.app import main
+from tacevo.config import folder
+from tacevo.config.compose import compose
+from tacevo.config.new_task import write_task
+from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.errors import ConfigError
+from tacevo.runs.datasets import source_of
+
+
+@pytest.fixture
+def conf(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the conf/ of a checkout of the test's own."""
+    shutil.copytree(ROOT / "conf", place / "conf")
+    monkeypatch.setattr(folder, "__file__", str(place / "tacevo" / "config" / "folder.py"))
+    return place / "conf"
+
+
+def contents(conf: Path) -> dict[str, bytes | None]:
+    """Read all that lies in a directory, hidden files and empty directories, too."""
+    found = {str(path.relative_to(conf)): path for path in conf.rglob("*")}
+    return {name: None if path.is_dir() else path.read_bytes() for name, path in found.items()}
+
+
+@pytest.mark.parametrize("like", ["force", "grating", "hardness"])
+def test_new_task_is_the_other_under_its_own_name(like: str, conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It has all that the other has, in files of its own; the gate admits its baseline; every printed command works."""
+    before = contents(conf)
+    assert main(["init", "shear", "--like", like]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    texts = {f"library/shear/{name}" for name in ("baseline.py", "instructions.yaml", "system.md")}
+    after = contents(conf)
+    assert after.keys() - before.keys() == {"task/shear.yaml", "library/shear", *texts}
+    assert after.items() >= before.items()
+    assert {line.split()[1] for line in lines if line.startswith("wrote:")} == {
+        *(f"conf/{name}" for name in ("task/shear.yaml", *texts))
+    }
+
+    old, new = (compose([f"task={name}"]) for name in (like, "shear"))
+    assert {new.task.baseline, new.task.instructions, new.task.system} == texts
+    of_old = {"name": like, **{key: getattr(old.task, key) for key in ("baseline", "instructions", "system")}}
+    assert replace(new, task=replace(new.task, **of_old)) == old
+    read_old, read_new = (load_task(config, facts_without_data(config)) for config in (old, new))
+    assert replace(read_new, name=like) == read_old
+
+    commands = {line.split(":")[0]: shlex.split(line, comments=True)[2:] for line in lines}
+    assert main([*commands["verify"], "--image-size", "32"]) == 0
+    assert "baseline.py: admitted" in capsys.readouterr().out
+    assert source_of(compose(commands["try"][1:])) == source_of(compose(["experiment=demo", f"task={like}"]))
+    assert compose(commands["look"][2:]).task == compose(commands["next"][1:]).task == new.task
+
+
+def test_new_task_may_be_like_an_own_one(conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its texts are copied from wherever they lie; of images that no simulation has, none are offered."""
+    path = conf / "task" / "shear.yaml"
+    path.write_text((conf / "task" / "force.yaml").read_text().replace("name: force", "name: shear"))
+    assert main(["init", "twist", "--like", "shear"]) == 0
+    assert "try:" not in capsys.readouterr().out
+    for name in ("baseline.py", "instructions.yaml", "system.md"):
+        assert (conf / "library" / "twist" / name).read_bytes() == (conf / "library" / "force" / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", ["Shear", "1shear", "my-task", "my task", "", "../shear", "null", "true", "nan"])
+def test_name_is_a_lower_case_identifier(name: str, conf: Path) -> None:
+    """Hydra would read another one as a value, or it names a file elsewhere."""
+    before = contents(conf)
+    with refused(ConfigError, place="NAME", expected="a lower-case identifier", got=repr(name), remedy="shear"):
+        write_task(name, "force")
+    assert contents(conf) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "there"), [("force", "task/force.yaml"), ("shear", "task/shear.yaml"), ("shear", "library/shear")]
+)
+def test_what_exists_is_not_touched(name: str, there: str, conf: Path) -> None:
+    """The settings or the directory alone are enough to refuse a name."""
+    if name == "shear":
+        (conf / there).mkdir()
+    before = contents(conf)
+    with refused(ConfigError, place="NAME", expected="that no task has", got=str(conf / there), remedy="another"):
+        write_task(name, "hardness")
+    assert contents(conf) == before
+
+
+def test_unknown_task_to_copy_is_refused(conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The message lists those that there are."""
+    before = contents(conf)
+    assert main(["init", "shear", "--like", "forse"]) == 2
+    assert "--like: expected one of force, grating, hardness; got 'forse'; " in capsys.readouterr().err
+    assert contents(conf) == before
+
+
+def test_installed_package_is_left_alone(conf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was written into it would go with its next update."""
+    package = conf.parent / "tacevo"
+    shutil.move(conf, package / "conf")
+    before = contents(package)
+    with refused(ConfigError, expected="conf/ of a checkout", got=str(package / "conf"), remedy="clone the repository"):
+        write_task("shear", "force")
+    assert contents(package) == before
+
+
+@pytest.mark.parametrize("protected", ["task", "library"])
+def test_directory_that_cannot_be_written_is_named(protected: str, conf: Path) -> None:
+    """Where one of the two places is write-protected, nothing is left in the other."""
+    before = contents(conf)
+    with (
+        read_only(conf / protected),
+        refused(ConfigError, place=str(conf), expected="can be written to", got="nothing was written"),
+    ):
+        write_task("shear", "force")
+    assert contents(conf) == before
