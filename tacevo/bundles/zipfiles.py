@@ -128,7 +128,9 @@ def _data(source: Path, file: BinaryIO, header: _Header) -> Iterator[bytes]:
         yield unpacker.flush()
     except zlib.error as error:
         raise _refusal(source, "members that can be unpacked", str(error)) from error
-    if left or unpacker.unused_data or not (stored or unpacker.eof):
+    if left:
+        raise _refusal(source, "a complete zip file", "one that ends early")
+    if unpacker.unused_data or not (stored or unpacker.eof):
         raise _refusal(source, "members that end where their headers say", "another end")
 
 

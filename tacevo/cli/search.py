@@ -130,7 +130,7 @@ def add_multirun(search: argparse.ArgumentParser) -> None:
     search.add_argument(
         "--vary",
         metavar="KEYS",
-        help="of a sweep: settings that are the seed of each job, as in data.split_seed,data.sensor_seed",
+        help="of a sweep: settings that take each job's seed as their value, as in data.split_seed,data.sensor_seed",
     )
     search.add_argument(
         "--plan", metavar="FILE", help="of a sweep: the plan.json of `tacevo plan sweep` that it follows"

@@ -145,6 +145,13 @@ def test_every_cut_and_every_flipped_byte_is_refused(file: Path) -> None:
             unpack(file, file.parent / str(number), ANY, Budget(file, len(data)))
 
 
+def test_file_that_ends_within_a_member_is_said_to_be_cut(file: Path) -> None:
+    """As after a download that broke off."""
+    file.write_bytes(packed({"a.xz": bytes(100)})[:80])
+    with refused(BundleError, place="x.zip", expected="a complete zip file", got="ends early"):
+        unpacked(file)
+
+
 @pytest.mark.parametrize("around", [(b"#!/bin/sh\n", b""), (b"", b"PK\x05\x06" + bytes(18))])
 def test_bytes_around_a_file_are_refused(around: tuple[bytes, bytes], file: Path) -> None:
     """A script before it, or another directory after it."""
