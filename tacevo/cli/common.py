@@ -5,6 +5,7 @@ import os
 import shlex
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -84,9 +85,18 @@ class Parser(argparse.ArgumentParser):
     The parser of the given command is the parsed `parser`, so that a mistake names this command.
     """
 
+    #: Writes the epilog, where that takes too long to be written for each command.
+    write_epilog: Callable[[], str] | None = None
+
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.set_defaults(parser=self)
+
+    def format_help(self) -> str:
+        """Write the help."""
+        if self.write_epilog is not None:
+            self.epilog = self.write_epilog()
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Refuse a command line.

@@ -21,6 +21,8 @@ from waiting import eventually
 from tacevo.cli.app import COMMANDS, main
 from tacevo.cli.common import as_typed, output_directory
 from tacevo.cli.search import print_end
+from tacevo.config.compose import compose
+from tacevo.config.schema import keys
 from tacevo.errors import ConfigError
 from tacevo.runs.session import Result
 
@@ -194,6 +196,16 @@ def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> Non
     with pytest.raises(SystemExit):
         main(["search", "--help"])
     assert re.search(r"^  task +force, grating, hardness$", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
+    """With its default: all of them together change nothing."""
+    with pytest.raises(SystemExit):
+        main(["search", "--help"])
+    told = re.findall(r"^  ([a-z_.]+=.*)$", capsys.readouterr().out, re.MULTILINE)
+    groups = {key.rpartition(".")[0] for key in keys()}
+    assert {setting.partition("=")[0] for setting in told} == set(keys()) - groups
+    assert compose(told) == compose([])
 
 
 def test_check_judges_raw_answers(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
