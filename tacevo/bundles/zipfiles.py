@@ -89,8 +89,12 @@ def unpack(source: Path, folder: Path, places: re.Pattern[str], budget: Budget) 
             digests[name] = _write(source, folder / name, header, _data(source, file, header), budget)
         place, count = file.tell() - len(signature), len(digests)
         end = directory + struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, count, count, len(directory), place, 0)
-        if not digests or signature + file.read(len(end)) != end:
-            raise _refusal(source, "a published run, as `tacevo publish` writes it", "another or a damaged file")
+        expected = "a published run, as `tacevo publish` writes it"
+        if not digests:
+            remedy = "name one, or fetch it again"
+            raise BundleError("a file that is not one", place=str(source), expected=expected, remedy=remedy)
+        if signature + file.read(len(end)) != end:
+            raise _refusal(source, expected, "another or a damaged file")
     return digests
 
 

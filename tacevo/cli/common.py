@@ -53,7 +53,7 @@ def output_directory(name: str | Path) -> Path:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(str(error.strerror), place=str(directory), expected=expected) from error
+        raise ConfigError(f"one that cannot ({error.strerror})", place=str(directory), expected=expected) from error
     if not os.access(directory, os.W_OK | os.X_OK):
         raise ConfigError(
             "a write-protected directory", place=str(directory), expected=expected, remedy="name another by -o"

@@ -88,7 +88,12 @@ def simulate(settings: Sequence[str], console: Console) -> str:
         TacevoError: a setting is missing or wrong, or the directory exists.
     """
     out, overrides = _taken_out(settings)
-    config = compose([_NO_MODEL, *overrides])
+    try:
+        config = compose([_NO_MODEL, *overrides])
+    except ConfigError as error:
+        if any(setting.startswith("n=") for setting in settings):
+            error.place = error.place.replace("data.images", "n")  # as the user wrote it
+        raise
     source = source_of(config)
     if not isinstance(source, Simulated):
         raise ConfigError(str(config.data.source), place="data", expected="simulated, which alone is written as files")

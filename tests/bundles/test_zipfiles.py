@@ -130,7 +130,7 @@ def test_extra_field_is_refused(file: Path) -> None:
 def test_foreign_file_is_refused(content: bytes, file: Path) -> None:
     """The message says what was expected, and what to do."""
     file.write_bytes(content)
-    with refused(BundleError, place="x.zip", expected="a published run", remedy="fetch the file again"):
+    with refused(BundleError, place="x.zip", expected="a published run", got="not one", remedy="name one"):
         unpacked(file)
 
 

@@ -165,7 +165,7 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
         (["show", *SMALL, "-o", "absent/figure.pdf"], "-o: expected a file in a directory; got absent"),
         (["show", "data.imges=3", "-o", "figure.pdf"], "imges"),
         (["simulate", "task=force", "n=40"], "out: expected one new directory, as in out=DIR; got []"),
-        (["simulate", "task=force", "n=4", "out=made"], "data.images: expected an integer of at least 10"),
+        (["simulate", "task=force", "n=4", "out=made"], "error: n: expected an integer of at least 10"),
         (
             ["simulate", "task=force", "n=40", "out=."],
             "out: expected a new directory, e.g. out=simulated; got ., the current directory",
