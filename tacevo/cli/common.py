@@ -1,6 +1,7 @@
 """What all commands have in common: the parser, the exit status, directories of stores and results."""
 
 import argparse
+import difflib
 import os
 import shlex
 import shutil
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from tacevo.errors import ConfigError
+from tacevo.text import listed
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
 DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
@@ -104,7 +106,23 @@ class Parser(argparse.ArgumentParser):
         Raises:
             ConfigError: always.
         """
+        problem = sys.exc_info()[1]
+        if isinstance(problem, OSError):  # argparse could not open the file of an @FILE
+            got, expected = f"one that cannot be read ({problem.strerror})", "a text file with one override a line"
+            raise ConfigError(got, place=f"@{problem.filename}", expected=expected)
         raise ConfigError(message, place=self.prog, remedy=f"`{self.prog} --help` says what can be given")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a command or a choice that is unknown, and offer the nearest (argparse calls this)."""
+        if action.choices is None or value in action.choices:
+            return
+        close = difflib.get_close_matches(str(value), map(str, action.choices), n=1)
+        raise ConfigError(
+            str(value),
+            place=" ".join([self.prog, *action.option_strings[:1]]),
+            expected=f"one of {listed(map(str, action.choices))}",
+            remedy=f"did you mean {close[0]}?" if close else f"`{self.prog} --help` says what can be given",
+        )
 
     def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
         """Read one line of a file of overrides."""

@@ -72,8 +72,7 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     that of the task's data holds.
 
     Raises:
-        ConfigError: the task does not exist, or a file is not an answer.
-        OSError: a file cannot be read.
+        ConfigError: the task does not exist, or a file is not an answer, or cannot be read.
     """
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
@@ -101,8 +100,9 @@ def _read(path: Path) -> Completion:
     """Read a file as the answer of a model."""
     try:
         text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(str(error), place=str(path), expected="an answer: text in UTF-8") from error
+    except (OSError, UnicodeDecodeError) as error:
+        got = f"one that cannot be read ({error.strerror})" if isinstance(error, OSError) else str(error)
+        raise ConfigError(got, place=str(path), expected="the file of an answer: text in UTF-8") from error
     stop_reason = "end_turn"
     if path.suffix == ".json":
         text, stop_reason = _recorded(path, text)

@@ -203,5 +203,5 @@ def _track(options: argparse.Namespace) -> int:
     for reason in tracked.failed:
         print(f"failed: {reason}", file=sys.stderr)
     for uri, number in tracked.done.items():
-        print(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri)}")
+        print(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri, as_typed('mlflow'))}")
     return DIFFERENT if tracked.failed else DONE

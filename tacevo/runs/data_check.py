@@ -76,10 +76,11 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
     return sample_figure(dataset, units=units_of(catalogue), width="double")
 
 
-def simulate(settings: Sequence[str], console: Console) -> str:
+def simulate(settings: Sequence[str], console: Console, tacevo: str) -> str:
     """Write a simulated data set as files.
 
-    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`.
+    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`;
+    `tacevo` is how that command is spelt here.
 
     Returns:
         What was written, and the command that reads it.
@@ -100,7 +101,7 @@ def simulate(settings: Sequence[str], console: Console) -> str:
     with Progress(console) as view:
         count = export(source, out, workers=config.executor.workers, progress=partial(view.advance, "images"))
     command = shlex.join(overrides_for(source, out))
-    return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
+    return f"{count} images and their labels: {out}\nread them: {tacevo} data check {command}"
 
 
 def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset]:

@@ -157,7 +157,10 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
             "nowhere: expected the directory of a run, or a bundle; got a path that does not exist",
         ),
         (["show", "nowhere"], "nowhere: expected the directory of a run"),
-        (["check", "nowhere.py"], "nowhere.py: No such file or directory"),
+        (
+            ["check", "nowhere.py"],
+            "nowhere.py: expected the file of an answer: text in UTF-8; got one that cannot be read (No such file",
+        ),
         (["search", "--estimate", "-m", "seed=0,1"], "--estimate is for one search"),
         (["search", "--into", "here"], "--into names the directory of a sweep, so it needs -m"),
         (["replay", "one", "--diff", "other", "--retrain", "1"], "it takes neither --retrain nor --store"),

@@ -107,7 +107,11 @@ def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: py
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("x.txt", b"\xff", "x.txt: expected an answer: text in UTF-8; got 'utf-8' codec can't decode byte 0xff"),
+        (
+            "x.txt",
+            b"\xff",
+            "x.txt: expected the file of an answer: text in UTF-8; got 'utf-8' codec can't decode byte 0xff",
+        ),
         ("x.json", b"{}", "x.json: expected a field `response` or `source` with a text; got no field"),
         ("x.json", b"[]", "x.json: expected "),
     ],
