@@ -15,7 +15,7 @@ test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDON
 .PHONY: help setup demo test test-slow test-all test-portable test-cluster test-cluster-all coverage check format bench bench-quick replay paper lock clean
 
 help: ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 18
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 20
 
 setup: $(READY) ## build the environment in .venv, and nothing else
 

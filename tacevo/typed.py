@@ -88,10 +88,11 @@ def _explained(problem: ValidationError, place: str) -> dict[str, str]:
     first = problem.errors(include_url=False)[0]
     kind, context = first["type"], first.get("ctx", {})
     words = _EXPECTED.get(kind) or first["msg"].removeprefix("Input should be ").replace("{", "{{").replace("}", "}}")
+    named = f"{first['loc'][-1] if first['loc'] else ''}={_brief(first['input'])}"
     got = {
         "missing": "nothing",
-        "extra_forbidden": "another",
-        "unexpected_keyword_argument": "another",
+        "extra_forbidden": named,
+        "unexpected_keyword_argument": named,
         "json_invalid": str(context.get("error")),
     }.get(kind) or _brief(first["input"])
     key = ".".join(map(str, first["loc"]))

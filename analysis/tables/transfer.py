@@ -38,7 +38,7 @@ def transfer_table(found: Transfer) -> Table:
             for name, one in (*on.results.items(), *_trivial(on))
         ),
         notes=(
-            f"On each data set every network was trained anew, with the same {counted(first.seeds, 'training seed')} "
+            f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}. Rank: by the median, 1 is best; equal medians share one.",
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
             "set, and not over data sets. Splits of one recording share most of their images, so they are not "

@@ -1,5 +1,6 @@
 """What describes a published run or sweep to people: its README, licence and citation; pure."""
 
+import contextlib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ from string import Template
 from textwrap import fill
 
 import yaml
+from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
 from tacevo.choices import DataSource, Provider
 from tacevo.config.recorded import RecordedRun
@@ -18,11 +20,18 @@ from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
 from tacevo.text import counted
 
-#: An identifier of a licence, as in https://spdx.org/licenses.
-_SPDX = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+-]*")
+#: One licence that may stand in https://spdx.org/licenses, where no LicenseRef- does.
+_SPDX = re.compile(r"(?!LicenseRef-)[A-Za-z0-9][A-Za-z0-9.+-]*")
 
 #: The settings that a simulated data set follows from.
 _SIMULATED = ("images", "image_size", "seed", "sensor_seed", "light", "spacings_mm")
+
+
+def _is_spdx(licence: str) -> bool:
+    """Return whether this is the identifier of a licence as SPDX spells it."""
+    with contextlib.suppress(InvalidLicenseExpression):
+        return _SPDX.fullmatch(licence) is not None and canonicalize_license_expression(licence) == licence
+    return False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +46,7 @@ class Terms:
 
     def __post_init__(self) -> None:
         """Check what the user wrote."""
-        if _SPDX.fullmatch(self.licence) is None:
+        if not _is_spdx(self.licence):
             raise ConfigError(repr(self.licence), place="--license", expected="an SPDX identifier such as CC-BY-4.0")
         if not all(author.isprintable() and author.strip() for author in self.authors):
             raise ConfigError(f"{list(self.authors)}", place="--author", expected="a name")

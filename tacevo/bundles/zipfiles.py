@@ -89,8 +89,12 @@ def unpack(source: Path, folder: Path, places: re.Pattern[str], budget: Budget) 
             digests[name] = _write(source, folder / name, header, _data(source, file, header), budget)
         place, count = file.tell() - len(signature), len(digests)
         end = directory + struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, count, count, len(directory), place, 0)
-        if not digests or signature + file.read(len(end)) != end:
-            raise _refusal(source, "a published run, as `tacevo publish` writes it", "another or a damaged file")
+        expected = "a published run, as `tacevo publish` writes it"
+        if not digests:
+            remedy = "name one, or fetch it again"
+            raise BundleError("a file that is not one", place=str(source), expected=expected, remedy=remedy)
+        if signature + file.read(len(end)) != end:
+            raise _refusal(source, expected, "another or a damaged file")
     return digests
 
 
@@ -128,7 +132,9 @@ def _data(source: Path, file: BinaryIO, header: _Header) -> Iterator[bytes]:
         yield unpacker.flush()
     except zlib.error as error:
         raise _refusal(source, "members that can be unpacked", str(error)) from error
-    if left or unpacker.unused_data or not (stored or unpacker.eof):
+    if left:
+        raise _refusal(source, "a complete zip file", "one that ends early")
+    if unpacker.unused_data or not (stored or unpacker.eof):
         raise _refusal(source, "members that end where their headers say", "another end")
 
 

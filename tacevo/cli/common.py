@@ -1,14 +1,17 @@
 """What all commands have in common: the parser, the exit status, directories of stores and results."""
 
 import argparse
+import difflib
 import os
 import shlex
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
 from tacevo.errors import ConfigError
+from tacevo.text import listed
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
 DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
@@ -52,7 +55,7 @@ def output_directory(name: str | Path) -> Path:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(str(error.strerror), place=str(directory), expected=expected) from error
+        raise ConfigError(f"one that cannot ({error.strerror})", place=str(directory), expected=expected) from error
     if not os.access(directory, os.W_OK | os.X_OK):
         raise ConfigError(
             "a write-protected directory", place=str(directory), expected=expected, remedy="name another by -o"
@@ -84,9 +87,18 @@ class Parser(argparse.ArgumentParser):
     The parser of the given command is the parsed `parser`, so that a mistake names this command.
     """
 
+    #: Writes the epilog, where that takes too long to be written for each command.
+    write_epilog: Callable[[], str] | None = None
+
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.set_defaults(parser=self)
+
+    def format_help(self) -> str:
+        """Write the help."""
+        if self.write_epilog is not None:
+            self.epilog = self.write_epilog()
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Refuse a command line.
@@ -94,7 +106,23 @@ class Parser(argparse.ArgumentParser):
         Raises:
             ConfigError: always.
         """
+        problem = sys.exc_info()[1]
+        if isinstance(problem, OSError):  # argparse could not open the file of an @FILE
+            got, expected = f"one that cannot be read ({problem.strerror})", "a text file with one override a line"
+            raise ConfigError(got, place=f"@{problem.filename}", expected=expected)
         raise ConfigError(message, place=self.prog, remedy=f"`{self.prog} --help` says what can be given")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a command or a choice that is unknown, and offer the nearest (argparse calls this)."""
+        if action.choices is None or value in action.choices:
+            return
+        close = difflib.get_close_matches(str(value), map(str, action.choices), n=1)
+        raise ConfigError(
+            str(value),
+            place=" ".join([self.prog, *action.option_strings[:1]]),
+            expected=f"one of {listed(map(str, action.choices))}",
+            remedy=f"did you mean {close[0]}?" if close else f"`{self.prog} --help` says what can be given",
+        )
 
     def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
         """Read one line of a file of overrides."""

@@ -5,7 +5,7 @@ import json
 
 from rich.console import Console
 
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
 from tacevo.runs.data_check import inspect_data, show, simulate
 from tacevo.runs.data_report import describe, report
 
@@ -66,5 +66,5 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    print(simulate(options.overrides, Console(stderr=True)))
+    print(simulate(options.overrides, Console(stderr=True), as_typed("tacevo")))
     return DONE

@@ -20,7 +20,7 @@ from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
-from tacevo.config.plain import from_plain
+from tacevo.config.recorded import read_config
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
@@ -31,12 +31,13 @@ from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import report
-from tacevo.search.files import check_references, read_elites, read_ledger
+from tacevo.search.files import Line, check_references, read_elites, read_ledger
 from tacevo.search.lines import TEMPERATURE, CandidateLine
 from tacevo.search.prompts import SAMPLING
 from tacevo.search.reevaluation import estimates_of
+from tacevo.storage.ledger import Sealed
 from tacevo.storage.notes import HEADING, read_note
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.studies.directory import studies_of
 from tacevo.text import listed, printable, table
 from tacevo.typed import parse
@@ -71,8 +72,7 @@ def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_j
     that of the task's data holds.
 
     Raises:
-        ConfigError: the task does not exist, or a file is not an answer.
-        OSError: a file cannot be read.
+        ConfigError: the task does not exist, or a file is not an answer, or cannot be read.
     """
     config, judged = task_without_data(task, image_size)
     answers = [(file, _read(Path(file))) for file in files]
@@ -100,8 +100,9 @@ def _read(path: Path) -> Completion:
     """Read a file as the answer of a model."""
     try:
         text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(str(error), place=str(path), expected="an answer: text in UTF-8") from error
+    except (OSError, UnicodeDecodeError) as error:
+        got = f"one that cannot be read ({error.strerror})" if isinstance(error, OSError) else str(error)
+        raise ConfigError(got, place=str(path), expected="the file of an answer: text in UTF-8") from error
     stop_reason = "end_turn"
     if path.suffix == ".json":
         text, stop_reason = _recorded(path, text)
@@ -170,9 +171,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
     Raises:
         RunError: this is not a run directory, or it is damaged.
     """
-    directory = RunDirectory(path)
-    run, ledger = directory.read_run(), read_ledger(directory)
-    check_references(path, run, ledger.lines)
+    directory, run, ledger = _read_begun(path)
     finished = run.digest == ledger.digest
     state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
     elites = [elite.id for elite in read_elites(directory)]
@@ -180,10 +179,20 @@ def show_run(path: Path, store: Path | None = None) -> str:
     if unknown := sorted(set(elites) - trained):
         expected = "trained candidates of the ledger"
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
-    summary = summarise(run, from_plain(run.config), ledger.lines, elites, directory.read_spending())
+    summary = summarise(run, read_config(path, run), ledger.lines, elites, directory.read_spending())
     paragraphs = read_note(path)
     note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
     return f"{summary}\n{_studied(path, store) if finished else ''}{note}{state}\n"
+
+
+def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
+    """Read a run, finished or not, and its ledger, which is begun before run.json is written."""
+    directory = RunDirectory(path)
+    run, ledger = directory.read_run(), read_ledger(directory)
+    if not ledger.lines:
+        raise RunError("nothing", place=str(directory.ledger), expected="the run's ledger", remedy="restore the file")
+    check_references(path, run, ledger.lines)
+    return directory, run, ledger
 
 
 def _studied(path: Path, store: Path | None) -> str:
@@ -202,9 +211,7 @@ def show_candidate(path: Path, name: str) -> str:
     Raises:
         RunError: this is not a run directory, or it has no such candidate.
     """
-    directory = RunDirectory(path)
-    run, ledger = directory.read_run(), read_ledger(directory)
-    check_references(path, run, ledger.lines)
+    directory, run, ledger = _read_begun(path)
     lines = {line.id: line for line in ledger.lines if isinstance(line, CandidateLine)}
     line = lines.get(name)
     if line is None:

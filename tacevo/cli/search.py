@@ -11,11 +11,13 @@ from tacevo.choices import Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
 from tacevo.config.compose import compose
 from tacevo.config.folder import groups
+from tacevo.config.plain import to_plain
 from tacevo.records import Mode
 from tacevo.runs.estimate import describe_estimate
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
+from tacevo.storage.canonical import canonical, leaves
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.status import Standing, describe_jobs, status_of
@@ -26,20 +28,33 @@ from tacevo.tracking.entries import viewing
 
 
 def add_search(parser: Parser) -> None:
-    """Describe `tacevo search`, with the choices of every config group."""
-    choices = groups()
-    width = max(map(len, choices))
-    lines = [f"  {name.ljust(width)}  {', '.join(names)}" for name, names in choices.items()]
+    """Describe `tacevo search`."""
     parser.description = (
         "Run a search. The same command continues a stopped run, and repeats a finished\none in seconds."
     )
-    parser.epilog = "\n".join(["config groups and their choices:", *lines])
+    parser.write_epilog = _describe_settings
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.fromfile_prefix_chars = "@"
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     parser.add_argument("--estimate", action="store_true", help="print requests, tokens, cost and hours; send nothing")
     add_multirun(parser)
     parser.set_defaults(command=_search)
+
+
+def _describe_settings() -> str:
+    """List the choices of every config group, and every setting as it is where no group and no setting is given."""
+    choices = groups()
+    width = max(map(len, choices))
+    defaults = leaves(to_plain(compose([])))
+    return "\n".join(
+        [
+            "config groups and their choices:",
+            *(f"  {name.ljust(width)}  {', '.join(names)}" for name, names in choices.items()),
+            "",
+            "settings, with their defaults (choices may change them):",
+            *(f"  {key}={value if isinstance(value, str) else canonical(value)}" for key, value in defaults),
+        ]
+    )
 
 
 def _search(options: argparse.Namespace) -> int:
@@ -130,7 +145,7 @@ def add_multirun(search: argparse.ArgumentParser) -> None:
     search.add_argument(
         "--vary",
         metavar="KEYS",
-        help="of a sweep: settings that are the seed of each job, as in data.split_seed,data.sensor_seed",
+        help="of a sweep: settings that take each job's seed as their value, as in data.split_seed,data.sensor_seed",
     )
     search.add_argument(
         "--plan", metavar="FILE", help="of a sweep: the plan.json of `tacevo plan sweep` that it follows"
@@ -188,5 +203,5 @@ def _track(options: argparse.Namespace) -> int:
     for reason in tracked.failed:
         print(f"failed: {reason}", file=sys.stderr)
     for uri, number in tracked.done.items():
-        print(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri)}")
+        print(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri, as_typed('mlflow'))}")
     return DIFFERENT if tracked.failed else DONE

@@ -328,7 +328,8 @@ def _located_sweep(path: Path, open_bundles: contextlib.ExitStack) -> Path:
     """Return the directory of a sweep, which need not be finished, or of a bundle's."""
     folder = open_bundles.enter_context(opened(path)).folder if path.is_file() else path
     if not SweepDirectory(folder).is_one:
-        raise RunError("a directory without sweep.json", place=str(path), expected="the directory or bundle of a sweep")
+        got = "the bundle of a run" if path.is_file() else "a directory without sweep.json"
+        raise RunError(got, place=str(path), expected="the directory or bundle of a sweep")
     return folder
 
 
@@ -347,7 +348,7 @@ def _finished_studies(path: Path, open_bundles: contextlib.ExitStack) -> Iterato
                 yield run, load_study(directory.path)
     if not found:
         remedy = f"`tacevo study run={path}` makes one; a few seeds will do for a pilot"
-        raise RunError("no finished study", place=str(path), expected="at least one", remedy=remedy)
+        raise RunError("none", place=str(path), expected="at least one finished study", remedy=remedy)
 
 
 def _part(text: str) -> float:

@@ -36,6 +36,9 @@ from tacevo.text import counted
 #: The files of a run that its page follows from.
 _FOLLOWED = (NOTE, "run.json", "ledger.jsonl", "studies/*/study.json")
 
+#: What may stand in the directory of a run before its run.json.
+_BEFORE = {NOTE, "ledger.jsonl"}
+
 _LAST_PORT = 65_535
 
 
@@ -59,6 +62,7 @@ def _watch(options: argparse.Namespace) -> int:
     if path.is_file():
         remedy = "`tacevo report` makes the page of a bundle, which does not change"
         raise ConfigError(f"the file {path}", expected="the directory of a run or a sweep", remedy=remedy)
+    _check_may_begin(path)
     if not 0 <= options.port <= _LAST_PORT:
         remedy = "leave it out for any that is free"
         raise ConfigError(str(options.port), place="--port", expected=f"0 to {_LAST_PORT}", remedy=remedy)
@@ -71,6 +75,18 @@ def _watch(options: argparse.Namespace) -> int:
             stack.enter_context(opened_privately(server.address, webbrowser.open))
         server.serve_forever()
     return DONE
+
+
+def _check_may_begin(path: Path) -> None:
+    """Refuse a directory of something else, for whose search the page would wait for ever."""
+    if not path.is_dir() or any((path / name).exists() for name in ("run.json", "sweep.json")):
+        return
+    if any(not file.name.startswith(".") and file.name not in _BEFORE for file in path.iterdir()):
+        raise ConfigError(
+            "a directory without run.json and sweep.json",
+            place=str(path),
+            expected="the directory of a run or a sweep, or one that is empty or absent and waits for it",
+        )
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""Whether a Ray may be at an address; asked before Ray is, which waits for minutes and writes its own lines."""
+"""Check that something listens at an address before Ray is started, which would wait for minutes."""
 
 import re
 import socket

@@ -69,10 +69,11 @@ class Source(Protocol):
         ...
 
 
-def check_no_faults(problem: str, faults: Sequence[str], remedy: str) -> None:
+def check_no_faults(problem: str, faults: Sequence[str], remedy: str, *, place: str = "", expected: str = "") -> None:
     """Raise one error about all faults of one kind; do nothing without faults.
 
-    The problem is, say, `labels.csv names images that do not exist`; of the faults, the first few are shown.
+    The problem is, say, `labels.csv names images that do not exist`; of the faults, the first few are shown. Place and
+    expected are those of the error.
 
     Raises:
         DataError: `faults` is not empty.
@@ -80,7 +81,7 @@ def check_no_faults(problem: str, faults: Sequence[str], remedy: str) -> None:
     if not faults:
         return
     shown = ", ".join(faults[:SHOWN_FAULTS]) + (", ..." if len(faults) > SHOWN_FAULTS else "")
-    raise DataError(f"{problem} ({len(faults)} found): {shown}", remedy=remedy)
+    raise DataError(f"{problem} ({len(faults)} found): {shown}", place=place, expected=expected, remedy=remedy)
 
 
 def shortened(text: str) -> str:

@@ -76,10 +76,11 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
     return sample_figure(dataset, units=units_of(catalogue), width="double")
 
 
-def simulate(settings: Sequence[str], console: Console) -> str:
+def simulate(settings: Sequence[str], console: Console, tacevo: str) -> str:
     """Write a simulated data set as files.
 
-    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`.
+    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`;
+    `tacevo` is how that command is spelt here.
 
     Returns:
         What was written, and the command that reads it.
@@ -88,14 +89,19 @@ def simulate(settings: Sequence[str], console: Console) -> str:
         TacevoError: a setting is missing or wrong, or the directory exists.
     """
     out, overrides = _taken_out(settings)
-    config = compose([_NO_MODEL, *overrides])
+    try:
+        config = compose([_NO_MODEL, *overrides])
+    except ConfigError as error:
+        if any(setting.startswith("n=") for setting in settings):
+            error.place = error.place.replace("data.images", "n")  # as the user wrote it
+        raise
     source = source_of(config)
     if not isinstance(source, Simulated):
         raise ConfigError(str(config.data.source), place="data", expected="simulated, which alone is written as files")
     with Progress(console) as view:
         count = export(source, out, workers=config.executor.workers, progress=partial(view.advance, "images"))
     command = shlex.join(overrides_for(source, out))
-    return f"{count} images and their labels: {out}\nread them: tacevo data check {command}"
+    return f"{count} images and their labels: {out}\nread them: {tacevo} data check {command}"
 
 
 def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset]:

@@ -189,7 +189,7 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     """Name the candidates whose training need not come again bit by bit, and what they use, where there are such."""
     found = {
         "Bits depend on the CPU, even under portable numerics": {line.id: line.not_portable for line in lines},
-        "Bits may differ from one training to the next, for want of a deterministic form": {
+        "Bits may differ from one training to the next, where an operation has no deterministic form": {
             line.id: tuple(sorted({use for one in line.by_seed() for use in one.not_deterministic})) for line in lines
         },
     }

@@ -1,4 +1,4 @@
-"""Nested settings by their whole keys; pure."""
+"""Canonical JSON: one text and one hash for a value."""
 
 import hashlib
 import json

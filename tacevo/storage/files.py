@@ -39,8 +39,8 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
     except OSError as error:
-        expected = "a directory that can be written to"
-        raise RunError(str(error.strerror), place=f"{setting}={folder}", expected=expected) from error
+        got, expected = f"one that cannot ({error.strerror})", "a directory that can be written to"
+        raise RunError(got, place=f"{setting}={folder}", expected=expected) from error
     try:
         for _ in range(_PATIENCE):  # `RunDirectory.is_busy` locks it for a moment to see whether it is locked
             if flock(handle):

@@ -61,7 +61,7 @@ class SweepTerms(Record):
     primary: Primary | None = None
     #: The arm that all others are compared with; None for `none`, where there is such an arm.
     reference: str | None = None
-    #: Settings that are the seed of each job.
+    #: Settings that take each job's seed as their value.
     vary: tuple[Varied, ...] = ()
     #: What it follows; None where nothing was planned.
     plan: SeedPlan | None = None

@@ -189,7 +189,7 @@ def plan(shared: Sequence[str], owns: Sequence[tuple[str, ...]], vary: Sequence[
     Args:
         shared: the overrides of all jobs.
         owns: those of each job.
-        vary: settings that are the seed of each job.
+        vary: settings that take each job's seed as their value.
 
     Raises:
         ConfigError: a job cannot be composed, or two would have the same directory; or as `check_varied`.

@@ -119,7 +119,7 @@ def shown_address(uri: str) -> str:
     return uri or f"${URI_VARIABLE}"
 
 
-def viewing(uri: str, mlflow: str = "mlflow") -> str:
+def viewing(uri: str, mlflow: str) -> str:
     """Return how to look at a store: a server's own page, or a command that serves one.
 
     An empty URI is the one in MLFLOW_TRACKING_URI; `mlflow` is how that command is spelt here.

@@ -40,7 +40,7 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def swept(tmp_path: Path) -> tuple[SweepDirectory, Job]:
+def failed_once(tmp_path: Path) -> tuple[SweepDirectory, Job]:
     """Return a sweep of one job, finished, whose failure of an earlier time still stands there."""
     directory = SweepDirectory(tmp_path / "sweep")
     job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
@@ -50,16 +50,16 @@ def swept(tmp_path: Path) -> tuple[SweepDirectory, Job]:
     return directory, job
 
 
-def test_finished_job_is_finished_whatever_failed_before(swept: tuple[SweepDirectory, Job]) -> None:
+def test_finished_job_is_finished_whatever_failed_before(failed_once: tuple[SweepDirectory, Job]) -> None:
     """Its watchman may have been killed, or somebody finished it by hand; every reader of sweeps agrees."""
-    directory, job = swept
+    directory, job = failed_once
     assert located(directory.path).jobs == ("none-seed0",)
     assert status_of(directory, job).standing is Standing.finished
 
 
-def test_job_whose_ledger_lost_its_end_is_not_finished(swept: tuple[SweepDirectory, Job]) -> None:
+def test_job_whose_ledger_lost_its_end_is_not_finished(failed_once: tuple[SweepDirectory, Job]) -> None:
     """A digest alone finishes nothing."""
-    directory, job = swept
+    directory, job = failed_once
     ledger = directory.run(job).ledger
     ledger.write_bytes(b"".join(ledger.read_bytes().splitlines(keepends=True)[:-1]))
     with refused(RunError, got="none-seed0 (failed: the disk is full)", remedy="`tacevo search -m` command"):

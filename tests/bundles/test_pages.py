@@ -89,7 +89,7 @@ def test_terms_stand_in_licence_and_citation() -> None:
     assert "date-released: 2026-11-21" in cited
 
 
-@pytest.mark.parametrize("licence_id", ["", "MIT or so", "../x", "<b>", "MIT\n"])
+@pytest.mark.parametrize("licence_id", ["", "MIT or so", "../x", "<b>", "MIT\n", "Foo", "mit", "LicenseRef-Ours"])
 def test_licence_must_be_an_identifier(licence_id: str) -> None:
     """It becomes part of an address."""
     with refused(ConfigError, place="--license", expected="an SPDX identifier"):

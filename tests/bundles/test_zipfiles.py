@@ -130,7 +130,7 @@ def test_extra_field_is_refused(file: Path) -> None:
 def test_foreign_file_is_refused(content: bytes, file: Path) -> None:
     """The message says what was expected, and what to do."""
     file.write_bytes(content)
-    with refused(BundleError, place="x.zip", expected="a published run", remedy="fetch the file again"):
+    with refused(BundleError, place="x.zip", expected="a published run", got="not one", remedy="name one"):
         unpacked(file)
 
 
@@ -143,6 +143,13 @@ def test_every_cut_and_every_flipped_byte_is_refused(file: Path) -> None:
         file.write_bytes(content)
         with pytest.raises(BundleError):
             unpack(file, file.parent / str(number), ANY, Budget(file, len(data)))
+
+
+def test_file_that_ends_within_a_member_is_said_to_be_cut(file: Path) -> None:
+    """As after a download that broke off."""
+    file.write_bytes(packed({"a.xz": bytes(100)})[:80])
+    with refused(BundleError, place="x.zip", expected="a complete zip file", got="ends early"):
+        unpacked(file)
 
 
 @pytest.mark.parametrize("around", [(b"#!/bin/sh\n", b""), (b"", b"PK\x05\x06" + bytes(18))])

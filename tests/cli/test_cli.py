@@ -21,6 +21,8 @@ from waiting import eventually
 from tacevo.cli.app import COMMANDS, main
 from tacevo.cli.common import as_typed, output_directory
 from tacevo.cli.search import print_end
+from tacevo.config.compose import compose
+from tacevo.config.schema import keys
 from tacevo.errors import ConfigError
 from tacevo.runs.session import Result
 
@@ -155,7 +157,10 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
             "nowhere: expected the directory of a run, or a bundle; got a path that does not exist",
         ),
         (["show", "nowhere"], "nowhere: expected the directory of a run"),
-        (["check", "nowhere.py"], "nowhere.py: No such file or directory"),
+        (
+            ["check", "nowhere.py"],
+            "nowhere.py: expected the file of an answer: text in UTF-8; got one that cannot be read (No such file",
+        ),
         (["search", "--estimate", "-m", "seed=0,1"], "--estimate is for one search"),
         (["search", "--into", "here"], "--into names the directory of a sweep, so it needs -m"),
         (["replay", "one", "--diff", "other", "--retrain", "1"], "it takes neither --retrain nor --store"),
@@ -194,6 +199,16 @@ def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> Non
     with pytest.raises(SystemExit):
         main(["search", "--help"])
     assert re.search(r"^  task +force, grating, hardness$", capsys.readouterr().out, re.MULTILINE)
+
+
+def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
+    """With its default: all of them together change nothing."""
+    with pytest.raises(SystemExit):
+        main(["search", "--help"])
+    told = re.findall(r"^  ([a-z_.]+=.*)$", capsys.readouterr().out, re.MULTILINE)
+    groups = {key.rpartition(".")[0] for key in keys()}
+    assert {setting.partition("=")[0] for setting in told} == set(keys()) - groups
+    assert compose(told) == compose([])
 
 
 def test_check_judges_raw_answers(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

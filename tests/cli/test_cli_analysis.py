@@ -52,7 +52,7 @@ def test_tables_that_cannot_be_written_are_not_printed(
     assert main(["tables", *(word.replace("RUN", str(run)) for word in arguments), "-o", "file"]) == 2
     told = capsys.readouterr()
     assert told.out == ""
-    assert "file: expected a directory that results can be written to; got File exists" in told.err
+    assert "file: expected a directory that results can be written to; got one that cannot (File exists)" in told.err
     assert Path("file").read_text() == "mine"
 
 

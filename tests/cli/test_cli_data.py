@@ -10,9 +10,12 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+from refusals import refused
 from waiting import eventually
 
-from tacevo.cli.app import main
+from tacevo.cli.app import _parsed, main
+from tacevo.cli.common import as_typed
+from tacevo.errors import ConfigError
 
 COMMAND = [sys.executable, "-m", "tacevo.cli.app"]
 
@@ -134,6 +137,7 @@ def test_printed_command_reads_the_export(task: str, capsys: pytest.CaptureFixtu
     assert main(["data", "simulate", f"task={task}", f"n={images}", "out=made", "data.image_size=16"]) == 0
     first, second = capsys.readouterr().out.splitlines()
     assert first == f"{images} images and their labels: made"
+    assert second.startswith(f"read them: {as_typed('tacevo')} data check ")
     fingerprints = []
     for command in (
         second.split()[3:],
@@ -165,7 +169,7 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
         (["show", *SMALL, "-o", "absent/figure.pdf"], "-o: expected a file in a directory; got absent"),
         (["show", "data.imges=3", "-o", "figure.pdf"], "imges"),
         (["simulate", "task=force", "n=40"], "out: expected one new directory, as in out=DIR; got []"),
-        (["simulate", "task=force", "n=4", "out=made"], "data.images: expected an integer of at least 10"),
+        (["simulate", "task=force", "n=4", "out=made"], "error: n: expected an integer of at least 10"),
         (
             ["simulate", "task=force", "n=40", "out=."],
             "out: expected a new directory, e.g. out=simulated; got ., the current directory",
@@ -226,7 +230,7 @@ def test_search_imports_no_drawing() -> None:
     [
         (["data", "check", "--bogus"], "tacevo data check", "unrecognized arguments: --bogus"),
         (["data", "simulate"], "tacevo data simulate", "the following arguments are required: SETTING"),
-        (["data", "bogus"], "tacevo data", "invalid choice: 'bogus'"),
+        (["data", "bogus"], "tacevo data", "expected one of check, show, simulate; got bogus"),
         (["cache", "ls", "--bogus"], "tacevo cache ls", "unrecognized arguments: --bogus"),
         (["--bogus", "doctor"], "tacevo doctor", "unrecognized arguments: --bogus"),
     ],
@@ -240,6 +244,26 @@ def test_bad_arguments_are_one_error_that_names_their_command(
     assert line.startswith(f"error: {command}: ")
     assert got in line
     assert line.endswith(f"`{command} --help` says what can be given")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "place", "expected", "got", "remedy"),
+    [
+        (["serch"], "tacevo", "one of search, replay, ", "serch", "did you mean search?"),
+        (["data", "shw"], "tacevo data", "one of check, show, simulate", "shw", "did you mean show?"),
+        (
+            *(["data", "show", "-o", "a.pdf", "--width", "dubble"], "tacevo data show --width"),
+            *("one of single, double", "dubble", "did you mean double?"),
+        ),
+        (["search", "@none"], "@none", "a text file with one override a line", "cannot be read (No such file", ""),
+    ],
+)
+def test_mistyped_choice_is_refused_with_the_nearest(
+    arguments: list[str], place: str, expected: str, got: str, remedy: str
+) -> None:
+    """Of commands and of options; a file of overrides that is not there has the same form."""
+    with refused(ConfigError, place=place, expected=expected, got=got, remedy=remedy):
+        _parsed(arguments)
 
 
 def test_file_of_overrides_that_is_no_text_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,9 +11,10 @@ from ledger_lines import candidate, ended, header, rejected, run_record, trained
 from refusals import refused
 
 from tacevo.cli.app import main
-from tacevo.cli.inspect import _sandbox, task_without_data
+from tacevo.cli.inspect import _sandbox, show_run, task_without_data
 from tacevo.config.folder import conf_root
-from tacevo.errors import SandboxError
+from tacevo.config.plain import to_plain
+from tacevo.errors import RunError, SandboxError
 from tacevo.records import Given, Operator, Reason, Stage
 from tacevo.search.lines import ReevaluationLine, RepairedAnswer
 from tacevo.storage.ledger import sealed_text
@@ -67,6 +68,22 @@ def test_candidate_is_shown(name: str, words: str, shown: Path, capsys: pytest.C
     assert words in told
 
 
+def test_run_without_its_ledger_names_the_ledger(shown: Path) -> None:
+    """And not the archive, whose elites are then unknown."""
+    (shown / "ledger.jsonl").unlink()
+    with refused(RunError, place="ledger.jsonl", expected="ledger", got="nothing", remedy="restore the file"):
+        show_run(shown)
+
+
+def test_setting_of_a_run_that_is_wrong_names_its_file(shown: Path) -> None:
+    """As a replay does."""
+    directory = RunDirectory(shown)
+    config = to_plain(task_without_data("force", 32)[0])
+    directory.write_run(replace(directory.read_run(), config={**config, "seed": -1}))
+    with refused(RunError, place="run.json", got="seed: expected an integer of at least 0; got -1"):
+        show_run(shown)
+
+
 def test_words_say_what_json_says(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line a file: a source in a recording that is admitted, and an answer that was cut off."""
     baseline = (conf_root() / "library" / "force" / "baseline.py").read_text()
@@ -90,7 +107,11 @@ def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: py
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("x.txt", b"\xff", "x.txt: expected an answer: text in UTF-8; got 'utf-8' codec can't decode byte 0xff"),
+        (
+            "x.txt",
+            b"\xff",
+            "x.txt: expected the file of an answer: text in UTF-8; got 'utf-8' codec can't decode byte 0xff",
+        ),
         ("x.json", b"{}", "x.json: expected a field `response` or `source` with a text; got no field"),
         ("x.json", b"[]", "x.json: expected "),
     ],

@@ -1,5 +1,6 @@
 """Promise: a plan is kept by the study or sweep that follows it, and shown beside what was done."""
 
+import contextlib
 import json
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -10,7 +11,8 @@ from refusals import refused
 
 from tacevo.choices import Primary
 from tacevo.cli.app import main
-from tacevo.errors import ConfigError
+from tacevo.cli.study import _located_sweep
+from tacevo.errors import ConfigError, RunError
 from tacevo.storage.plan import read_plan
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import studies_of
@@ -114,13 +116,15 @@ def test_study_of_a_sweep_says_that_it_is_not_what_was_planned(sweep: Path, caps
         assert (planned in capsys.readouterr().err) == told
 
 
-def test_pilot_without_a_study_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pilot_without_a_study_is_refused(sweep: Path, published: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With what to do; and a run is not a sweep."""
     job = sweep / "none-seed0"
     assert main(["plan", "study", str(job), "--effect", "0.1"]) == 2
-    assert f"expected at least one; got no finished study; `tacevo study run={job}`" in capsys.readouterr().err
+    assert f"expected at least one finished study; got none; `tacevo study run={job}`" in capsys.readouterr().err
     assert main(["plan", "sweep", str(job), "--effect", "0.1"]) == 2
     assert "expected the directory or bundle of a sweep" in capsys.readouterr().err
+    with refused(RunError, place="run.zip", got="the bundle of a run"), contextlib.ExitStack() as stack:
+        _located_sweep(published / "run.zip", stack)
     assert not PLAN.exists()
 
 

@@ -1,5 +1,6 @@
 """Promise: `tacevo watch` follows a search as far as it goes, answers this machine alone, and writes nothing."""
 
+import argparse
 import http.client
 import json
 import queue
@@ -21,8 +22,8 @@ from sweeps import files_of
 from analysis.runs.begun import load_begun
 from analysis.runs.run import load_run
 from tacevo.cli.app import main
-from tacevo.cli.watch import LivePage, Server, opened_privately
-from tacevo.errors import RunError
+from tacevo.cli.watch import LivePage, Server, _check_may_begin, _watch, opened_privately
+from tacevo.errors import ConfigError, RunError
 
 
 @pytest.fixture
@@ -141,6 +142,18 @@ def test_run_that_is_not_begun_has_an_empty_page(tmp_path: Path) -> None:
     """`watch` may be given before `search`."""
     contents = LivePage(tmp_path / "later").now().contents
     assert (contents.runs, contents.state) == ((), "0 of 1 run finished, 0 at work.")
+
+
+def test_directory_of_something_else_is_refused(place: Path) -> None:
+    """A page of `conf` would wait for ever; a search that has just begun has no run.json, but a lock and a ledger."""
+    Path("conf").mkdir()
+    Path("conf/.lock").touch()
+    Path("conf/ledger.jsonl").touch()
+    _check_may_begin(Path("conf"))
+    _check_may_begin(Path("absent"))
+    Path("conf/config.yaml").touch()
+    with refused(ConfigError, place="conf", expected="a run or a sweep", got="without run.json and sweep.json"):
+        _watch(argparse.Namespace(run="conf", store=None, port=0))
 
 
 def test_sweep_shows_what_is_begun_of_it(swept: Path, tmp_path: Path) -> None:

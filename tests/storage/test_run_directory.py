@@ -81,7 +81,10 @@ def test_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     """The message names the setting that chose it."""
     (tmp_path / "file").write_text("", encoding="utf-8")
     directory = RunDirectory(tmp_path / "file/run")
-    with refused(RunError, place="run.dir=", expected="can be written to", got="Not a directory"), directory.locked():
+    with (
+        refused(RunError, place="run.dir=", expected="can be written to", got="one that cannot (Not a directory)"),
+        directory.locked(),
+    ):
         pass
 
 

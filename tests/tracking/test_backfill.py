@@ -13,6 +13,7 @@ from refusals import refused
 from waiting import eventually
 
 from tacevo.cli.app import main
+from tacevo.cli.common import as_typed
 from tacevo.errors import ConfigError, RunError
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.backfill import find_runs, track
@@ -71,6 +72,7 @@ def test_damaged_run_is_named_and_the_others_are_written(
     assert main(["track", str(runs), "--uri", uri]) == 1
     out, errors = capsys.readouterr()
     assert "2 runs of" in out
+    assert f" in MLflow: {as_typed('mlflow')} ui --backend-store-uri " in out
     edited, lost, sweep = errors.splitlines()
     assert "edited/ledger.jsonl, line 2: expected a line that matches its hash" in edited
     assert "lost: expected the directory of a run" in lost

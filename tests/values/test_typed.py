@@ -55,7 +55,7 @@ def test_values_become_a_record() -> None:
         ('{"inner": [{"count": true, "kind": "regression"}]}', "f, inner.0.count", "an integer", "true"),
         ('{"inner": [{"count": 1, "kind": "x"}]}', "f, inner.0.kind", "'regression' or 'classification'", '"x"'),
         ('{"inner": [{"kind": "regression"}]}', "f, inner.0.count", "a value", "nothing"),
-        ('{"inner": [], "other": 1}', "f, other", "only keys of this version", "another"),
+        ('{"inner": [], "other": 1}', "f, other", "only keys of this version", "other=1"),
         ('{"inner": [], "share": NaN}', "f, share", "finite number", "NaN"),
         ('{"inner": [], "free": {"a": [1, NaN]}}', "f, free", "finite numbers", '{"a": [1, NaN]}'),
         ('{"inner": [], "free": -Infinity}', "f, free", "finite numbers", "-Infinity"),

@@ -74,9 +74,11 @@ def _classes(root: Path) -> dict[str, list[Path]]:
     classes = {name: _images(root / name) for name in _ordered(names)}
     empty = [name for name, paths in classes.items() if not paths]
     check_no_faults(
-        f"some classes in {root} have no images",
+        f"{root}, where directories have no images",
         empty,
         f"add {listed(sorted(SUFFIXES))} files or remove these directories",
+        place="data.root",
+        expected=f"{expected}, and images in each",
     )
     return classes
 

@@ -74,7 +74,7 @@ def test_empty_classes_are_named(tmp_path: Path) -> None:
     """A class without images is a mistake, not a class."""
     source = save_folder(tmp_path, "a/1.png")
     (tmp_path / "b").mkdir()
-    with refused(DataError, got="have no images (1 found): b"):
+    with refused(DataError, place="data.root", expected="images in each", got="have no images (1 found): b"):
         source.catalogue()
 
 
