@@ -15,6 +15,7 @@ from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
+    PAPER_AXES,
     ArchiveKind,
     Axis,
     BoundsRule,
@@ -158,7 +159,7 @@ class ArchiveConfig(Record):
     #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
     reevaluated: Part = 0.25
     #: The axes of the networks' niches.
-    axes: tuple[Axis, ...] = tuple(Axis)
+    axes: tuple[Axis, ...] = PAPER_AXES
 
     def reevaluations(self, candidates: int) -> int:
         """Return how many of a generation's slots train elites again, at most: whole ones."""
