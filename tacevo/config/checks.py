@@ -1,4 +1,4 @@
-"""What settings ask of each other; the range of a single one stands at its field."""
+"""Checks of settings that depend on each other; the range of a single one stands at its field."""
 
 import json
 import math

@@ -1,7 +1,7 @@
 """What a user may write in a config: one dataclass a group, whose annotations are the ranges.
 
-What settings ask of each other stands in `tacevo.config.checks`. The layers below the wiring receive values, never
-these. An enum's member names are what users write. The reasons for the defaults stand in docs/paper.md. Numbers
+Settings that depend on each other are checked in `tacevo.config.checks`. The layers below the wiring receive values,
+never these. An enum's member names are what users write. The reasons for the defaults stand in docs/paper.md. Numbers
 without a unit in their name are counts, fractions or temperatures.
 """
 
