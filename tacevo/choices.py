@@ -87,6 +87,10 @@ class Axis(StrEnum):
     eff_ratio = "eff_ratio"
 
 
+#: The axes of the paper. A recorded run whose configuration names none has these, also if `Axis` grows.
+PAPER_AXES = (Axis.arch_div, Axis.eff_ratio)
+
+
 class BoundsRule(StrEnum):
     """Which range of a descriptor maps to [0, 1]."""
 

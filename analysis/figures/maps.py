@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from analysis.figures.axes import title_unsent_temperatures
 from analysis.figures.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
+from analysis.runs.coverage_map import axis_label
 from analysis.runs.niches import Polygon, cells
 from analysis.runs.run import Run, descriptors_of
-from tacevo.choices import Scale
 
 #: (low, high) of both axes, in their units.
 Extent = tuple[tuple[float, float], tuple[float, float]]
@@ -29,18 +29,18 @@ _OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 
 @house_style()
 def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
-    """Draw the network archive over its descriptors, each niche in the colour of its elite's fitness.
+    """Draw the network archive over its two axes, each niche in the colour of its elite's fitness.
 
     An elite outside fixed bounds stands at their edge, where its niche was looked up, and has a mark of its own.
 
     Args:
-        run: a run whose network archive has niches over both descriptors.
+        run: a run whose network archive has niches over two axes.
         centroids: of the network archive, shape (niches, 2), in [0, 1].
     """
     figure, (axes,) = new_figure("single", HEIGHT)
     fitness = {elite.niche: elite.fitness for elite in run.elites}
     extent, scale = _extent(run), run.config.archive.eff_ratio_scale
-    own = {candidate.id: descriptors_of(candidate, scale) for candidate in run.trained}
+    own = {candidate.id: descriptors_of(candidate, scale, run.config.archive.axes) for candidate in run.trained}
     places = {elite.id: _clipped(own[elite.id], extent) for elite in run.elites}
     moved = {name for name, place in places.items() if place != own[name]}
     filled = _fill(axes, _placed(centroids, extent), fitness, _loss_scale(list(fitness.values())), f"{COLOUR_MAP}_r")
@@ -58,8 +58,8 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
         outside = [places[name] for name in sorted(moved)]
         marks: dict[str, Any] = {"color": BLACK, "markersize": 4.5, "clip_on": False, "zorder": 4, **_OUTLINED}
         axes.plot(*zip(*outside, strict=True), "X", label="outside the bounds", **marks)
-    ratio = "Efficiency Ratio" if scale is Scale.linear else r"$\log_{10}$ Efficiency Ratio"
-    axes.set(xlabel="Architectural Diversity", ylabel=ratio)
+    across, up = (axis_label(axis, scale, r"$\log_{10}$") for axis in run.config.archive.axes)
+    axes.set(xlabel=across, ylabel=up)
     _legend(figure, axes)
     return figure
 
@@ -140,7 +140,7 @@ def _extent(run: Run) -> Extent:
     return first, second
 
 
-def _clipped(point: tuple[float, float], extent: Extent) -> tuple[float, float]:
+def _clipped(point: tuple[float, ...], extent: Extent) -> tuple[float, float]:
     """Move a point into the bounds, as the archive does before it looks up its niche."""
     x, y = (min(max(value, low), high) for value, (low, high) in zip(point, extent, strict=True))
     return x, y

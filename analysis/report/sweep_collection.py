@@ -20,7 +20,7 @@ from analysis.sweeps.sweep_checks import check_sweep
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables
 from analysis.tables.archives_of_arms import common_note, corrected_arms_table, extents_note
-from tacevo.choices import Primary
+from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.text import counted, listed
 
@@ -111,7 +111,7 @@ def measuring(
     """
     for one in sorted(sweep.finished, key=lambda one: one.job.arm != wanted):
         centroids = centroids_of(one.run)
-        if len(centroids) and centroids.shape[1] == 2:
+        if len(centroids) and one.run.config.archive.axes == PAPER_AXES:
             return one, centroids
     raise IncomparableError(
         f"{counted(len(sweep.finished), 'finished job')} without one",

@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from analysis.runs.run import Run, descriptors_of
-from tacevo.choices import Axis, BoundsRule
+from tacevo.choices import Axis, BoundsRule, Scale
 from tacevo.rounding import rounded
 from tacevo.search.archive import Tessellation
 
 #: Points a side of the lattice that looks for niches; 200 x 200 put 400 points into a niche of the default 100.
 LATTICE = 200
 
-#: The names of the descriptors.
-AXES = {Axis.arch_div: "ArchDiv", Axis.eff_ratio: "EffRatio"}
+#: The names of the descriptors, short and in full.
+AXES = {Axis.arch_div: ("ArchDiv", "Architectural Diversity"), Axis.eff_ratio: ("EffRatio", "Efficiency Ratio")}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,9 +56,14 @@ def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
 
 def descriptors(run: Run) -> NDArray[np.float64]:
     """Return the descriptors of the trained candidates as the archive's axes have them, shape (candidates, axes)."""
-    scale = run.config.archive.eff_ratio_scale
-    both = np.array([descriptors_of(candidate, scale) for candidate in run.trained]).reshape(-1, 2)
-    return both[:, [list(Axis).index(axis) for axis in run.config.archive.axes]]
+    scale, axes = run.config.archive.eff_ratio_scale, run.config.archive.axes
+    return np.array([descriptors_of(candidate, scale, axes) for candidate in run.trained]).reshape(-1, len(axes))
+
+
+def axis_label(axis: Axis, scale: Scale, logarithm: str = "log10") -> str:
+    """Return the label of an axis, of which the Efficiency Ratio's can be logarithmic."""
+    name = AXES[axis][1]
+    return f"{logarithm} {name}" if axis is Axis.eff_ratio and scale is Scale.log else name
 
 
 def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[int]:

@@ -102,7 +102,7 @@ def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
         yield Alarm(
             name="clipped descriptors",
             sentence=f"{100 * placed.clipped:.0f} % of the trained candidates lie outside the fixed bounds and were "
-            "moved to their edge; widen archive.arch_div_bounds or archive.eff_ratio_bounds.",
+            f"moved to their edge; widen {' or '.join(f'archive.{axis}_bounds' for axis in run.config.archive.axes)}.",
             figures=(("share", placed.clipped),),
         )
     last = run.generations[-1].generation
@@ -128,20 +128,21 @@ def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
 
 def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alarm]:
     """Look at how the candidates lie along an axis; `values`, shape (candidates,), are normalised."""
+    name = AXES[axis][0]
     low, high = np.quantile(values, _MIDDLE)
     extent, share = float(high - low), fullest_tenth(values, (0.0, 1.0))
     if extent < NARROW:
         yield Alarm(
-            name=f"constant {AXES[axis]}",
+            name=f"constant {name}",
             sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
-            f"{AXES[axis]}, which therefore distinguishes few networks.",
+            f"{name}, which therefore distinguishes few networks.",
             figures=(("extent", extent),),
         )
     if share > CONCENTRATED:
         remedy, figures = _remedy(run, axis)
         yield Alarm(
-            name=f"concentrated {AXES[axis]}",
-            sentence=f"{100 * share:.0f} % of the trained candidates lie in a tenth of the range of {AXES[axis]}, "
+            name=f"concentrated {name}",
+            sentence=f"{100 * share:.0f} % of the trained candidates lie in a tenth of the range of {name}, "
             f"where few niches distinguish them; {remedy}.",
             figures=(("share", share), *figures),
         )

@@ -4,11 +4,11 @@ The ledger's chain and the run's digest are checked first, then both archives ag
 run that is not finished is rejected. Nothing is computed here beyond what the files hold.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ArchiveKind, Scale
+from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
 from tacevo.config.recorded import read_config
 from tacevo.config.schema import RunConfig
@@ -16,7 +16,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Task, to_json
 from tacevo.search.archive import Bounds, best_distinct
-from tacevo.search.descriptors import scaled
+from tacevo.search.descriptors import on_axis
 from tacevo.search.files import (
     EliteEntry,
     Line,
@@ -131,15 +131,16 @@ class Run:
         return tuple(candidates[name] for name in best_distinct(entries, self.baseline.source)[:count])
 
 
-def descriptors_of(candidate: CandidateLine, scale: Scale) -> tuple[float, float]:
-    """Return ArchDiv and EffRatio of a trained candidate, the latter on a scale.
+def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[Axis] = PAPER_AXES) -> tuple[float, ...]:
+    """Return the descriptors of a trained candidate, EffRatio on a scale, shape (axes,).
 
     Raises:
         ValueError: the gate rejected the candidate, so nothing was measured.
     """
-    if candidate.arch_div is None or candidate.eff_ratio is None:
+    values = [getattr(candidate, axis) for axis in axes]
+    if None in values:
         raise ValueError(f"{candidate.id} was not measured")
-    return candidate.arch_div, scaled(candidate.eff_ratio, scale)
+    return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, values, strict=True))
 
 
 def load_run(path: Path) -> Run:

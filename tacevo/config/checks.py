@@ -1,12 +1,14 @@
-"""What settings ask of each other; the range of a single one stands at its field."""
+"""Checks of settings that depend on each other; the range of a single one stands at its field."""
 
 import json
 import math
 from fractions import Fraction
+from itertools import combinations
 from urllib.parse import urlsplit
 
 from tacevo.choices import (
     OPTIONAL_SAMPLING,
+    PAPER_AXES,
     ArchiveKind,
     Axis,
     BoundsRule,
@@ -141,15 +143,18 @@ def _check_sampling(llm: LLMConfig) -> None:
 
 
 def _check_archive(archive: ArchiveConfig) -> None:
-    known = archive.axes in (tuple(Axis), *((axis,) for axis in Axis))
-    _check_that(known, "archive.axes", "[arch_div,eff_ratio], [arch_div] or [eff_ratio]", archive.axes)
-    whole = archive.kind is not ArchiveKind.best or len(archive.axes) == len(Axis)
-    _check_that(whole, "archive.axes", "[arch_div,eff_ratio] with archive.kind=best, which has no axes", archive.axes)
+    known = [axes for count in (2, 1) for axes in combinations(Axis, count)]
+    *words, last = (f"[{','.join(axes)}]" for axes in known)
+    _check_that(archive.axes in known, "archive.axes", f"{', '.join(words)} or {last}", archive.axes)
+    whole = archive.kind is not ArchiveKind.best or archive.axes == PAPER_AXES
+    expected = f"[{','.join(PAPER_AXES)}] with archive.kind=best, which has no axes"
+    _check_that(whole, "archive.axes", expected, archive.axes)
     for key in ("niches", "prompt_niches"):
         value = getattr(archive, key)
         _check_that(value <= archive.samples, f"archive.{key}", f"at most archive.samples={archive.samples}", value)
     logarithmic = archive.bounds is BoundsRule.fixed and archive.eff_ratio_scale is Scale.log
-    for key, least in (("arch_div_bounds", -math.inf), ("eff_ratio_bounds", 0 if logarithmic else -math.inf)):
+    for axis in Axis:
+        key, least = f"{axis}_bounds", 0 if logarithmic and axis is Axis.eff_ratio else -math.inf
         pair = getattr(archive, key)
         _check_that(len(pair) == 2 and pair[0] < pair[1], f"archive.{key}", "[low, high] with low < high", pair)
         _check_that(pair[0] > least, f"archive.{key}", "low > 0 with archive.eff_ratio_scale=log", pair)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
-from tacevo.choices import ArchiveKind, Axis, PromptPolicy
+from tacevo.choices import PAPER_AXES, ArchiveKind, PromptPolicy
 from tacevo.config.checks import check_together
 from tacevo.config.compose import compose, compose_study
 from tacevo.config.folder import conf_root
@@ -94,7 +94,7 @@ def _run_of(chosen: RunConfig, networks: int) -> RunConfig:
     config = replace(
         chosen,
         search=SearchConfig(generations=0, candidates=1, initial=networks),
-        archive=replace(chosen.archive, kind=ArchiveKind.best, kept=networks + 1, axes=tuple(Axis)),
+        archive=replace(chosen.archive, kind=ArchiveKind.best, kept=networks + 1, axes=PAPER_AXES),
         prompts=replace(chosen.prompts, policy=PromptPolicy.none, pool=None),
     )
     check_together(config)

@@ -1,7 +1,7 @@
 """What a user may write in a config: one dataclass a group, whose annotations are the ranges.
 
-What settings ask of each other stands in `tacevo.config.checks`. The layers below the wiring receive values, never
-these. An enum's member names are what users write. The reasons for the defaults stand in docs/paper.md. Numbers
+Settings that depend on each other are checked in `tacevo.config.checks`. The layers below the wiring receive values,
+never these. An enum's member names are what users write. The reasons for the defaults stand in docs/paper.md. Numbers
 without a unit in their name are counts, fractions or temperatures.
 """
 
@@ -15,6 +15,7 @@ from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError
 
 from tacevo.choices import (
+    PAPER_AXES,
     ArchiveKind,
     Axis,
     BoundsRule,
@@ -158,7 +159,7 @@ class ArchiveConfig(Record):
     #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
     reevaluated: Part = 0.25
     #: The axes of the networks' niches.
-    axes: tuple[Axis, ...] = tuple(Axis)
+    axes: tuple[Axis, ...] = PAPER_AXES
 
     def reevaluations(self, candidates: int) -> int:
         """Return how many of a generation's slots train elites again, at most: whole ones."""

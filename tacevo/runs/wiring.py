@@ -8,7 +8,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn, Self
 
-from tacevo.choices import ArchiveKind, Axis, BoundsRule, DataSource, Device, ExecutorKind
+from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, ExecutorKind
 from tacevo.cluster.address import check_head
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import import_ray
@@ -26,7 +26,7 @@ from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
 from tacevo.search.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
-from tacevo.search.descriptors import scaled
+from tacevo.search.descriptors import on_axis
 from tacevo.search.development import LLM, Tools
 from tacevo.search.proposals import Settings
 from tacevo.search.state import Budget, Plan
@@ -101,11 +101,8 @@ def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
     if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
         return None
     scale = archive.eff_ratio_scale
-    ranges = {
-        Axis.arch_div: archive.arch_div_bounds,
-        Axis.eff_ratio: [scaled(value, scale) for value in archive.eff_ratio_bounds],
-    }
-    low, high = zip(*(ranges[axis] for axis in archive.axes), strict=True)
+    ranges = [[on_axis(axis, end, scale) for end in getattr(archive, f"{axis}_bounds")] for axis in archive.axes]
+    low, high = zip(*ranges, strict=True)
     return Bounds(low=low, high=high)
 
 

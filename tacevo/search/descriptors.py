@@ -33,8 +33,7 @@ class Descriptor:
 
     def point(self, axes: Sequence[Axis], eff_ratio: Scale) -> tuple[float, ...]:
         """Return the coordinates on the axes of the network archive, before normalisation; see `scaled`."""
-        values = {Axis.arch_div: self.arch_div, Axis.eff_ratio: scaled(self.eff_ratio, eff_ratio)}
-        return tuple(values[axis] for axis in axes)
+        return tuple(on_axis(axis, getattr(self, axis), eff_ratio) for axis in axes)
 
 
 def describe(profile: Profile) -> Descriptor:
@@ -106,6 +105,11 @@ def depth(graph: Graph) -> int:
 def width(graph: Graph) -> int:
     """Find the output channels or features of the widest weighted node; at least 1."""
     return max([1, *(node.width for node in graph.nodes if node.weighted)])
+
+
+def on_axis(axis: Axis, value: float, eff_ratio: Scale) -> float:
+    """Return a descriptor as its axis of the archive has it: the scale is that of the Efficiency Ratio only."""
+    return scaled(value, eff_ratio) if axis is Axis.eff_ratio else value
 
 
 def scaled(eff_ratio: float, scale: Scale) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.choices import Axis, Scale, TemperatureRule
+from tacevo.choices import PAPER_AXES, Axis, Scale, TemperatureRule
 from tacevo.records import Task
 from tacevo.search.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.search.development import Outcome
@@ -57,7 +57,7 @@ class Plan:
     #: How many slots of a generation train elites again instead of asking for networks, at most.
     reevaluations: int = 0
     #: The axes of the network archive.
-    axes: tuple[Axis, ...] = tuple(Axis)
+    axes: tuple[Axis, ...] = PAPER_AXES
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.
     names_dropped: bool = True
 

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
+from tacevo.choices import Axis
 from tacevo.costs import Spending, total
 from tacevo.records import Instruction, Json, Operator
 from tacevo.search.lines import CandidateLine, GenerationLine
@@ -32,8 +33,7 @@ _GENERATION_METRICS = (
 
 _CANDIDATE_METRICS = (
     "fitness",
-    "arch_div",
-    "eff_ratio",
+    *Axis,
     "entropy",
     "density",
     "variation",

@@ -25,7 +25,7 @@ from analysis.report.page.contents import (
 from analysis.report.page.sources import kept_lines, marked
 from analysis.rounding import shown
 from analysis.runs.archive_history import archive_history, archive_medians
-from analysis.runs.coverage_map import descriptors
+from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import Productivity, by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
@@ -35,7 +35,7 @@ from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
 from analysis.tables.dynamics import by_seeds, reestimated
 from analysis.tables.rendering import numeric_columns
-from tacevo.choices import Axis, PromptPolicy, Scale
+from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
 from tacevo.records import Kind
 from tacevo.search.files import eras_in_words
@@ -95,7 +95,7 @@ def run_contents(given: RunMaterial) -> RunContents:
         name=run.name,
         headlines=_headlines(found),
         remarks=(*given.remarks, *missing),
-        axes=tuple(_axis_name(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
+        axes=tuple(axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
         cells=_cells(found.niches.networks),
         places=run.places,
         instructions=tuple((instruction.id, instruction.text) for instruction in task.instructions),
@@ -163,12 +163,6 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
         f"{model}. Data source: {config.data.source}, {images}.",
         f"Digest: {run.digest}. Numerics: {config.numerics.kind}. Rules: {eras_in_words(run.eras)}.",
     )
-
-
-def _axis_name(axis: Axis, scale: Scale) -> str:
-    if axis is Axis.arch_div:
-        return "Architectural Diversity"
-    return "Efficiency Ratio" if scale is Scale.linear else "log10 Efficiency Ratio"
 
 
 def _cells(centroids: NDArray[np.float64]) -> tuple[Corners, ...]:
