@@ -19,7 +19,7 @@ AXES = {Axis.arch_div: ("ArchDiv", "Architectural Diversity"), Axis.eff_ratio: (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Occupation:
+class CoverageMap:
     """What was found about a run's trained candidates, in the order of the run."""
 
     #: Normalised descriptors, shape (candidates, axes), in [0, 1].
@@ -32,7 +32,7 @@ class Occupation:
     moved: tuple[int, ...]
 
 
-def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
+def coverage_map(run: Run, centroids: NDArray[np.float64]) -> CoverageMap:
     """Place the trained candidates of a run.
 
     The centroids are those of its network archive, shape (niches, axes), in [0, 1].
@@ -46,7 +46,7 @@ def occupation(run: Run, centroids: NDArray[np.float64]) -> Occupation:
     points = np.array([run.bounds.normalise(tuple(point)) for point in raw.tolist()])
     outside = ((raw < np.array(run.bounds.low)) | (raw > np.array(run.bounds.high))).any(axis=1)
     tessellation = Tessellation(centroids)
-    return Occupation(
+    return CoverageMap(
         points=points,
         niches=np.array([tessellation.niche_of(point) for point in points.tolist()], dtype=np.int64),
         clipped=float(outside.mean()),
@@ -66,7 +66,7 @@ def axis_label(axis: Axis, scale: Scale, logarithm: str = "log10") -> str:
     return f"{logarithm} {name}" if axis is Axis.eff_ratio and scale is Scale.log else name
 
 
-def reachable(found: Occupation, centroids: NDArray[np.float64]) -> frozenset[int]:
+def reachable(found: CoverageMap, centroids: NDArray[np.float64]) -> frozenset[int]:
     """Find the niches that networks between those of the run would fall into.
 
     A niche counts as reachable if a candidate fell into it, or if a point of a fine lattice does that lies in the
@@ -97,7 +97,7 @@ def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> flo
     return rounded(np.histogram(values, bins=10, range=span)[0].max() / len(values))
 
 
-def effective_niches(found: Occupation) -> float:
+def effective_niches(found: CoverageMap) -> float:
     """Return the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
     counts = np.unique(found.niches, return_counts=True)[1]
     shares = counts / counts.sum()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.runs.coverage_map import AXES, Occupation, effective_niches, fullest_tenth, occupation, reachable
+from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effective_niches, fullest_tenth, reachable
 from analysis.runs.dynamics import by_prompt, copies, progress, repeats
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
@@ -72,13 +72,13 @@ def alarms(run: Run, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
     """
     found: list[Alarm] = []
     if run.bounds is not None:
-        placed = occupation(run, centroids)
+        placed = coverage_map(run, centroids)
         found += _of_niches(placed, centroids)
         found += _of_descriptors(run, placed)
     return (*found, *_of_candidates(run), *_of_prompts(run), *_of_temperature(run))
 
 
-def _of_niches(placed: Occupation, centroids: NDArray[np.float64]) -> Iterator[Alarm]:
+def _of_niches(placed: CoverageMap, centroids: NDArray[np.float64]) -> Iterator[Alarm]:
     reached, total = len(reachable(placed, centroids)), len(centroids)
     if reached / total < REACHABLE:
         yield Alarm(
@@ -97,7 +97,7 @@ def _of_niches(placed: Occupation, centroids: NDArray[np.float64]) -> Iterator[A
         )
 
 
-def _of_descriptors(run: Run, placed: Occupation) -> Iterator[Alarm]:
+def _of_descriptors(run: Run, placed: CoverageMap) -> Iterator[Alarm]:
     if placed.clipped > CLIPPED:
         yield Alarm(
             name="clipped descriptors",

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.rounding import shown
-from analysis.runs.coverage_map import effective_niches, occupation, reachable
+from analysis.runs.coverage_map import coverage_map, effective_niches, reachable
 from analysis.runs.dynamics import progress
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
@@ -38,7 +38,7 @@ def niches_table(run: Run, niches: Niches) -> Table:
     rows: list[tuple[Cell, ...]] = []
     notes: list[str] = []
     if run.bounds is not None:
-        placed = occupation(run, niches.networks)
+        placed = coverage_map(run, niches.networks)
         filled = _filled(len(run.elites), len(reachable(placed, niches.networks)), run.places)
         rows.append(("networks", *filled, effective_niches(placed), sum(entry.lost for entry in progress(run))))
         notes += [

@@ -34,6 +34,9 @@ NEEDED = {
     ("experiment", "paper_grating"): ["llm=grammar"],
 }
 
+#: The tasks that are shipped, and how many instructions each has.
+MUTATIONS = {"force": 20, "grating": 17, "hardness": 20}
+
 #: What each arm changes of an experiment that a language model answers.
 ARMS = {
     "none": set[str](),
@@ -246,14 +249,14 @@ def test_number_in_quotes_is_text() -> None:
     assert compose(["llm=openai", "llm.model='5'"]).llm.model == "5"
 
 
-@pytest.mark.parametrize(("name", "mutations"), [("force", 20), ("grating", 17), ("hardness", 20)])
-def test_task_is_read_whole(name: str, mutations: int) -> None:
+@pytest.mark.parametrize("name", groups()["task"])
+def test_every_task_is_read_whole(name: str) -> None:
     """Each task has its baseline, a filled-in system prompt and as many instructions as the paper lists."""
     config = composed(f"task={name}")
     task = load_task(config, facts_of(config))
     assert f"class {config.task.class_name}" in task.baseline
     assert "$" not in task.system
-    assert len(task.instructions) == mutations
+    assert len(task.instructions) == MUTATIONS[name]
     assert (task.contract.image_size, task.contract.outputs) == (64, config.task.outputs)
 
 

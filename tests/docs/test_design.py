@@ -24,6 +24,23 @@ def test_picture_of_the_house_is_the_contract(package: str, top: str) -> None:
     assert drawn(top) == contract["layers"]
 
 
+def lines_of(where: str) -> int:
+    """Count the lines of the files, and of the directories' modules, that a cell of the table of costs names."""
+    patterns = [f"{name}**/*.py" if name.endswith("/") else name for name in re.findall("`(.+?)`", where)]
+    files = [file for base in (ROOT / "tacevo", ROOT) for pattern in patterns for file in base.glob(pattern)]
+    return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
+
+
+def test_promises_cost_what_the_page_says() -> None:
+    """Each row of the table of costs is within 5 % of the lines that its files have."""
+    text = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| .+? \| (.+?) \| ([\d,]+) \|$", text, re.MULTILINE)
+    counted = {where: lines_of(where.partition(" without ")[0]) for where, _ in rows}
+    counted |= {where: lines - lines_of(where.partition(" without ")[2]) for where, lines in counted.items()}
+    assert rows
+    assert counted == pytest.approx({where: int(lines.replace(",", "")) for where, lines in rows}, rel=0.05)
+
+
 @pytest.mark.parametrize(("module", "most"), [("tacevo.search.algorithm", 15), ("tacevo.sweeps.check", 30)])
 def test_module_is_read_with_few_others(module: str, most: int) -> None:
     """What it imports, and what that imports, imports for types included, stays as small as it is."""

@@ -12,7 +12,7 @@ from smallest import SMALLEST, UNTRACKED
 
 from analysis.figures.progress import growth
 from analysis.report.figure_list import run_pictures, undrawn
-from analysis.runs.coverage_map import occupation, reachable
+from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.dynamics import progress
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches, load_niches
@@ -111,7 +111,7 @@ def test_alarms_of_niches_need_niches() -> None:
 
 def test_reachable_niches_of_one_axis_lie_between_the_ends() -> None:
     """Candidates at 0.25 and 0.65 reach the tenths from the third to the seventh."""
-    placed = occupation(one_axis(0.25, 0.65), TENTHS)
+    placed = coverage_map(one_axis(0.25, 0.65), TENTHS)
     assert placed.points.tolist() == [[0.25], [0.65]]
     assert reachable(placed, TENTHS) == frozenset(range(2, 7))
 

@@ -7,7 +7,7 @@ import pytest
 from hand_runs import closed, configured, elite, prompt_trial, rejected, run, trained
 from numpy.typing import NDArray
 
-from analysis.runs.coverage_map import occupation, reachable
+from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
 from analysis.runs.run import Run
@@ -62,16 +62,16 @@ def test_outlier_leaves_few_niches_reachable() -> None:
 
 def test_niches_between_networks_are_reachable() -> None:
     """The corners are taken by four networks, and all that lies between them is within reach."""
-    placed = occupation(run(spread(*CORNERS), [closed(0)]), HUNDRED)
+    placed = coverage_map(run(spread(*CORNERS), [closed(0)]), HUNDRED)
     assert reachable(placed, HUNDRED) == frozenset(range(100))
-    triangle = occupation(run(spread(*CORNERS[:3]), [closed(0)]), HUNDRED)
+    triangle = coverage_map(run(spread(*CORNERS[:3]), [closed(0)]), HUNDRED)
     assert 50 <= len(reachable(triangle, HUNDRED)) <= 60
 
 
 @pytest.mark.parametrize("points", [CORNERS[:1], CORNERS[:2], ((0.0, 0.0), (0.5, 0.5), (1.0, 1.0)), CORNERS[:1] * 4])
 def test_nothing_lies_between_networks_on_a_line(points: tuple[tuple[float, float], ...]) -> None:
     """Their own niches are all they reach."""
-    placed = occupation(run(spread(*points), [closed(0)]), HUNDRED)
+    placed = coverage_map(run(spread(*points), [closed(0)]), HUNDRED)
     assert reachable(placed, HUNDRED) == frozenset(placed.niches.tolist())
 
 
@@ -99,7 +99,7 @@ def test_logarithmic_axis_is_compared_as_the_archive_has_it() -> None:
     points = [(0.0, 1.0), (0.0, 100.0), (1.0, 1.0), (1.0, 100.0)]
     fixed = {"bounds": "fixed", "eff_ratio_scale": "log"}
     hand = run(spread(*points), [closed(0)], archive=fixed, bounds=((0.0, 1.0), (0.0, 2.0)))
-    assert occupation(hand, QUARTERS).points.tolist() == [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
+    assert coverage_map(hand, QUARTERS).points.tolist() == [[0.0, 0.0], [0.0, 1.0], [1.0, 0.0], [1.0, 1.0]]
     assert rung(hand) == []
 
 
@@ -110,7 +110,7 @@ def test_bounds_that_move_late_are_told(generation: int, rings: bool) -> None:
     lines = [closed(number) for number in range(5)]
     hand = run([*spread(*CORNERS), mover], lines, bounds=((0.0, 2.0), (0.0, 1.0)), instructions=["refine"])
     assert ("late bounds" in rung(hand)) is rings
-    assert occupation(hand, QUARTERS).moved[-1] == generation
+    assert coverage_map(hand, QUARTERS).moved[-1] == generation
 
 
 def test_late_bounds_say_how_many_niches_they_emptied() -> None:
@@ -126,7 +126,7 @@ def test_late_bounds_say_how_many_niches_they_emptied() -> None:
 def test_fixed_bounds_never_move() -> None:
     """A candidate outside is clipped, and the archive stands."""
     hand = run(spread(*CORNERS, (5.0, 5.0)), [closed(0)], archive={"bounds": "fixed"})
-    assert occupation(hand, QUARTERS).moved == ()
+    assert coverage_map(hand, QUARTERS).moved == ()
 
 
 @pytest.mark.parametrize(("axis", "name"), [(0, "constant ArchDiv"), (1, "constant EffRatio")])
@@ -244,7 +244,7 @@ def test_run_that_trained_nothing_has_no_niches_to_look_at() -> None:
     hand = run([rejected(0, 1)], [closed(0, None, trained=0)], bounds=None)
     assert rung(hand) == ["strict gate: probe"]
     with pytest.raises(ValueError, match="has no bounds, because nothing was trained"):
-        occupation(hand, QUARTERS)
+        coverage_map(hand, QUARTERS)
 
 
 #: Four niches over two instructions, below and above a temperature of 0.5.
