@@ -24,7 +24,7 @@ from tacevo.records import Completion, Mode, Request, Training, to_json
 from tacevo.runs.wiring import build_plan
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import Tessellation
-from tacevo.search.development import Outcome, Tools
+from tacevo.search.development import Effects, Outcome
 from tacevo.search.files import line_kind
 from tacevo.search.lines import SearchLine
 from tacevo.search.state import Plan, SearchState
@@ -47,7 +47,7 @@ def linear(*, marks: Sequence[int] = (1_000, 20_000), niches: Sequence[int] = (1
             for what in ("recorded", "replayed"):
                 watch = _Watch(marks)
                 with Ledger.open(path, line_kind) as ledger:
-                    run_search(plan, _tools(), ledger, watch)
+                    run_search(plan, _effects(), ledger, watch)
                 for mark in marks[1:]:
                     yield Figure(
                         title=f"a candidate {what}, {count:,} niches",
@@ -93,9 +93,9 @@ def _plan(folder: Path, niches: int, candidates: int) -> Plan:
     return replace(plan, networks=Tessellation(centroids), generations=candidates // 50 - 1)
 
 
-def _tools() -> Tools:
+def _effects() -> Effects:
     """Return effects that are pure functions of what comes in."""
-    return Tools(
+    return Effects(
         llm=_Mark(),
         admit=lambda completion: _admitted(completion.text),
         inspect=_admitted,

@@ -70,7 +70,7 @@ def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
     ledger.commit(run_header(config, task, facts, plan, run.eras[0].rules))
     verifier = _Verifier(run.directory, plan, view)
     with Workbench(config, task, facts, Mode.replay, seen=seen) as bench:
-        state = run_eras(plan, run.eras, bench.tools, ledger, verifier)
+        state = run_eras(plan, run.eras, bench.effects, ledger, verifier)
     if ledger.committed != ledger.recorded:
         raise DivergenceError(
             f"{ledger.recorded} lines", place=str(run.directory.ledger), expected=f"{ledger.committed} lines"

@@ -9,7 +9,7 @@ from tacevo.records import DataFacts, Task
 from tacevo.rules import Rules
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import TopK, coverage, qd_score
-from tacevo.search.development import Tools
+from tacevo.search.development import Effects
 from tacevo.search.files import EliteEntry, NetworkArchiveFile, PromptFile, RulesLine, RunLine, TrialEntry
 from tacevo.search.state import Observer, Plan, SearchState
 from tacevo.storage.canonical import content_hash
@@ -32,14 +32,14 @@ def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan, rule
 def run_eras(
     plan: Plan,
     eras: Sequence[RulesLine],
-    tools: Callable[[Rules], Tools],
+    effects: Callable[[Rules], Effects],
     ledger: Ledger,
     observer: Observer,
 ) -> SearchState:
     """Run a search whose generations follow several rules, one after the other; each change has a ledger line.
 
-    The eras begin with generation 0; there is one, unless the run was continued under other rules. `tools` returns the
-    effects under the rules of an era.
+    The eras begin with generation 0; there is one, unless the run was continued under other rules. `effects` returns
+    those under the rules of an era.
 
     Raises:
         TacevoError: as `run_search`.
@@ -47,7 +47,7 @@ def run_eras(
 
     def run(era: RulesLine, end: int, since: SearchState | None) -> SearchState:
         part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
-        return run_search(part, tools(era.rules), ledger, observer, since=since)
+        return run_search(part, effects(era.rules), ledger, observer, since=since)
 
     first, *later = eras
     end, *ends = [*(era.generation - 1 for era in later), plan.generations]

@@ -123,7 +123,7 @@ def record(
                 zygote=zygote,
                 llm=llm,
             ) as bench:
-                state = run_eras(plan, eras, bench.tools, ledger, observer)
+                state = run_eras(plan, eras, bench.effects, ledger, observer)
             _check_length(ledger, directory)
             found = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)

@@ -27,7 +27,7 @@ from tacevo.sandbox.client import Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
 from tacevo.search.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.search.descriptors import on_axis
-from tacevo.search.development import LLM, Tools
+from tacevo.search.development import LLM, Effects
 from tacevo.search.proposals import Settings
 from tacevo.search.state import Budget, Plan
 from tacevo.storage.arrays import KIND, ArrayStore
@@ -198,12 +198,12 @@ class Workbench:
         """End the candidates first, and then the threads that wait for them."""
         self._stack.close()
 
-    def tools(self, rules: Rules) -> Tools:
+    def effects(self, rules: Rules) -> Effects:
         """Return the effects of a search."""
         gate, evaluator = self.gate(rules), self.evaluator(rules)
         seed, mode = self.config.seed, self._mode_under(rules)
         llm = self.llm if mode is self.mode else None
-        return Tools(
+        return Effects(
             llm=llm or build_llm(self.config, mode, seen=self.seen),
             admit=gate.admit,
             inspect=gate.inspect,

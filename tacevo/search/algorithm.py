@@ -7,7 +7,7 @@
     close      9        best fitness, next temperature
 
 Work finishes in any order and is committed in slot order, so one worker and sixteen give the same bytes. What
-is expensive comes in through `Tools` and is answered from stores where it was answered before; so replaying,
+is expensive comes in through `Effects` and is answered from stores where it was answered before; so replaying,
 resuming and extending a run are this same loop.
 """
 
@@ -23,7 +23,7 @@ from tacevo.profile import Admitted
 from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.search.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
 from tacevo.search.descriptors import describe
-from tacevo.search.development import Job, Outcome, Tools, develop
+from tacevo.search.development import Effects, Job, Outcome, develop
 from tacevo.search.lines import (
     CandidateLine,
     GenerationLine,
@@ -48,7 +48,7 @@ from tacevo.storage.canonical import content_hash
 
 
 def run_search(
-    plan: Plan, tools: Tools, ledger: Ledger, observer: Observer, *, since: SearchState | None = None
+    plan: Plan, effects: Effects, ledger: Ledger, observer: Observer, *, since: SearchState | None = None
 ) -> SearchState:
     """Run a search from its beginning, or from a later state, to generation G, or to the one that spends its budget.
 
@@ -58,15 +58,15 @@ def run_search(
     """
     state = since or SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
     while not state.is_past(plan):
-        state = step(state, plan, tools, ledger, observer)
+        state = step(state, plan, effects, ledger, observer)
     return state
 
 
-def step(state: SearchState, plan: Plan, tools: Tools, ledger: Ledger, observer: Observer) -> SearchState:
+def step(state: SearchState, plan: Plan, effects: Effects, ledger: Ledger, observer: Observer) -> SearchState:
     """Run one generation: propose, develop, commit, close."""
     before = state
     lines: list[CandidateLine | ReevaluationLine] = []
-    for outcome in develop(propose(state, plan), tools, repairs=plan.repairs, seeds=plan.seeds):
+    for outcome in develop(propose(state, plan), effects, repairs=plan.repairs, seeds=plan.seeds):
         check_given(outcome, plan.task)
         observer.developed(outcome)
         state, line = fold(state, plan, outcome)

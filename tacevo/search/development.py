@@ -38,7 +38,7 @@ class LLM(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tools:
+class Effects:
     """The effects of a search; each answers from a store what it answered before."""
 
     llm: LLM
@@ -91,7 +91,7 @@ class Outcome:
         return (*(attempt.completion for attempt in self.attempts), *last)
 
 
-def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int, seeds: int) -> Iterator[Outcome]:
+def develop(proposals: Sequence[Job], effects: Effects, *, repairs: int, seeds: int) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted
@@ -104,12 +104,12 @@ def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int, seeds: int)
         LLMError: a request failed after all retries.
         SandboxError: the sandbox is broken.
     """
-    trainings = _Trainings(tools, range(seeds))
+    trainings = _Trainings(effects, range(seeds))
     judged: dict[int, Future[_Judged]] = {}
     asked: dict[int, _Asked] = {}
     for index, proposal in enumerate(proposals):
         if proposal.request is None:
-            judged[index] = tools.executor.submit(_judge, proposal, None, tools, trainings, None)
+            judged[index] = effects.executor.submit(_judge, proposal, None, effects, trainings, None)
         else:
             asked[index] = _Asked(request=proposal.request)
     for round_ in range(1 + repairs):
@@ -117,10 +117,12 @@ def develop(proposals: Sequence[Job], tools: Tools, *, repairs: int, seeds: int)
             asked = _sent_back(asked, judged)
         if not asked:
             break
-        for index, completion in _answers(asked, proposals, tools.llm):
-            judged[index] = tools.executor.submit(_judge, proposals[index], completion, tools, trainings, asked[index])
+        for index, completion in _answers(asked, proposals, effects.llm):
+            judged[index] = effects.executor.submit(
+                _judge, proposals[index], completion, effects, trainings, asked[index]
+            )
     for index, proposal in enumerate(proposals):
-        yield _outcome(proposal, judged[index].result(), tools.evaluation_key)
+        yield _outcome(proposal, judged[index].result(), effects.evaluation_key)
 
 
 def _answers(asked: Mapping[int, "_Asked"], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
@@ -164,8 +166,8 @@ _Trained = tuple[Training | Rejection, float]
 class _Trainings:
     """The trainings of a generation: each source and seed once; of those that wait, the one with most FLOPs first."""
 
-    def __init__(self, tools: Tools, seeds: Sequence[int]) -> None:
-        self._tools = tools
+    def __init__(self, effects: Effects, seeds: Sequence[int]) -> None:
+        self._effects = effects
         self._first = seeds
         self._lock = threading.Lock()
         self._known: dict[tuple[str, int], Future[_Trained]] = {}
@@ -185,7 +187,7 @@ class _Trainings:
                 return self._known[job]
             answer = self._known[job] = Future()
             heapq.heappush(self._waiting, (-admitted.profile.flops, len(self._known), job))
-        self._tools.executor.submit(self._train_longest)
+        self._effects.executor.submit(self._train_longest)
         return answer
 
     def _train_longest(self) -> None:
@@ -193,7 +195,7 @@ class _Trainings:
             *_, job = heapq.heappop(self._waiting)
         began = time.perf_counter()
         try:
-            result = self._tools.evaluate(*job)
+            result = self._effects.evaluate(*job)
         except BaseException as error:  # who waits for the answer must raise it
             self._known[job].set_exception(error)
         else:
@@ -227,14 +229,14 @@ class _Judged:
 def _judge(
     proposal: Job,
     completion: Completion | None,
-    tools: Tools,
+    effects: Effects,
     trainings: _Trainings,
     asked: _Asked | None,
 ) -> _Judged:
     """Take an answer, or a given source, through the gate and, where it passes, have it trained."""
     began = time.perf_counter()
     try:
-        gated = _gate(proposal, completion, tools)
+        gated = _gate(proposal, completion, effects)
     except CacheMissError as error:
         _name_slot(error, proposal)
         raise
@@ -247,17 +249,17 @@ def _judge(
     )
 
 
-def _gate(proposal: Job, completion: Completion | None, tools: Tools) -> Admitted | Rejection:
+def _gate(proposal: Job, completion: Completion | None, effects: Effects) -> Admitted | Rejection:
     """Judge an answer, the baseline, or a source that was admitted once.
 
     The policy is not asked about that source again: a model may have written it for another version of Python, and a
     replay on this one must not parse it.
     """
     if completion is not None:
-        return tools.admit(completion)
+        return effects.admit(completion)
     if isinstance(proposal, Proposal) and proposal.operator is Operator.baseline:
-        return tools.inspect(proposal.source)
-    return tools.measure(proposal.source)
+        return effects.inspect(proposal.source)
+    return effects.measure(proposal.source)
 
 
 def _done(answer: _Trained) -> Future[_Trained]:

@@ -71,7 +71,7 @@ def planned(config: RunConfig, folder: Path) -> Plan:
 def searched(name: str, folder: Path) -> tuple[list[dict[str, Any]], fakes.Recorder]:
     """Search with an arm's settings; return the candidates' lines and all that an observer saw."""
     recorder = fakes.Recorder()
-    run_search(planned(arm(name), folder), fakes.tools(), Ledger(), recorder)
+    run_search(planned(arm(name), folder), fakes.effects(), Ledger(), recorder)
     return [written(line) for line in recorder.lines if isinstance(line, CandidateLine)], recorder
 
 

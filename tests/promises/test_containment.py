@@ -214,15 +214,15 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
     recorder = fakes.Recorder()
     plan = replace(fakes.plan(generations=2), task=replace(fakes.TASK, baseline=GOOD[0]))
     with ThreadPoolExecutor(3) as executor:
-        tools = replace(
-            fakes.tools(executor=executor),
+        effects = replace(
+            fakes.effects(executor=executor),
             llm=MixedLLM(),
             admit=lambda completion: admit(completion.text),
             inspect=admit,
             measure=admit,
             evaluate=lambda source, seed: trainer.train(source, seconds=2),
         )
-        run_search(plan, tools, Ledger(), recorder)
+        run_search(plan, effects, Ledger(), recorder)
     found = [(outcome.admitted.source, outcome.result) for outcome in recorder.outcomes if outcome.admitted]
     assert {source for source, _ in found} >= set(GOOD)
     assert {source for source, _ in found} & set(BAD)

@@ -26,5 +26,5 @@ PLAN = fakes.plan(generations=2)
 def test_slots_are_counted(plan: Plan, told: str) -> None:
     """A budget may end a search before all that were planned."""
     out = io.StringIO()
-    run_search(plan, fakes.tools(), Ledger(), Watcher(plan, Progress(Console(file=out))))
+    run_search(plan, fakes.effects(), Ledger(), Watcher(plan, Progress(Console(file=out))))
     assert told in out.getvalue().splitlines()[-1]

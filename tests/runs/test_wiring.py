@@ -151,13 +151,13 @@ def test_model_is_not_built_in_a_replay_nor_twice_in_a_search(tmp_path: Path, mo
     facts = facts_without_data(config)
     task = load_task(config, facts)
     with Workbench(config, task, facts, Mode.replay) as bench:
-        assert isinstance(bench.tools(CURRENT).llm, RecordingLLM)
+        assert isinstance(bench.effects(CURRENT).llm, RecordingLLM)
     with pytest.raises(ConfigError), Workbench(config, task, facts, Mode.record) as bench:
-        bench.tools(CURRENT)
+        bench.effects(CURRENT)
     given = RecordingLLM(None, Store(tmp_path, "completions"))
     with Workbench(config, task, facts, Mode.record, llm=given) as bench:
-        assert bench.tools(CURRENT).llm is given
-        assert bench.tools(replace(CURRENT, static=0)).llm is not given  # under other rules, stores answer all
+        assert bench.effects(CURRENT).llm is given
+        assert bench.effects(replace(CURRENT, static=0)).llm is not given  # under other rules, stores answer all
 
 
 def test_nothing_runs_a_candidate_in_a_replay(tmp_path: Path) -> None:
@@ -178,7 +178,7 @@ def test_grammar_has_one_model(tmp_path: Path) -> None:
         refused(ConfigError, place="llm.model", got="'claude'", expected="grammar-1 for llm=grammar"),
         Workbench(config, load_task(config, facts), facts, Mode.record) as bench,
     ):
-        bench.tools(CURRENT)
+        bench.effects(CURRENT)
 
 
 @pytest.mark.parametrize("other", ["llm.thinking_tokens=null", "llm.max_tokens=2048", "llm.model=another"])

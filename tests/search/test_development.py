@@ -11,7 +11,7 @@ import pytest
 from tacevo.errors import LLMError, SandboxError, TransportError
 from tacevo.profile import Admitted, Graph, Profile
 from tacevo.records import Completion, Message, Operator, Reason, Rejection, Request, Stage, Training
-from tacevo.search.development import LLM, Outcome, Tools, develop
+from tacevo.search.development import LLM, Effects, Outcome, develop
 from tacevo.search.proposals import Proposal
 
 PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=()))
@@ -71,7 +71,7 @@ def run(
 ) -> list[Outcome]:
     """Develop proposals."""
     with ThreadPoolExecutor(workers) as executor:
-        tools = Tools(
+        effects = Effects(
             llm=llm or FakeLLM(),
             admit=lambda completion: inspect(completion.text),
             inspect=inspect,
@@ -80,7 +80,7 @@ def run(
             evaluation_key=lambda source, seed: source,
             executor=executor,
         )
-        return list(develop(planned, tools, repairs=repairs, seeds=1))
+        return list(develop(planned, effects, repairs=repairs, seeds=1))
 
 
 def weights(outcomes: list[Outcome]) -> list[str]:

@@ -35,7 +35,7 @@ def directory(tmp_path: Path) -> RunDirectory:
     """Make the files of a small search."""
     made, plan = RunDirectory(tmp_path), fakes.plan(generations=2)
     with Ledger.open(made.ledger, line_kind) as ledger:
-        state = run_search(plan, fakes.tools(), ledger, fakes.Recorder())
+        state = run_search(plan, fakes.effects(), ledger, fakes.Recorder())
     write_archives(made, archive_files(plan, state))
     made.write_run(run_record(digest=ledger.digest))
     return made

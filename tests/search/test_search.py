@@ -34,7 +34,7 @@ def run(plan: Plan, path: Path | None = None, **effects: object) -> tuple[str, f
     """Run a plan with fake effects; give its digest and what an observer saw."""
     recorder = fakes.Recorder()
     with opened(path) as ledger:
-        run_search(plan, replace(fakes.tools(), **effects), ledger, recorder)  # type: ignore[arg-type]
+        run_search(plan, replace(fakes.effects(), **effects), ledger, recorder)  # type: ignore[arg-type]
         return ledger.digest, recorder
 
 
@@ -299,7 +299,7 @@ def test_outcomes_are_observed_before_their_line() -> None:
             order.append(line.kind)
 
     with Ledger() as ledger:
-        run_search(fakes.plan(generations=1), fakes.tools(), ledger, Ordered())
+        run_search(fakes.plan(generations=1), fakes.effects(), ledger, Ordered())
     assert order == [*["developed", "candidate"] * 4, "generation", *["developed", "candidate"] * 6, "generation"]
 
 
@@ -317,7 +317,7 @@ def test_small_run_is_golden() -> None:
     """The ledger of a small run changes only on purpose: then results change, and the changelog says so."""
     golden = GOLDEN / "ledger.jsonl"
     with Ledger(read_lines(golden, line_kind)) as ledger:
-        run_search(fakes.plan(generations=3), fakes.tools(), ledger, fakes.Recorder())
+        run_search(fakes.plan(generations=3), fakes.effects(), ledger, fakes.Recorder())
         assert ledger.committed == ledger.recorded
 
 

@@ -50,7 +50,7 @@ def searched(
 ) -> list[SearchLine]:
     """Run a plan; return the lines of its ledger."""
     recorder = fakes.Recorder()
-    run_search(plan, fakes.tools(llm), Ledger(), recorder)
+    run_search(plan, fakes.effects(llm), Ledger(), recorder)
     return recorder.lines
 
 
@@ -86,7 +86,7 @@ def test_ledger_under_the_first_core_gains_no_field() -> None:
     for core in (1, 2):
         eras = [RulesLine(generation=0, rules=replace(FIRST, core=core))]
         recorder = fakes.Recorder()
-        run_eras(plan, eras, lambda _: fakes.tools(Refusing()), Ledger(), recorder)
+        run_eras(plan, eras, lambda _: fakes.effects(Refusing()), Ledger(), recorder)
         assert any(line.dropped for line in answered_in(recorder.lines)) is (core == 2)
 
 

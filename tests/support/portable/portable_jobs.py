@@ -147,7 +147,7 @@ def _search() -> None:
     plan = fakes.plan(generations=2)
     recorder = fakes.Recorder()
     ledger = Ledger()
-    state = run_search(plan, fakes.tools(), ledger, recorder)
+    state = run_search(plan, fakes.effects(), ledger, recorder)
     show("ledger", ledger.digest)
     elites = [elite.name for elite in state.networks.archive.elites.values()]
     show("archives", digest_of_json(to_json(archive_files(plan, state))))

@@ -26,7 +26,7 @@ from tacevo.records import (
 )
 from tacevo.search.algorithm import run_search
 from tacevo.search.archive import NetworkArchive, Tessellation, find_centroids
-from tacevo.search.development import Evaluate, Outcome, Tools
+from tacevo.search.development import Effects, Evaluate, Outcome
 from tacevo.search.files import line_kind
 from tacevo.search.lines import SearchLine
 from tacevo.search.proposals import Settings
@@ -144,9 +144,9 @@ def evaluate(source: str, seed: int = 0) -> Training | Rejection:
     )
 
 
-def tools(llm: FakeLLM | None = None, executor: Executor | None = None) -> Tools:
+def effects(llm: FakeLLM | None = None, executor: Executor | None = None) -> Effects:
     """Return fake effects; without an executor, with one thread."""
-    return Tools(
+    return Effects(
         llm=llm or FakeLLM(),
         admit=admit,
         inspect=inspect,
@@ -202,7 +202,7 @@ def until_killed(trainings: int) -> Evaluate:
 def search(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, Recorder]:
     """Search by losses that differ from seed to seed; return the digest, and what an observer saw."""
     recorder = Recorder()
-    effects = replace(tools(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
+    noisy_effects = replace(effects(), **{"evaluate": noisy, **changes})  # type: ignore[arg-type]
     with Ledger() if path is None else Ledger.open(path, line_kind) as ledger:
-        run_search(plan, effects, ledger, recorder)
+        run_search(plan, noisy_effects, ledger, recorder)
         return ledger.digest, recorder
