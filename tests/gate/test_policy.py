@@ -329,14 +329,10 @@ def test_name_of_a_module_is_bound_in_no_way(binding: str) -> None:
     assert rejection.reason is Reason.redefines_module
 
 
-@pytest.mark.parametrize(
-    ("ending", "words"),
-    [("x = '\ud800'\n", "the text cannot be parsed: "), ("\\\r\n", "the text cannot be ")],
-)
-def test_text_that_one_of_pythons_readers_refuses_is_no_network(ending: str, words: str) -> None:
-    """Half a character, which the parser refuses, and an open line, which its tokenizer refuses."""
-    rejection = rejected(VALID + ending)
-    assert (rejection.reason, rejection.detail.startswith(words)) == (Reason.syntax, True)
+@pytest.mark.parametrize("ending", ["x = '\ud800'\n", "\\\r\n"])
+def test_text_that_one_of_pythons_readers_refuses_is_not_a_network(ending: str) -> None:
+    """Half a character, which the parser refuses, and an open line, which Python 3.11 refuses by its tokenizer only."""
+    assert rejected(VALID + ending).reason is Reason.syntax
 
 
 @given(st.sampled_from(["exec", "eval", "open", "globals"]), st.integers(0, 20))

@@ -1,9 +1,6 @@
 """Promise: all runs are measured in niches over both descriptors, those of `none` where it has some."""
 
-from dataclasses import replace
-
 import numpy as np
-from hand_runs import configured
 from hand_sweeps import finished, run_to, sweep_of
 from numpy.typing import NDArray
 from refusals import refused
@@ -13,8 +10,8 @@ from analysis.runs.run import Run
 from tacevo.errors import IncomparableError
 
 RUN = run_to(0.5)
-ONE_AXIS = replace(RUN, config=configured(archive={"axes": ["arch_div"]}))
-SWEEP = sweep_of([finished("best only", 0, RUN), finished("one axis", 0, ONE_AXIS), finished("a", 0, RUN)])
+ONE_AXIS = finished("one axis", 0, RUN, settings={"archive": {"axes": ["arch_div"]}})
+SWEEP = sweep_of([finished("best only", 0, RUN), ONE_AXIS, finished("a", 0, RUN)])
 WITH_NONE = sweep_of([*SWEEP.finished, finished("none", 0, RUN), finished("none", 1, RUN)])
 
 #: Of an archive without niches, one with a single axis, and two with both.
@@ -40,4 +37,4 @@ def test_niches_without_none_are_those_of_a_map() -> None:
 def test_sweep_without_a_map_is_refused() -> None:
     """With what to do."""
     with refused(IncomparableError, expected="an archive over both descriptors", remedy="add the arm none"):
-        measuring(sweep_of([finished("one axis", 0, ONE_AXIS)]), centroids_of)
+        measuring(sweep_of([ONE_AXIS]), centroids_of)
