@@ -277,10 +277,8 @@ class _Recorder(Watcher):
 
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
-        if isinstance(
-            outcome.proposal, Reevaluation
-        ):  # its source is kept under the elite's name, and nothing was asked
-            return
+        if isinstance(outcome.proposal, Reevaluation):
+            return  # its source is kept under the elite's name, and nothing was asked
         name = outcome.proposal.id
         if outcome.admitted is not None:
             self._directory.keep_candidate(name, outcome.admitted.source)
