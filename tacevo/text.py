@@ -1,6 +1,7 @@
 """Text: counted nouns, lists and tables for a person, control characters made harmless, Python source parsed."""
 
 import ast
+import difflib
 import threading
 import warnings
 from collections.abc import Collection, Iterable, Sequence
@@ -18,6 +19,12 @@ def counted(number: int, noun: str) -> str:
 def first_line(error: BaseException) -> str:
     """Return the first line of an error, or its class where it says nothing."""
     return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)
+
+
+def nearest(name: str, names: Iterable[str], otherwise: str) -> str:
+    """Ask whether the closest of these names was meant; where none is close, say something else."""
+    close = difflib.get_close_matches(name, list(names), n=1)
+    return f"did you mean {close[0]}?" if close else otherwise
 
 
 def drawn(seeds: int, *, or_more: bool = False) -> str:

@@ -1,7 +1,6 @@
 """What all commands have in common: the parser, the exit status, directories of stores and results."""
 
 import argparse
-import difflib
 import os
 import shlex
 import shutil
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from tacevo.errors import ConfigError
-from tacevo.text import listed
+from tacevo.text import listed, nearest
 
 #: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
 DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
@@ -100,6 +99,10 @@ class Parser(argparse.ArgumentParser):
             self.epilog = self.write_epilog()
         return super().format_help()
 
+    @property
+    def _ask_help(self) -> str:
+        return f"`{self.prog} --help` says what can be given"
+
     def error(self, message: str) -> NoReturn:
         """Refuse a command line.
 
@@ -111,18 +114,18 @@ class Parser(argparse.ArgumentParser):
         if isinstance(problem, OSError):  # argparse could not open the file of an @FILE
             got, expected = f"one that cannot be read ({problem.strerror})", "a text file with one override a line"
             raise ConfigError(got, place=f"@{problem.filename}", expected=expected)
-        raise ConfigError(message, place=self.prog, remedy=f"`{self.prog} --help` says what can be given")
+        raise ConfigError(message, place=self.prog, remedy=self._ask_help)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a command or a choice that is unknown, and offer the nearest (argparse calls this)."""
         if action.choices is None or value in action.choices:
             return
-        close = difflib.get_close_matches(str(value), map(str, action.choices), n=1)
+        known = [str(choice) for choice in action.choices]
         raise ConfigError(
             str(value),
             place=" ".join([self.prog, *action.option_strings[:1]]),
-            expected=f"one of {listed(map(str, action.choices))}",
-            remedy=f"did you mean {close[0]}?" if close else f"`{self.prog} --help` says what can be given",
+            expected=f"one of {listed(known)}",
+            remedy=nearest(str(value), known, self._ask_help),
         )
 
     def convert_arg_line_to_args(self, arg_line: str) -> list[str]:

@@ -1,6 +1,5 @@
 """A configuration as plain JSON values, as run.json keeps it, and back; it composes nothing, so it needs no Hydra."""
 
-import difflib
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
@@ -8,6 +7,7 @@ from tacevo.config.checks import check_together
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
+from tacevo.text import nearest
 from tacevo.typed import convert
 
 T = TypeVar("T")
@@ -55,5 +55,4 @@ def converted(kind: type[T], plain: Json) -> T:
 
 def near(name: str, names: Sequence[str], command: str = "search") -> str:
     """Return the remedy for a name that is not one of these: the closest, or else the help of a command."""
-    close = difflib.get_close_matches(name, names, n=1)
-    return f"did you mean {close[0]}?" if close else f"`tacevo {command} --help` lists the settings"
+    return nearest(name, names, f"`tacevo {command} --help` lists the settings")
