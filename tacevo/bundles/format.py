@@ -9,14 +9,18 @@ import contextlib
 import hashlib
 import re
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
-from tacevo.bundles.zipfiles import packed, unpack
+from tacevo.bundles.zipfiles import LONGEST_NAME, packed, unpack
 from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
+from tacevo.records import Record
 from tacevo.storage import entries
 from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import Budget
 from tacevo.storage.notes import NOTE, read_note
+from tacevo.storage.store import KINDS, Entry
+from tacevo.typed import convert
 
 #: The digests of all other members, in the form that `sha256sum --check` reads.
 MANIFEST = "manifest-sha256.txt"
@@ -49,18 +53,40 @@ _ALWAYS = {MANIFEST, STORE, *PAPERS}
 
 _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
+_CANDIDATE = r"candidates/g[0-9]+s[0-9]+\.(py|rejected\.txt)"
+
 #: The name of every member: those of one run lie in `run`, those of a sweep's runs in the directories of its jobs.
 _PLACES = re.compile(
     "|".join(map(re.escape, sorted({LOCK, JOBS, SWEEP_NOTE} | _ALWAYS)))
     + rf"|(run|{SWEEP}/(?!sweep\.json/|{re.escape(NOTE)}/){_WORD})/("
     + "|".join(map(re.escape, RUN_FILES))
-    + r"|candidates/g[0-9]+s[0-9]+\.(py|rejected\.txt)"
+    + rf"|{_CANDIDATE}"
     + rf"|studies/{_WORD}/(study\.json|scores\.jsonl))"
     + rf"|tables/{_WORD}\.(csv|md|tex)"
     + rf"|figures/{_WORD}\.pdf"
 )
 
+#: The kind of an entry that holds a candidate's file of a sweep. Thousands of small members would take longer to list
+#: than to hold; beside the answers that they came from, these take almost nothing.
+_CANDIDATES = "candidates"
+
+_OF_A_JOB = re.compile(rf"{SWEEP}/{_WORD}/{_CANDIDATE}")
+
 _MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _File(Record):
+    """Where a candidate's file of a sweep belongs."""
+
+    file: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Text(Record):
+    """What is in it."""
+
+    text: str
 
 
 def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
@@ -94,11 +120,30 @@ def unpack_verified(source: Path, folder: Path) -> str:
         for name in digests:
             if name.endswith(f"/{NOTE}"):
                 read_note((folder / name).parent)  # refused here, and not by each command that shows it
-        for entry in entries.unpack(folder / STORE, budget):
+        for entry in entries.unpack(folder / STORE, budget, (*KINDS, _CANDIDATES)):  # files need not survive a crash
+            if entry.kind == _CANDIDATES:
+                _write_candidate(entry, folder)
+                continue
             path = folder / "store" / entry.place
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(canonical(entry.sealed()), encoding="utf-8")  # it need not survive a crash
+            path.write_text(canonical(entry.sealed()), encoding="utf-8")
     return digest
+
+
+def candidate_entry(job: str, name: str, text: str) -> Entry:
+    """Return the entry that holds a candidate's file of a sweep's job."""
+    return Entry(kind=_CANDIDATES, request={"file": f"{SWEEP}/{job}/candidates/{name}"}, answer={"text": text})
+
+
+def _write_candidate(entry: Entry, folder: Path) -> None:
+    """Write the file that `candidate_entry` packed."""
+    file = convert(_File, entry.request, place=f"{STORE}, request", error=BundleError).file
+    text = convert(_Text, entry.answer, place=f"{STORE}, {file}", error=BundleError).text
+    is_known = len(file) <= LONGEST_NAME and _OF_A_JOB.fullmatch(file) and (folder / file).parent.parent.is_dir()
+    if not is_known or (folder / file).exists():
+        raise BundleError(repr(file[:LONGEST_NAME]), place=STORE, expected="files of a sweep's candidates, each once")
+    (folder / file).parent.mkdir(exist_ok=True)
+    (folder / file).write_bytes(text.encode())
 
 
 @contextlib.contextmanager

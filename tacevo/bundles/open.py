@@ -17,6 +17,7 @@ from tacevo.choices import Confinement
 from tacevo.config.recorded import read_run
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.search.files import finished_digest
+from tacevo.storage.arrays import KIND
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
 
@@ -37,6 +38,11 @@ class Opened:
     root: Path | None = None
     #: Of a bundle: SHA-256 of its manifest, which stands for every byte of it.
     digest: str | None = None
+
+    @property
+    def has_predictions(self) -> bool:
+        """Whether its stores keep the test predictions of studies: the bundle of a sweep leaves them out."""
+        return self.root is None or self.jobs is None or (self.store / KIND).exists()
 
     @property
     def runs(self) -> tuple[Path, ...]:

@@ -5,12 +5,12 @@ Matplotlib and of the libraries that compress. Nothing in a bundle names a direc
 """
 
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.bundles.crate import metadata
-from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, sealed
+from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, candidate_entry, sealed
 from tacevo.bundles.open import Opened, located, private_folder, standing_for
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, rerun, rerun_all
@@ -24,11 +24,12 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import published_config, published_overrides
 from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
+from tacevo.storage.arrays import KIND
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.storage.store import read_entry
+from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.sweeps.check import check_jobs
@@ -85,7 +86,7 @@ def publish(
         tables, figures = make_pages(staged.folder, runs)
         members = {
             **_members(staged, runs),
-            STORE: pack(map(read_entry, read)),
+            STORE: pack(_entries(staged, runs, read)),
             **_in_folder("tables", tables),
             **_in_folder("figures", figures),
         }
@@ -203,18 +204,37 @@ def _studies(chosen: Sequence[Path], run: RecordedRun, view: Progress) -> list[S
 def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
     """Read the files of staged runs: those that were compared."""
     if staged.jobs is None:
-        return _run_members("run", staged.folder, runs[0])
+        candidates = {f"run/candidates/{path.name}": path.read_bytes() for path in _candidates(staged.folder, runs[0])}
+        return {**_run_members("run", staged.folder), **candidates}
     members = {JOBS: (staged.folder / "sweep.json").read_bytes()}
     if (staged.folder / NOTE).exists():
         members[SWEEP_NOTE] = (staged.folder / NOTE).read_bytes()
-    for folder, done in zip(staged.runs, runs, strict=True):
-        members |= _run_members(f"{SWEEP}/{folder.name}", folder, done)
+    for folder in staged.runs:
+        members |= _run_members(f"{SWEEP}/{folder.name}", folder)
     return members
 
 
-def _run_members(place: str, staged: Path, done: Rerun) -> dict[str, bytes]:
+def _entries(staged: Opened, runs: Sequence[Rerun], read: Iterable[Path]) -> Iterator[Entry]:
+    """Return the store entries that a replay needs; of a sweep its candidates' files, too, and no test predictions.
+
+    Forty winners under 20 seeds make 50 MB of predictions, which no comparison of a sweep looks at.
+    """
+    if staged.jobs is None:
+        yield from map(read_entry, read)
+        return
+    yield from (entry for entry in map(read_entry, read) if entry.kind != KIND)
+    for folder, done in zip(staged.runs, runs, strict=True):
+        for path in _candidates(folder, done):
+            yield candidate_entry(folder.name, path.name, path.read_bytes().decode())
+
+
+def _candidates(staged: Path, done: Rerun) -> list[Path]:
+    """Return the candidates' files of a staged run, which were compared."""
+    return [staged / "candidates" / name for name in done.replayed.files]
+
+
+def _run_members(place: str, staged: Path) -> dict[str, bytes]:
     paths = [staged / name for name in RUN_FILES if (staged / name).exists()]
-    paths += [staged / "candidates" / name for name in done.replayed.files]
     paths += staged.glob("studies/*/*")
     return {f"{place}/{path.relative_to(staged).as_posix()}": path.read_bytes() for path in paths}
 

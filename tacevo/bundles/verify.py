@@ -55,6 +55,8 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
+    #: Whether every metric of its studies was computed again from test predictions.
+    has_predictions: bool
     #: Files of tables that were made again; they were compared where all runs have the current number of pages.
     tables: int
     #: Of those, the files that would differ today; none where they were compared.
@@ -80,7 +82,8 @@ def verify(
 
     def check(run: Path) -> Rerun:
         with _refusing(run):
-            checked = rerun(read_recorded(run, str(bundle.store)), view, seen=read.add)
+            recorded = read_recorded(run, str(bundle.store))
+            checked = rerun(recorded, view, seen=read.add, predictions=bundle.has_predictions)
             _check_files(run, checked)
             return checked
 
@@ -94,7 +97,14 @@ def verify(
         else:
             outdated = _count_outdated(bundle.root / "tables", made)
     figures = len(list(bundle.root.glob("figures/*")))
-    return Verified(runs=runs, entries=len(read), tables=len(made), outdated=outdated, figures=figures)
+    return Verified(
+        runs=runs,
+        entries=len(read),
+        has_predictions=bundle.has_predictions,
+        tables=len(made),
+        outdated=outdated,
+        figures=figures,
+    )
 
 
 def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> tuple[Rerun, ...]:
@@ -105,15 +115,17 @@ def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> 
     return runs
 
 
-def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
+def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None, predictions: bool = True) -> Rerun:
     """Run a search and its studies again, and compare all of its own files; `seen` gets every store entry that is read.
+
+    Without `predictions`, studies are compared as `replay_studies` says.
 
     Raises:
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
     """
     check_sizes(run)
     replayed = replay(run, view, seen=seen)
-    studies = replay_studies(run, view, seen=seen)
+    studies = replay_studies(run, view, seen=seen, predictions=predictions)
     with doubting(deviations(run.record.versions, versions())):  # a summary is its version's
         check_records(run, replayed)
     for study in studies.values():

@@ -88,6 +88,11 @@ def _in_bundle(verified: Verified) -> str:
             f"checksums were compared: today's tables would differ in {verified.outdated} files, and `tacevo tables` "
             "writes them"
         )
+    if any(run.studies for run in verified.runs) and not verified.has_predictions:
+        pages += (
+            "\nthe bundle of a sweep holds no test predictions: scores are those of the recorded trainings, and of a "
+            "classification, accuracy and macro-F1 follow from the confusion; other metrics were not computed again"
+        )
     return (
         f"{pages}; all {verified.entries} store entries were needed\n"
         f"{verified.figures} figures and the pages that describe the bundle: their checksums are right, nothing else "

@@ -242,10 +242,11 @@ class Workbench:
             rules=rules.training,
         )
 
-    def studies(self, rules: int, scale: Sequence[float]) -> FullEvaluator:
+    def studies(self, rules: int, scale: Sequence[float], *, predictions: bool = True) -> FullEvaluator:
         """Return what trains networks fully and tests them, under the rules of that number.
 
         `scale` is that of the labels, in units of the recording for one unit of training; empty of a classification.
+        Without `predictions`, the stores have none.
         """
         mode = self.mode if rules == STUDY else Mode.replay
         return FullEvaluator(
@@ -254,7 +255,7 @@ class Workbench:
             setting=self._setting(),
             examples=None if self.data is None else (_examples(self.data), _held_out(self.data)),
             rules=rules,
-            arrays=ArrayStore(self._store(KIND, mode)),
+            arrays=ArrayStore(self._store(KIND, mode)) if predictions else None,
             facts=self.facts,
             scale=scale,
         )

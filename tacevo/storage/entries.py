@@ -5,7 +5,7 @@ one. A line holds kind, request and answer; key, place and checksum follow from 
 """
 
 import lzma
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -92,8 +92,8 @@ def pack(entries: Iterable[Entry]) -> bytes:
     return lzma.compress(text.encode(), format=lzma.FORMAT_XZ, check=lzma.CHECK_CRC64, filters=_FILTERS)
 
 
-def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
-    """Read the entries of a file that anybody may have written, one at a time.
+def unpack(source: Path, budget: Budget, kinds: Collection[str] = KINDS) -> Iterator[Entry]:
+    """Read the entries of a file that anybody may have written, one at a time; each is of one of these kinds.
 
     Raises:
         StoreError: the file is damaged, or a line is not an entry; the message names it.
@@ -106,8 +106,8 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
         budget.spend(_BLOCK, source.name)
         place = f"{source}, line {number + 1}"
         entry = parse(Entry, line, place=place, error=StoreError)
-        if entry.kind not in KINDS:
-            raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(KINDS)}")
+        if entry.kind not in kinds:
+            raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(kinds)}")
         key = entry.key
         if key in keys or number > count:
             got = f"the key {key[:12]} a second time" if key in keys else f"entry {number} of {count}"

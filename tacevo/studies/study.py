@@ -170,11 +170,13 @@ def _carry_out(
     )
 
 
-def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, FinishedStudy]:
+def replay_studies(
+    run: RecordedRun, view: Progress, *, seen: Seen | None = None, predictions: bool = True
+) -> dict[str, FinishedStudy]:
     """Compare every score of a run's finished studies with the store alone; return each of them, by its name.
 
     Unfinished studies are passed over, and those of the run before it was extended. `seen` gets every store entry that
-    is read.
+    is read. Without `predictions`, the store has none, and metrics are compared with what the trainings recorded.
 
     Raises:
         DivergenceError: a score differs, or the study is not about the networks that the run found.
@@ -192,11 +194,11 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
             with doubting(deviations(recorded.versions, versions())):
                 scores = directory.read_scores()
                 studies[name] = FinishedStudy(path=directory.path, record=recorded, scores=scores)
-                _replay(run, studies[name], seen)
+                _replay(run, studies[name], seen, predictions=predictions)
     return studies
 
 
-def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
+def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, *, predictions: bool) -> None:
     """Compute the scores of one study again, and compare."""
     recorded, scores = study.record, study.scores
     trainings = recorded.seeds * len(recorded.networks)
@@ -227,7 +229,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
     if len(recorded.scale) != values:
         raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")
     with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, seen=seen) as bench:
-        evaluator = _evaluator(bench, plan.header, recorded.scale)
+        evaluator = _evaluator(bench, plan.header, recorded.scale, predictions=predictions)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = scores.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
@@ -240,11 +242,13 @@ def _stated(config: StudyConfig, kind: Kind) -> Terms:
     return Terms(alpha=config.alpha, margin=chosen)
 
 
-def _evaluator(bench: Workbench, header: StudyHeader, scale: Sequence[float]) -> Evaluator | FullEvaluator:
+def _evaluator(
+    bench: Workbench, header: StudyHeader, scale: Sequence[float], *, predictions: bool = True
+) -> Evaluator | FullEvaluator:
     """Return what trains the networks of a study, or those of a noise run."""
     if header.terms is None:
         return bench.evaluator(replace(CURRENT, training=header.rules))
-    return bench.studies(header.rules, scale)
+    return bench.studies(header.rules, scale, predictions=predictions)
 
 
 def _plan(

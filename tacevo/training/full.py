@@ -5,10 +5,11 @@ parent chooses the epoch. So "the weights of the best validation epoch" needs no
 that normalises by the batch no test image changes a validation loss.
 
 The test predictions of that epoch are kept with the labels of the test images, and the metrics are computed from them
-again whenever a training is recalled.
+again whenever a training is recalled. Where they are not at hand, in the bundle of a sweep, those metrics are computed
+that follow from the confusion.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +24,13 @@ from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.training.answers import read_answer, training_of
 from tacevo.training.evaluation import Examples, Setting, TrainingStore
-from tacevo.training.metrics import Confusion, classification_metrics, confusion, regression_metrics
+from tacevo.training.metrics import (
+    Confusion,
+    classification_metrics,
+    confusion,
+    counted_metrics,
+    regression_metrics,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,7 +81,8 @@ class FullTraining(Record):
 class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
     """The full trainings of studies, in a store of the kind `studies`; their rules are `tacevo.rules.STUDY`.
 
-    `arrays` keeps the test predictions, `facts` are those of the data set, and `scale` is that of `HeldOut`.
+    `arrays` keeps the test predictions, or is None where nothing is trained and they are not at hand. `facts` are those
+    of the data set, and `scale` is that of `HeldOut`.
     """
 
     _result, _name = FullTraining, "full"
@@ -87,7 +95,7 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         setting: Setting,
         examples: tuple[Examples, HeldOut] | None,
         rules: int,
-        arrays: ArrayStore,
+        arrays: ArrayStore | None,
         facts: DataFacts,
         scale: Sequence[float],
     ) -> None:
@@ -100,8 +108,8 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         Raises:
             TacevoError: as `TrainingStore.evaluate`.
             CacheMissError: the store has the training, and lacks its test predictions.
-            DivergenceError: its metrics are not those of its predictions, or it names none; or the labels that it names
-                are not those of the examples.
+            DivergenceError: its metrics are not those of its predictions or of its confusion, or it names no
+                predictions; or the labels that it names are not those of the examples.
         """
         verdict = super().evaluate(source, seed)
         if isinstance(verdict, FullTraining) and self._rules >= KEPT_SINCE:
@@ -116,6 +124,7 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         if isinstance(found, Rejection):
             return found
         training, predictions = found
+        assert self._arrays is not None  # as whoever trains must have them
         self._arrays.keep(held_out.targets)  # before the training is, so that it never names what is not there
         self._arrays.keep(predictions)
         return training
@@ -128,6 +137,9 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         if self._examples is not None and (ours := digest_of(self._examples[1].targets)) != verdict.kept.labels:
             expected = f"{ours[:12]}, the digest of the labels of the test images"
             raise DivergenceError(verdict.kept.labels[:12], place=f"{place}, kept.labels", expected=expected)
+        if self._arrays is None:
+            _check_counts(verdict, self._facts, place)
+            return
         try:
             predictions, labels = read_kept(self._arrays, verdict.kept, self._facts)
         except CacheMissError as error:
@@ -138,12 +150,27 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         if counts != verdict.confusion:
             expected = f"{counts}, by the test predictions"
             raise DivergenceError(f"{verdict.confusion}", place=f"{place}, confusion", expected=expected)
-        for name in sorted(metrics.keys() | verdict.metrics.keys()):
-            if metrics.get(name) != verdict.metrics.get(name):
-                expected = f"{metrics.get(name)}, by the test predictions"
-                raise DivergenceError(
-                    str(verdict.metrics.get(name)), place=f"{place}, metrics.{name}", expected=expected
-                )
+        _compare(verdict.metrics, metrics, place, "the test predictions")
+
+
+def _check_counts(verdict: FullTraining, facts: DataFacts, place: str) -> None:
+    """Compare the metrics of a classification that follow from its confusion, and its sums with the test images."""
+    if facts.kind is Kind.regression:
+        return
+    counts, images = verdict.confusion or (), facts.counts[2]
+    if [len(row) for row in counts] != [facts.outputs] * facts.outputs or sum(map(sum, counts)) != images:
+        expected = f"{facts.outputs} rows of as many counts, {images} images in all"
+        raise DivergenceError(f"{counts}", place=f"{place}, confusion", expected=expected)
+    recorded = {name: value for name, value in verdict.metrics.items() if name != "cross_entropy"}
+    _compare(recorded, counted_metrics(counts), place, "the confusion")
+
+
+def _compare(recorded: Mapping[str, float], computed: Mapping[str, float], place: str, source: str) -> None:
+    """Compare metrics with those that were computed from a source, by name."""
+    for name in sorted(computed.keys() | recorded.keys()):
+        if computed.get(name) != recorded.get(name):
+            expected = f"{computed.get(name)}, by {source}"
+            raise DivergenceError(str(recorded.get(name)), place=f"{place}, metrics.{name}", expected=expected)
 
 
 def assess(

@@ -61,10 +61,16 @@ def r_squared(errors: NDArray[np.float64], targets: NDArray[np.float64]) -> floa
 
 def classification_metrics(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> dict[str, float]:
     """Compute `accuracy`, `macro_f1` and `cross_entropy` (in nats); arguments are those of `confusion`."""
-    counts = confusion(logits, classes)
+    return {
+        **counted_metrics(confusion(logits, classes)),
+        **_rounded({"cross_entropy": cross_entropy(logits, classes)}),
+    }
+
+
+def counted_metrics(counts: Confusion) -> dict[str, float]:
+    """Compute `accuracy` and `macro_f1`, which follow from the confusion of at least one image."""
     right = sum(row[number] for number, row in enumerate(counts))
-    found = {"accuracy": right / len(classes), "macro_f1": macro_f1(counts)}
-    return _rounded({**found, "cross_entropy": cross_entropy(logits, classes)})
+    return _rounded({"accuracy": right / sum(map(sum, counts)), "macro_f1": macro_f1(counts)})
 
 
 def confusion(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> Confusion:
