@@ -17,9 +17,9 @@ from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
 from tacevo.records import Record
 from tacevo.storage import entries
 from tacevo.storage.canonical import canonical
-from tacevo.storage.entries import Budget
+from tacevo.storage.entries import CANDIDATES, Budget
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.store import KINDS, Entry
+from tacevo.storage.store import Entry
 from tacevo.typed import convert
 
 #: The digests of all other members, in the form that `sha256sum --check` reads.
@@ -65,10 +65,6 @@ _PLACES = re.compile(
     + rf"|tables/{_WORD}\.(csv|md|tex)"
     + rf"|figures/{_WORD}\.pdf"
 )
-
-#: The kind of an entry that holds a candidate's file of a sweep. Thousands of small members would take longer to list
-#: than to hold; beside the answers that they came from, these take almost nothing.
-_CANDIDATES = "candidates"
 
 _OF_A_JOB = re.compile(rf"{SWEEP}/{_WORD}/{_CANDIDATE}")
 
@@ -120,8 +116,8 @@ def unpack_verified(source: Path, folder: Path) -> str:
         for name in digests:
             if name.endswith(f"/{NOTE}"):
                 read_note((folder / name).parent)  # refused here, and not by each command that shows it
-        for entry in entries.unpack(folder / STORE, budget, (*KINDS, _CANDIDATES)):  # files need not survive a crash
-            if entry.kind == _CANDIDATES:
+        for entry in entries.unpack(folder / STORE, budget):  # files need not survive a crash
+            if entry.kind == CANDIDATES:
                 _write_candidate(entry, folder)
                 continue
             path = folder / "store" / entry.place
@@ -132,7 +128,7 @@ def unpack_verified(source: Path, folder: Path) -> str:
 
 def candidate_entry(job: str, name: str, text: str) -> Entry:
     """Return the entry that holds a candidate's file of a sweep's job."""
-    return Entry(kind=_CANDIDATES, request={"file": f"{SWEEP}/{job}/candidates/{name}"}, answer={"text": text})
+    return Entry(kind=CANDIDATES, request={"file": f"{SWEEP}/{job}/candidates/{name}"}, answer={"text": text})
 
 
 def _write_candidate(entry: Entry, folder: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tacevo.config.recorded import read_recorded
 from tacevo.reproduce.replay import replay
 from tacevo.runs.progress import Progress
-from tacevo.storage.entries import Budget, pack, unpack
+from tacevo.storage.entries import CANDIDATES, Budget, pack, unpack
 from tacevo.storage.files import write_durably
 from tacevo.storage.listing import take_in
 from tacevo.storage.store import read_entry
@@ -35,7 +35,7 @@ def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
 
 
 def import_file(source: Path, root: Path) -> tuple[int, int]:
-    """Write the entries of an exported file into the stores.
+    """Write the entries of an exported file, or a bundle's store, into the stores; candidates' files are passed over.
 
     Returns:
         The number of entries that were written, and of those that stood there already.
@@ -43,4 +43,5 @@ def import_file(source: Path, root: Path) -> tuple[int, int]:
     Raises:
         StoreError: the file, an entry or a place in the stores is not as it should be; nothing was written.
     """
-    return take_in(source, unpack(source, Budget(source, source.stat().st_size)), root)
+    found = unpack(source, Budget(source, source.stat().st_size))
+    return take_in(source, (entry for entry in found if entry.kind != CANDIDATES), root)

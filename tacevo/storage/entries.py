@@ -5,7 +5,7 @@ one. A line holds kind, request and answer; key, place and checksum follow from 
 """
 
 import lzma
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -45,6 +45,12 @@ MOST_RATIO = 200
 
 #: A small file may unpack to this much whatever its ratio, which tells little of a few repeated lines.
 FREE_BYTES = 16 * 1024**2
+
+#: The kind of an entry that holds a candidate's file, in a sweep's bundle. Thousands of small members would take longer
+#: to list than to hold; beside the answers that they came from, these take almost nothing. A store has none.
+CANDIDATES = "candidates"
+
+_KINDS = (*KINDS, CANDIDATES)
 
 #: Bytes that are unpacked at a time.
 CHUNK = 1024**2
@@ -92,8 +98,8 @@ def pack(entries: Iterable[Entry]) -> bytes:
     return lzma.compress(text.encode(), format=lzma.FORMAT_XZ, check=lzma.CHECK_CRC64, filters=_FILTERS)
 
 
-def unpack(source: Path, budget: Budget, kinds: Collection[str] = KINDS) -> Iterator[Entry]:
-    """Read the entries of a file that anybody may have written, one at a time; each is of one of these kinds.
+def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
+    """Read the entries of a file that anybody may have written, one at a time.
 
     Raises:
         StoreError: the file is damaged, or a line is not an entry; the message names it.
@@ -106,8 +112,8 @@ def unpack(source: Path, budget: Budget, kinds: Collection[str] = KINDS) -> Iter
         budget.spend(_BLOCK, source.name)
         place = f"{source}, line {number + 1}"
         entry = parse(Entry, line, place=place, error=StoreError)
-        if entry.kind not in kinds:
-            raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(kinds)}")
+        if entry.kind not in _KINDS:
+            raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(_KINDS)}")
         key = entry.key
         if key in keys or number > count:
             got = f"the key {key[:12]} a second time" if key in keys else f"entry {number} of {count}"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bundles import Members, Refused, entries_of, members_of, resealed
+from bundles import Members, Refused, entries_of, members_of, resealed, with_entries
 from tiny_sweep import OWN, edited, jobs_text
 
 from tacevo.bundles.format import JOBS, STORE
@@ -29,6 +29,16 @@ def whole(swept: Path) -> Members:
 def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
     """Replay bundles in a directory of the test's own."""
     return Refused(tmp_path, capsys)
+
+
+def with_candidate(members: Members, file: str, answer: dict[str, Any] | None = None) -> Members:
+    """Return members with a further entry that holds a candidate's file."""
+    entry = {
+        "kind": "candidates",
+        "request": {"file": file},
+        "answer": {"text": "class Mine: pass\n"} if answer is None else answer,
+    }
+    return with_entries(members, [*entries_of(members), entry])
 
 
 def run_of(members: Members, job: str) -> Members:
@@ -169,7 +179,10 @@ def test_dropped_or_added_job_is_found(whole: Members, refused: Refused) -> None
     fewer = {**told, "jobs": told["jobs"][:2]}
     refused({**whole, JOBS: jobs_text(fewer)}, "got directory 'fixed_temperature-seed0', which is not a job")
     refused({**whole, JOBS: jobs_text({**told, "jobs": []})}, "each of another name; got no job")
-    without = {name: data for name, data in whole.items() if not name.startswith("sweep/none-seed1/")}
+    kept = [entry for entry in entries_of(whole) if "none-seed1/" not in entry["request"].get("file", "")]
+    without = with_entries(
+        {name: data for name, data in whole.items() if not name.startswith("sweep/none-seed1/")}, kept
+    )
     refused(without, "no directory of the job 'none-seed1'")
     refused(
         {**without, JOBS: jobs_text({**told, "jobs": told["jobs"][::2]})}, "expected only entries that the replay reads"
@@ -203,10 +216,61 @@ def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) ->
 
 def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> None:
     """A difference in one of many runs is told with the job."""
-    source = "sweep/none-seed1/candidates/g00s00.py"
-    refused({**whole, source: whole[source] + b"# mine\n"}, "candidates/g00s00.py: expected the text that was judged")
-    foreign = {**whole, "sweep/none-seed1/candidates/g99s99.py": b"class Mine: pass\n"}
-    refused(foreign, "job none-seed1, ")
+    edited_file = {"file": "sweep/none-seed1/candidates/g00s00.py"}
+    entries = entries_of(whole)
+    (entry,) = (one for one in entries if one["request"] == edited_file)
+    entry["answer"]["text"] += "# mine\n"
+    refused(with_entries(whole, entries), "candidates/g00s00.py: expected the text that was judged")
+    refused(with_candidate(whole, "sweep/none-seed1/candidates/g99s99.py"), "job none-seed1, ")
+    refused(with_entries(whole, [one for one in entries if one is not entry]), "job none-seed1, ")
+
+
+def test_packed_candidates_are_the_files_of_the_sweep(swept: Path, whole: Members) -> None:
+    """Each file once, unpacked byte for byte where the directory has it, and none of them a member."""
+    assert [name for name in whole if "/candidates/" in name] == []
+    with opened(swept / "sweep.zip") as place:
+        unpacked = {path.relative_to(place.folder): path.read_bytes() for path in place.folder.glob("*/candidates/*")}
+    assert {path.parent.parent.name for path in unpacked} == set(OWN)
+    assert all((swept / "sweep" / path).read_bytes() == data for path, data in unpacked.items())
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "sweep/gone/candidates/g00s01.py",
+        "sweep/none-seed1/candidates/../run.json",
+        "sweep/none-seed1/candidates/g00s00.txt",
+        "sweep/sweep.json/candidates/g00s01.py",
+        "sweep/../candidates/g00s01.py",
+        "run/candidates/g00s01.py",
+        "/tmp/candidates/g00s01.py",
+        f"sweep/none-seed1/candidates/g{'0' * 200}s00.py",
+    ],
+)
+def test_candidate_outside_its_place_is_found(file: str, whole: Members, refused: Refused) -> None:
+    """No entry writes a file that is not a candidate's of a job that is there."""
+    refused(with_candidate(whole, file), "expected files of a sweep's candidates, each once; got ")
+
+
+def test_candidate_twice_or_without_its_text_is_found(whole: Members, refused: Refused) -> None:
+    """Beside its member as beside another entry; nor is anything but text a candidate's."""
+    file = "sweep/none-seed1/candidates/g00s00.py"
+    refused({**whole, file: b"class Mine: pass\n"}, "expected files of a sweep's candidates, each once")
+    refused(with_candidate(whole, file), "a second time")
+    other = "sweep/none-seed1/candidates/g99s99.py"
+    half = lzma.decompress(with_candidate(whole, other, answer={"text": "HALF"})[STORE]).replace(b"HALF", b"\\ud800")
+    refused({**whole, STORE: lzma.compress(half)}, STORE)
+    refused(with_candidate(whole, other, answer={"text": 1}), f"{other}, text: expected text; got 1")
+    refused(with_candidate(whole, other, answer={}), f"{other}, text: expected")
+
+
+def test_members_of_an_older_bundle_are_read(swept: Path, whole: Members, tmp_path: Path) -> None:
+    """Releases before this one kept a sweep's candidates as members."""
+    entries = entries_of(whole)
+    old = {one["request"]["file"]: one["answer"]["text"].encode() for one in entries if one["kind"] == "candidates"}
+    assert len(old) == sum(1 for _ in (swept / "sweep").glob("*/candidates/*"))
+    rest = with_entries(whole, [one for one in entries if one["kind"] != "candidates"])
+    assert main(["replay", str(resealed({**rest, **old}, tmp_path / "old.zip"))]) == 0
 
 
 def test_edited_table_of_the_sweep_is_found(whole: Members, refused: Refused) -> None:

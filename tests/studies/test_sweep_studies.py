@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
+from bundles import entries_of, members_of, resealed, with_entries
 from refusals import refused
 from smallest import Once
 
@@ -143,11 +144,13 @@ def test_wrong_setting_is_refused_by_its_name(settings: list[str], place_of: str
 
 
 @pytest.mark.slow
-def test_published_sweep_has_its_terms_and_its_tests(folder: Path) -> None:
-    """The bundle gives the tables that the directory gives, and its replay compares every score."""
+def test_published_sweep_has_its_terms_and_its_tests(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The bundle gives the tables that the directory gives; its replay compares every score, and says with what."""
     command = ["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]
     assert main(command) == 0
+    assert {entry["kind"] for entry in entries_of(members_of(folder / "sweep.zip"))}.isdisjoint({"arrays"})
     assert main(["replay", "sweep.zip"]) == 0
+    assert "the bundle of a sweep holds no test predictions: scores are those of" in capsys.readouterr().out
     for source, target in (("sweep", "from-directory"), ("sweep.zip", "from-bundle")):
         store = ["--store", "cache"] if source == "sweep" else []
         assert main(["ablations", source, "-o", target, *store]) == 0
@@ -156,6 +159,20 @@ def test_published_sweep_has_its_terms_and_its_tests(folder: Path) -> None:
     )
     assert one == other
     assert "ablation_test_mse_force.md" in one
+
+
+@pytest.mark.slow
+def test_score_that_no_training_gave_is_found_in_a_published_sweep(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without test predictions, the recorded trainings still say what each score is."""
+    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
+    members = members_of(folder / "sweep.zip")
+    entries = entries_of(members)
+    training = next(entry for entry in entries if entry["kind"] == "studies")
+    training["answer"]["full"]["metrics"]["mse"] /= 2
+    assert main(["replay", str(resealed(with_entries(members, entries), folder / "x.zip"))]) == 1
+    assert "metrics.mse" in capsys.readouterr().err
 
 
 def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(

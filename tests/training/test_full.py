@@ -62,6 +62,8 @@ def evaluator(
     mode: Mode = Mode.record,
     data: tuple[Examples, HeldOut] | None = (EXAMPLES, HELD_OUT),
     rules: int = STUDY,
+    facts: DataFacts = FACTS,
+    predictions: bool = True,
 ) -> FullEvaluator:
     """Make an evaluator of the tiny task."""
     return FullEvaluator(
@@ -70,8 +72,8 @@ def evaluator(
         setting=setting,
         examples=data,
         rules=rules,
-        arrays=ArrayStore(Store(root, "arrays", mode)),
-        facts=FACTS,
+        arrays=ArrayStore(Store(root, "arrays", mode)) if predictions else None,
+        facts=facts,
         scale=HELD_OUT.scale,
     )
 
@@ -93,11 +95,8 @@ def test_epoch_of_the_lowest_validation_loss_is_tested() -> None:
 
 def test_classification_is_tested_by_class() -> None:
     """Equal logits cost log 2 in every epoch, and the first class wins: two of three test images are of it."""
-    contract = replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy)
-    held_out = replace(HELD_OUT, targets=np.array([0, 1, 0]), scale=())
-    frames = [Frame({"epoch": epoch, "train_loss": 0.5}, np.zeros((8, 2), np.float32).tobytes()) for epoch in range(4)]
-    outcome = Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
-    found = assess(outcome, replace(SETTING, contract=contract), np.array([1, 1, 0, 0, 1]), held_out)
+    outcome, setting, _, (chosen_on, held_out) = classified()
+    found = assess(outcome, setting, chosen_on.validation_targets, held_out)
     assert not isinstance(found, Rejection)
     verdict, _ = found
     assert (verdict.epoch, verdict.validation_loss) == (1, 0.693147181)
@@ -224,6 +223,56 @@ def test_training_without_its_predictions_is_refused(tmp_path: Path) -> None:
         evaluator(Recorder(ANSWER).run, other, mode=Mode.replay).evaluate(SOURCE, 0)
 
 
+@pytest.mark.parametrize(
+    ("forged", "place", "words"),
+    [
+        (
+            {"metrics": {"accuracy": 1.0, "macro_f1": 0.4, "cross_entropy": 0.693147181}},
+            "metrics.accuracy",
+            "0.666666667",
+        ),
+        ({"metrics": {"accuracy": 0.666666667, "cross_entropy": 0.1}}, "metrics.macro_f1", "0.4"),
+        ({"metrics": {"accuracy": 0.666666667, "macro_f1": 0.4, "mse": 0.0}}, "metrics.mse", "None"),
+        ({"confusion": [[2, 0], [0, 1]]}, "metrics.accuracy", "1.0"),
+        ({"confusion": [[2, 0], [0, 2]]}, "confusion", "2 rows of as many counts, 3 images in all"),
+        ({"confusion": [[3]]}, "confusion", "2 rows"),
+        ({"confusion": None}, "confusion", "2 rows"),
+    ],
+)
+def test_classification_without_its_predictions_is_compared_with_its_confusion(
+    forged: dict[str, Json], place: str, words: str, tmp_path: Path
+) -> None:
+    """What a sweep's bundle can still tell; the cross-entropy does not follow from counts."""
+    outcome, setting, facts, data = classified()
+    run = Recorder(outcome).run
+    evaluator(run, tmp_path, setting=setting, facts=facts, data=data).evaluate(SOURCE, 0)
+
+    def again() -> object:
+        recalled = evaluator(
+            run, tmp_path, setting=setting, facts=facts, data=None, mode=Mode.replay, predictions=False
+        )
+        return recalled.evaluate(SOURCE, 0)
+
+    for path in (tmp_path / "arrays").glob("*/*"):
+        path.unlink()
+    assert isinstance(again(), FullTraining)
+    rewrite(tmp_path, lambda full: {**full, **forged})
+    with refused(DivergenceError, place=place, expected=words):
+        again()
+
+
+def test_regression_without_its_predictions_is_taken_as_recorded(tmp_path: Path) -> None:
+    """Nothing else of it says what the metrics are; it must name its predictions all the same."""
+    forge(tmp_path, lambda full: full)
+    for path in (tmp_path / "arrays").glob("*/*"):
+        path.unlink()
+    recalled = evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay, predictions=False)
+    assert isinstance(recalled.evaluate(SOURCE, 0), FullTraining)
+    rewrite(tmp_path, lambda full: {**full, "kept": None})
+    with refused(DivergenceError, expected="test predictions, which these rules keep"):
+        recalled.evaluate(SOURCE, 0)
+
+
 @pytest.mark.parametrize("classes", [[0, 1, 2], [0, -1, 1]])
 def test_labels_that_are_not_classes_are_refused(classes: list[int], tmp_path: Path) -> None:
     """An index beyond the last class, or before the first, which NumPy would count from the end."""
@@ -243,9 +292,24 @@ def test_worker_cannot_report_metrics(tmp_path: Path) -> None:
     assert not list((tmp_path / "arrays").glob("*/*"))
 
 
+def classified() -> tuple[Finished, Setting, DataFacts, tuple[Examples, HeldOut]]:
+    """Return the answer, setting, facts and data of a task with two classes: equal logits, so the first class wins."""
+    setting = replace(SETTING, contract=replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy))
+    held_out = replace(HELD_OUT, targets=np.array([0, 1, 0]), scale=())
+    frames = [Frame({"epoch": epoch, "train_loss": 0.5}, np.zeros((8, 2), np.float32).tobytes()) for epoch in range(4)]
+    outcome = Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
+    chosen_on = replace(EXAMPLES, validation_targets=np.array([1, 1, 0, 0, 1]))
+    return outcome, setting, replace(FACTS, kind=Kind.classification), (chosen_on, held_out)
+
+
 def forge(root: Path, change: Callable[[Any], Json]) -> None:
     """Train, and put a changed answer into the store, sealed as it should be."""
     evaluator(Recorder(ANSWER).run, root).evaluate(SOURCE, 0)
+    rewrite(root, change)
+
+
+def rewrite(root: Path, change: Callable[[Any], Json]) -> None:
+    """Put a changed answer in the place of the only one, sealed as it should be."""
     store = Store(root, "studies")
     (entry,) = store.entries()
     answer: Any = entry.answer
