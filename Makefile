@@ -79,11 +79,16 @@ $(PEERS)/.ready: $(READY) benchmarks/peers.txt
 replay: $(READY) ## replay the published runs that come with the project, and compare everything
 	@for run in cache/published/*.zip; do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done
 
-# Published runs, or directories of yours: make paper RUNS="DIR DIR"
-RUNS ?= cache/published/grating-grammar.zip cache/published/grating-claude.zip
+# Published runs and sweeps, or directories of yours: make paper RUNS="DIR DIR" SWEEPS="DIR"
+ifndef RUNS
+RUNS := cache/published/grating-grammar.zip cache/published/grating-claude.zip
+SWEEPS := cache/published/ablation-grating.zip
+endif
 
-paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR", into build/paper
+paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR" SWEEPS="DIR", into build/paper
 	$(BIN)/tacevo paper $(RUNS) --output build/paper
+	@for sweep in $(SWEEPS); do \
+		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
 
 lock: ## resolve the dependencies again into requirements.lock
 	rm -rf build/lock
