@@ -52,9 +52,7 @@ def continue_run(
         DataError: the data set is not there, or is another one.
         TacevoError: what `check` raises, and as `tacevo.runs.session.search`.
     """
-    run = published.one_run(
-        "use the directory of one of its jobs, or publish that by itself: `tacevo publish SWEEP/JOB -o FILE.zip`"
-    )
+    run = published.one_run("name one of its jobs, SWEEP/JOB or SWEEP.zip/JOB")
     check_walls(published)
     recorded = read_recorded(run)
     end = recorded.generations[-1].generation

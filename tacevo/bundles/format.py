@@ -134,10 +134,10 @@ def candidate_entry(job: str, name: str, text: str) -> Entry:
 def _write_candidate(entry: Entry, folder: Path) -> None:
     """Write the file that `candidate_entry` packed."""
     file = convert(_File, entry.request, place=f"{STORE}, request", error=BundleError).file
-    text = convert(_Text, entry.answer, place=f"{STORE}, {file}", error=BundleError).text
     is_known = len(file) <= LONGEST_NAME and _OF_A_JOB.fullmatch(file) and (folder / file).parent.parent.is_dir()
     if not is_known or (folder / file).exists():
         raise BundleError(repr(file[:LONGEST_NAME]), place=STORE, expected="files of a sweep's candidates, each once")
+    text = convert(_Text, entry.answer, place=f"{STORE}, {file}", error=BundleError).text
     (folder / file).parent.mkdir(exist_ok=True)
     (folder / file).write_bytes(text.encode())
 

@@ -14,12 +14,13 @@ from typing import TypeVar
 
 from tacevo.bundles.format import JOBS, SWEEP, refusing, unpack_verified
 from tacevo.choices import Confinement
-from tacevo.config.recorded import read_run
+from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.search.files import finished_digest
 from tacevo.storage.arrays import KIND
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
+from tacevo.text import listed
 
 T = TypeVar("T")
 
@@ -36,13 +37,10 @@ class Opened:
     jobs: tuple[str, ...] | None = None
     #: The directory of all members of a bundle; None if it is not a bundle.
     root: Path | None = None
-    #: Of a bundle: SHA-256 of its manifest, which stands for every byte of it.
+    #: Of a bundle, also where this is one job of it: SHA-256 of its manifest, which stands for every byte of it.
     digest: str | None = None
-
-    @property
-    def has_predictions(self) -> bool:
-        """Whether its stores keep the test predictions of studies: the bundle of a sweep leaves them out."""
-        return self.root is None or self.jobs is None or (self.store / KIND).exists()
+    #: Whether its stores keep the test predictions of studies: the bundle of a sweep leaves them out.
+    has_predictions: bool = True
 
     @property
     def runs(self) -> tuple[Path, ...]:
@@ -59,15 +57,40 @@ class Opened:
             raise RunError(f"a sweep of {len(self.jobs)}", expected="one run", remedy=remedy)
         return self.folder
 
+    def job(self, name: str) -> "Opened":
+        """Return one run of a sweep.
+
+        Raises:
+            RunError: it is no sweep, or has no such job.
+        """
+        if name not in (self.jobs or ()):
+            expected = "the name of a job" if self.jobs is None else f"one of {listed(self.jobs, most=8)}"
+            raise RunError(repr(name), place=str(self.root or self.folder), expected=expected)
+        return replace(self, folder=self.folder / name, jobs=None, root=None)
+
+    def read(self, run: Path, store: str | None = None) -> RecordedRun:
+        """Read one of its runs; `store` is where the stores lie, if not where they were found.
+
+        Raises:
+            TacevoError: as `read_recorded`.
+        """
+        return replace(read_recorded(run, store or str(self.store)), has_predictions=self.has_predictions)
+
 
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[Opened]:
     """Open the directory of a run or a sweep; or a bundle, compared with its manifest, in a private directory.
 
+    `SWEEP.zip/JOB` is one run of a sweep's bundle.
+
     Raises:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
         RunError: it is neither a run's or a sweep's directory nor a file.
     """
+    if path.parent.is_file():
+        with opened(path.parent) as sweep:
+            yield sweep.job(path.name)
+        return
     if not path.exists():
         raise RunError("a path that does not exist", place=str(path), expected="the directory of a run, or a bundle")
     if not path.is_file():
@@ -144,7 +167,7 @@ def _unpacked(source: Path, folder: Path) -> Opened:
     if (folder / JOBS).read_bytes() != sweep.text.encode():
         expected = "the text that `tacevo publish` writes of these jobs"
         raise BundleError("the same jobs in another text: it was edited", place=f"{source}/{JOBS}", expected=expected)
-    return replace(found, jobs=jobs)
+    return replace(found, jobs=jobs, has_predictions=(found.store / KIND).exists())
 
 
 def _read_sweep(folder: Path) -> SweepRecord:
@@ -181,8 +204,9 @@ def _store_of(found: Opened) -> Path:
         config, _, _ = read_run(RunDirectory(run))
         roots.add(Path(config.store.root))
     if len(roots) > 1:
-        listed = ", ".join(sorted(map(str, roots)))
-        raise RunError(listed, place=str(found.folder), expected="runs with one store.root for all")
+        raise RunError(
+            listed(sorted(map(str, roots))), place=str(found.folder), expected="runs with one store.root for all"
+        )
     return roots.pop()
 
 
@@ -202,7 +226,7 @@ def check_walls(found: Opened) -> None:
     Raises:
         BundleError: it asks for `sandbox.require=none`, as a run on a GPU does; or its configuration cannot be read.
     """
-    if found.root is None:
+    if found.digest is None:
         return
     for run in found.runs:
         with refusing():
@@ -211,6 +235,5 @@ def check_walls(found: Opened) -> None:
             raise BundleError(
                 "sandbox.require=none, with which its candidates would run here without walls",
                 expected="a published run whose candidates can be confined",
-                remedy="if you trust every source in it, unpack it and give its directory "
-                f"{run.relative_to(found.root)} instead",
+                remedy="if you trust every source in a published run, unpack it and give its directory run instead",
             )

@@ -181,8 +181,8 @@ _OF_RUN = """\
 
 _OF_SWEEP = """\
 - `sweep/sweep.json`: the jobs, and the settings that set them apart
-- `sweep/JOB/`: of each job's run resolved configuration, ledger, archives, summary, costs, studies; candidates' sources and
-  rejected answers are in `store.jsonl.xz`, and test predictions of studies are left out\
+- `sweep/JOB/`: of each job's run resolved configuration, ledger, archives, summary, costs, studies; its candidates'
+  sources and rejected answers are in `store.jsonl.xz`, and test predictions of studies are left out\
 """
 
 

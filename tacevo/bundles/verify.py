@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tacevo.bundles.format import refusing
 from tacevo.bundles.open import Opened, over_runs
-from tacevo.config.recorded import RecordedRun, doubting, read_recorded
+from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.environment import deviations, versions
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
 from tacevo.reproduce.replay import Replayed, replay
@@ -55,8 +55,6 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
-    #: Whether every metric of its studies was computed again from test predictions.
-    has_predictions: bool
     #: Files of tables that were made again; they were compared where all runs have the current number of pages.
     tables: int
     #: Of those, the files that would differ today; none where they were compared.
@@ -82,8 +80,7 @@ def verify(
 
     def check(run: Path) -> Rerun:
         with _refusing(run):
-            recorded = read_recorded(run, str(bundle.store))
-            checked = rerun(recorded, view, seen=read.add, predictions=bundle.has_predictions)
+            checked = rerun(bundle.read(run), view, seen=read.add)
             _check_files(run, checked)
             return checked
 
@@ -100,7 +97,6 @@ def verify(
     return Verified(
         runs=runs,
         entries=len(read),
-        has_predictions=bundle.has_predictions,
         tables=len(made),
         outdated=outdated,
         figures=figures,
@@ -115,17 +111,15 @@ def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> 
     return runs
 
 
-def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None, predictions: bool = True) -> Rerun:
+def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
     """Run a search and its studies again, and compare all of its own files; `seen` gets every store entry that is read.
-
-    Without `predictions`, studies are compared as `replay_studies` says.
 
     Raises:
         TacevoError: as `replay`, `replay_studies`, `check_sizes` and `check_records`.
     """
     check_sizes(run)
     replayed = replay(run, view, seen=seen)
-    studies = replay_studies(run, view, seen=seen, predictions=predictions)
+    studies = replay_studies(run, view, seen=seen)
     with doubting(deviations(run.record.versions, versions())):  # a summary is its version's
         check_records(run, replayed)
     for study in studies.values():

@@ -64,6 +64,8 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _import(options: argparse.Namespace) -> int:
-    written, standing = import_file(Path(options.file), Path(options.store))
+    written, standing, passed_over = import_file(Path(options.file), Path(options.store))
     print(f"{written} entries written, {standing} were there already")
+    if passed_over:
+        print(f"{passed_over} passed over: files of candidates, and full trainings without their test predictions")
     return DONE

@@ -9,12 +9,11 @@ from pathlib import Path
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, verify
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store, whole_number
-from tacevo.config.recorded import read_recorded
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
 from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import describe, retrain
-from tacevo.rules import PAGES
+from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import sweep_digest
 from tacevo.text import printable
@@ -32,7 +31,9 @@ def add_replay(parser: Parser) -> None:
         "another one."
     )
     parser.add_argument(
-        "run", metavar="RUN", help="the directory of a run or a sweep, or a file that `tacevo publish` wrote"
+        "run",
+        metavar="RUN",
+        help="the directory of a run or a sweep, or a file that `tacevo publish` wrote; SWEEP.zip/JOB is one run of it",
     )
     parser.add_argument(
         "--store",
@@ -58,10 +59,13 @@ def _replay(options: argparse.Namespace) -> int:
     with opened(Path(options.run)) as found, Progress() as view:
         if options.retrain is not None:
             check_walls(found)
-        if found.root is None:
-            store, beside = existing_store(options.store), []
-            runs = rerun_all(found, lambda run: rerun(read_recorded(run, store), view), view)
-        else:  # its --store is for the images of --retrain, and need not exist yet
+        if (
+            found.root is None
+        ):  # the --store of what was published is for the images of --retrain, and need not exist yet
+            store = existing_store(options.store) if found.digest is None else None
+            beside: list[str] = []
+            runs = rerun_all(found, lambda run: rerun(found.read(run, store), view), view)
+        else:
             verified = _verified(found, view)
             runs = verified.runs
             beside = [_in_bundle(verified), f"bundle digest: {found.digest}"]
@@ -88,11 +92,6 @@ def _in_bundle(verified: Verified) -> str:
             f"checksums were compared: today's tables would differ in {verified.outdated} files, and `tacevo tables` "
             "writes them"
         )
-    if any(run.studies for run in verified.runs) and not verified.has_predictions:
-        pages += (
-            "\nthe bundle of a sweep holds no test predictions: scores are those of the recorded trainings, and of a "
-            "classification, accuracy and macro-F1 follow from the confusion; other metrics were not computed again"
-        )
     return (
         f"{pages}; all {verified.entries} store entries were needed\n"
         f"{verified.figures} figures and the pages that describe the bundle: their checksums are right, nothing else "
@@ -116,6 +115,12 @@ def _told(found: Opened, runs: Sequence[Rerun]) -> list[str]:
             f"{place}study {name}: every score is as recorded, digest {study.scores.digest}"
             for name, study in run.studies.items()
         ]
+    studies = [study.record for run in runs if not run.run.has_predictions for study in run.studies.values()]
+    if any(study.terms is not None and study.rules >= KEPT_SINCE for study in studies):
+        told.append(
+            "the bundle of a sweep holds no test predictions: scores are those of the recorded trainings, and of a "
+            "classification, accuracy and macro-F1 follow from the confusion; other metrics were not computed again"
+        )
     return told
 
 
@@ -131,7 +136,7 @@ def _diff(options: argparse.Namespace) -> int:
         options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
 
     with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
-        remedy = "name the directories of two runs, of a sweep those of two jobs (unpack a published one for that)"
+        remedy = "name the directories of two runs, of a sweep those of two jobs (of a published one SWEEP.zip/JOB)"
         runs = [compare.read_compared(each.one_run(remedy)) for each in (one, other)]
         found = compare.compare(*runs)
     print(printable(compare.describe(found)))
@@ -169,7 +174,7 @@ def _continue(options: argparse.Namespace) -> int:
     from tacevo.cli.search import print_end
 
     with opened(Path(options.run)) as found, Progress() as view:
-        moved = found.root is None and options.store is not None
+        moved = found.digest is None and options.store is not None
         published = replace(found, store=Path(options.store)) if moved else found
         mix = options.rules is not None
         result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view), mix_rules=mix)
@@ -183,5 +188,5 @@ def _checked(published: Opened, view: Progress) -> set[Path]:
         _verified(published, view)
         return set(published.store.rglob("*.json"))
     read: set[Path] = set()
-    replay(read_recorded(published.folder, str(published.store)), view, seen=read.add)
+    replay(published.read(published.folder), view, seen=read.add)
     return read

@@ -35,7 +35,7 @@ from tacevo.text import printable
 RUN = "the directory or bundle of a run"
 
 #: The remedy where one run is needed and a sweep was named.
-_ONE = "compare its arms by `tacevo ablations`, or name the directory of one of its jobs"
+_ONE = "compare its arms by `tacevo ablations`, or name one of its jobs, SWEEP/JOB"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +143,7 @@ def gather(run: str, store: str | None) -> Iterator[Gathered]:
 
 def read_gathered(run: Path, place: Opened, store: str | None) -> Gathered:
     """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
-    is_bundle = place.root is not None
+    is_bundle = place.digest is not None
     used = str(place.store) if is_bundle and store is None else store
     recorded, root = read_recorded(run, used), None if used is None else Path(used)
     shown = _shown(recorded)

@@ -30,6 +30,8 @@ class RecordedRun:
     ledger: Sealed[Line]
     #: In order; more than one where the run was continued under other rules.
     eras: tuple[RulesLine, ...]
+    #: Whether its stores keep the test predictions of its studies; those of a published sweep do not.
+    has_predictions: bool = True
 
     @property
     def candidates(self) -> tuple[CandidateLine, ...]:

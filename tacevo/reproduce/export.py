@@ -34,14 +34,19 @@ def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
     return len(read)
 
 
-def import_file(source: Path, root: Path) -> tuple[int, int]:
-    """Write the entries of an exported file, or a bundle's store, into the stores; candidates' files are passed over.
+def import_file(source: Path, root: Path) -> tuple[int, int, int]:
+    """Write the entries of an exported file, or of a bundle's store, into the stores.
+
+    Of a published sweep's, candidates' files are passed over, and full trainings, whose test predictions it lacks: a
+    store that has one without the other cannot study.
 
     Returns:
-        The number of entries that were written, and of those that stood there already.
+        The number of entries that were written, of those that stood there already, and of those passed over.
 
     Raises:
         StoreError: the file, an entry or a place in the stores is not as it should be; nothing was written.
     """
-    found = unpack(source, Budget(source, source.stat().st_size))
-    return take_in(source, (entry for entry in found if entry.kind != CANDIDATES), root)
+    entries = list(unpack(source, Budget(source, source.stat().st_size)))
+    is_sweep = any(entry.kind == CANDIDATES for entry in entries)
+    taken = [entry for entry in entries if not is_sweep or entry.kind not in {CANDIDATES, "studies"}]
+    return *take_in(source, taken, root), len(entries) - len(taken)

@@ -170,13 +170,11 @@ def _carry_out(
     )
 
 
-def replay_studies(
-    run: RecordedRun, view: Progress, *, seen: Seen | None = None, predictions: bool = True
-) -> dict[str, FinishedStudy]:
+def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> dict[str, FinishedStudy]:
     """Compare every score of a run's finished studies with the store alone; return each of them, by its name.
 
     Unfinished studies are passed over, and those of the run before it was extended. `seen` gets every store entry that
-    is read. Without `predictions`, the store has none, and metrics are compared with what the trainings recorded.
+    is read. Where the run has no test predictions, metrics are compared with what the trainings recorded.
 
     Raises:
         DivergenceError: a score differs, or the study is not about the networks that the run found.
@@ -194,11 +192,11 @@ def replay_studies(
             with doubting(deviations(recorded.versions, versions())):
                 scores = directory.read_scores()
                 studies[name] = FinishedStudy(path=directory.path, record=recorded, scores=scores)
-                _replay(run, studies[name], seen, predictions=predictions)
+                _replay(run, studies[name], seen)
     return studies
 
 
-def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, *, predictions: bool) -> None:
+def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
     """Compute the scores of one study again, and compare."""
     recorded, scores = study.record, study.scores
     trainings = recorded.seeds * len(recorded.networks)
@@ -229,7 +227,7 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None, *, predic
     if len(recorded.scale) != values:
         raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")
     with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, seen=seen) as bench:
-        evaluator = _evaluator(bench, plan.header, recorded.scale, predictions=predictions)
+        evaluator = _evaluator(bench, plan.header, recorded.scale, predictions=run.has_predictions)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = scores.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:

@@ -22,6 +22,7 @@ from tacevo.rules import KEPT_SINCE
 from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
+from tacevo.text import listed
 from tacevo.training.answers import read_answer, training_of
 from tacevo.training.evaluation import Examples, Setting, TrainingStore
 from tacevo.training.metrics import (
@@ -138,7 +139,7 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
             expected = f"{ours[:12]}, the digest of the labels of the test images"
             raise DivergenceError(verdict.kept.labels[:12], place=f"{place}, kept.labels", expected=expected)
         if self._arrays is None:
-            _check_counts(verdict, self._facts, place)
+            _check_counts(verdict, self._facts, self._scale, place)
             return
         try:
             predictions, labels = read_kept(self._arrays, verdict.kept, self._facts)
@@ -153,23 +154,29 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         _compare(verdict.metrics, metrics, place, "the test predictions")
 
 
-def _check_counts(verdict: FullTraining, facts: DataFacts, place: str) -> None:
-    """Compare the metrics of a classification that follow from its confusion, and its sums with the test images."""
+def _check_counts(verdict: FullTraining, facts: DataFacts, scale: Sequence[float], place: str) -> None:
+    """Compare the names of the metrics, and of a classification those that follow from the confusion."""
+    blank = np.zeros((1, facts.outputs), np.float32)
+    labels = blank if facts.kind is Kind.regression else np.zeros(1, np.int64)
+    metrics, _ = score(facts.kind, blank, labels, names=facts.names, scale=scale)
+    if verdict.metrics.keys() != metrics.keys():
+        got, expected = listed(sorted(verdict.metrics)), listed(sorted(metrics))
+        raise DivergenceError(got, place=f"{place}, metrics", expected=expected)
     if facts.kind is Kind.regression:
         return
-    counts, images = verdict.confusion or (), facts.counts[2]
-    if [len(row) for row in counts] != [facts.outputs] * facts.outputs or sum(map(sum, counts)) != images:
+    rows, images = verdict.confusion or (), facts.counts[2]
+    counts = [count for row in rows for count in row]
+    if [len(row) for row in rows] != [facts.outputs] * facts.outputs or sum(counts) != images or min(counts) < 0:
         expected = f"{facts.outputs} rows of as many counts, {images} images in all"
-        raise DivergenceError(f"{counts}", place=f"{place}, confusion", expected=expected)
-    recorded = {name: value for name, value in verdict.metrics.items() if name != "cross_entropy"}
-    _compare(recorded, counted_metrics(counts), place, "the confusion")
+        raise DivergenceError(f"{rows}", place=f"{place}, confusion", expected=expected)
+    _compare(verdict.metrics, {**verdict.metrics, **counted_metrics(rows)}, place, "the confusion")
 
 
-def _compare(recorded: Mapping[str, float], computed: Mapping[str, float], place: str, source: str) -> None:
-    """Compare metrics with those that were computed from a source, by name."""
+def _compare(recorded: Mapping[str, float], computed: Mapping[str, float], place: str, basis: str) -> None:
+    """Compare metrics with those that were computed from something else, by name."""
     for name in sorted(computed.keys() | recorded.keys()):
         if computed.get(name) != recorded.get(name):
-            expected = f"{computed.get(name)}, by {source}"
+            expected = f"{computed.get(name)}, by {basis}"
             raise DivergenceError(str(recorded.get(name)), place=f"{place}, metrics.{name}", expected=expected)
 
 

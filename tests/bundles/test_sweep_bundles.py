@@ -125,7 +125,29 @@ def test_other_commands_ask_for_one_run(swept: Path, capsys: pytest.CaptureFixtu
         assert main(["replay", place, "--diff", place]) == 2
         assert "expected one run; got a sweep of 3; name the directories of two runs" in capsys.readouterr().err
         assert main(["continue", place, "search.generations=9"]) == 2
-        assert "expected one run; got a sweep of 3; use the directory of one of its jobs" in capsys.readouterr().err
+        assert "expected one run; got a sweep of 3; name one of its jobs, SWEEP/JOB" in capsys.readouterr().err
+
+
+def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Commands that take a run take it by its name, and say the same as of its directory."""
+    published, directory = f"{swept}/sweep.zip/none-seed1", f"{swept}/sweep/none-seed1"
+    store = ["--store", str(swept / "cache")]
+    for one, other in (
+        (["show", published], ["show", directory]),
+        (["show", published, "g00s00"], ["show", directory, "g00s00"]),
+        (["replay", published], ["replay", directory, *store]),
+        (["tables", published, "-o", "same"], ["tables", directory, "-o", "same", *store]),
+        (["replay", published, "--diff", directory], ["replay", directory, "--diff", published]),
+    ):
+        said = []
+        for command in (one, other):
+            assert main(command) == 0
+            said.append(capsys.readouterr().out)
+        assert said[0] == said[1]
+    assert main(["show", f"{swept}/sweep.zip/gone"]) == 2
+    assert "expected one of none-seed0, none-seed1, fixed_temperature-seed0; got 'gone'" in capsys.readouterr().err
+    assert main(["figures", published]) == 2
+    assert "name by -o where to write the figures" in capsys.readouterr().err
 
 
 def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -221,8 +243,8 @@ def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> N
     (entry,) = (one for one in entries if one["request"] == edited_file)
     entry["answer"]["text"] += "# mine\n"
     refused(with_entries(whole, entries), "candidates/g00s00.py: expected the text that was judged")
-    refused(with_candidate(whole, "sweep/none-seed1/candidates/g99s99.py"), "job none-seed1, ")
-    refused(with_entries(whole, [one for one in entries if one is not entry]), "job none-seed1, ")
+    refused(with_candidate(whole, "sweep/none-seed1/candidates/g99s99.py"), "only files of the ledger; got g99s99.py")
+    refused(with_entries(whole, [one for one in entries if one is not entry]), "g00s00.py: expected")
 
 
 def test_packed_candidates_are_the_files_of_the_sweep(swept: Path, whole: Members) -> None:
@@ -259,7 +281,7 @@ def test_candidate_twice_or_without_its_text_is_found(whole: Members, refused: R
     refused(with_candidate(whole, file), "a second time")
     other = "sweep/none-seed1/candidates/g99s99.py"
     half = lzma.decompress(with_candidate(whole, other, answer={"text": "HALF"})[STORE]).replace(b"HALF", b"\\ud800")
-    refused({**whole, STORE: lzma.compress(half)}, STORE)
+    refused({**whole, STORE: lzma.compress(half)}, "expected JSON; got ")
     refused(with_candidate(whole, other, answer={"text": 1}), f"{other}, text: expected text; got 1")
     refused(with_candidate(whole, other, answer={}), f"{other}, text: expected")
 

@@ -61,10 +61,10 @@ def test_export_holds_what_the_run_needs_and_nothing_else(exported: Path) -> Non
 
 def test_import_into_nothing_is_enough_for_a_replay(exported: Path, tmp_path: Path) -> None:
     """What was exported is what a replay reads, elsewhere."""
-    written, standing = import_file(exported / "run.jsonl.xz", tmp_path / "cache")
-    assert (written > 5, standing) == (True, 0)
+    written, standing, passed_over = import_file(exported / "run.jsonl.xz", tmp_path / "cache")
+    assert (written > 5, standing, passed_over) == (True, 0, 0)
     assert main(["replay", str(exported / "run"), "--store", str(tmp_path / "cache")]) == 0
-    assert import_file(exported / "run.jsonl.xz", tmp_path / "cache") == (0, written)
+    assert import_file(exported / "run.jsonl.xz", tmp_path / "cache") == (0, written, 0)
 
 
 def test_export_has_the_same_bytes_from_anywhere(exported: Path, place: Path) -> None:

@@ -14,6 +14,7 @@ from smallest import Once
 
 from analysis.studies.study import load_study
 from analysis.studies.trivial import trivial_score
+from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
 from tacevo.config.compose import compose_study
 from tacevo.errors import ConfigError, RunError
@@ -159,6 +160,44 @@ def test_published_sweep_has_its_terms_and_its_tests(folder: Path, capsys: pytes
     )
     assert one == other
     assert "ablation_test_mse_force.md" in one
+    assert main(["replay", "sweep.zip/none-seed1"]) == 0
+    assert "none-seed1: digest" not in (told := capsys.readouterr().out)
+    assert "every score is as recorded" in told
+    assert "the bundle of a sweep holds no test predictions" in told
+
+
+@pytest.mark.slow
+def test_import_of_a_published_sweeps_store_leaves_no_half_of_a_training(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A training without its test predictions would be recalled by the next study, and end it."""
+    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
+    store = members_of(folder / "sweep.zip")[STORE]
+    (folder / STORE).write_bytes(store)
+    assert main(["cache", "import", STORE, "--store", "imported"]) == 0
+    assert "passed over: files of candidates, and full trainings" in capsys.readouterr().out
+    kinds = {path.name for path in (folder / "imported").iterdir()}
+    assert "evaluations" in kinds
+    assert kinds.isdisjoint({"studies", "arrays", "candidates"})
+
+
+@pytest.mark.slow
+def test_predictions_of_an_older_published_sweep_are_computed_with(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Releases before this one packed them; where they are, nothing is taken as recorded."""
+    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
+    members = members_of(folder / "sweep.zip")
+    kept = [json.loads(path.read_bytes()) for path in (folder / "cache" / "arrays").rglob("*.json")]
+    entries = [*entries_of(members), *({name: one[name] for name in ("kind", "request", "answer")} for one in kept)]
+    whole = resealed(with_entries(members, entries), folder / "whole.zip")
+    capsys.readouterr()
+    assert main(["replay", str(whole)]) == 0
+    assert "no test predictions" not in capsys.readouterr().out
+    training = next(entry for entry in entries if entry["kind"] == "studies")
+    training["answer"]["full"]["metrics"]["mse"] /= 2
+    assert main(["replay", str(resealed(with_entries(members, entries), folder / "x.zip"))]) == 1
+    assert "by the test predictions" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -231,8 +231,9 @@ def test_training_without_its_predictions_is_refused(tmp_path: Path) -> None:
             "metrics.accuracy",
             "0.666666667",
         ),
-        ({"metrics": {"accuracy": 0.666666667, "cross_entropy": 0.1}}, "metrics.macro_f1", "0.4"),
-        ({"metrics": {"accuracy": 0.666666667, "macro_f1": 0.4, "mse": 0.0}}, "metrics.mse", "None"),
+        ({"metrics": {"accuracy": 0.666666667, "macro_f1": 0.4}}, "metrics", "accuracy, cross_entropy, macro_f1"),
+        ({"metrics": {"accuracy": 0.666666667, "macro_f1": 0.4, "mse": 0.0}}, "metrics", "cross_entropy"),
+        ({"confusion": [[5, -1], [-1, 0]]}, "confusion", "3 images in all"),
         ({"confusion": [[2, 0], [0, 1]]}, "metrics.accuracy", "1.0"),
         ({"confusion": [[2, 0], [0, 2]]}, "confusion", "2 rows of as many counts, 3 images in all"),
         ({"confusion": [[3]]}, "confusion", "2 rows"),
@@ -262,12 +263,15 @@ def test_classification_without_its_predictions_is_compared_with_its_confusion(
 
 
 def test_regression_without_its_predictions_is_taken_as_recorded(tmp_path: Path) -> None:
-    """Nothing else of it says what the metrics are; it must name its predictions all the same."""
+    """Nothing else of it says what the metrics are; it must name them, and its predictions, all the same."""
     forge(tmp_path, lambda full: full)
     for path in (tmp_path / "arrays").glob("*/*"):
         path.unlink()
     recalled = evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay, predictions=False)
     assert isinstance(recalled.evaluate(SOURCE, 0), FullTraining)
+    rewrite(tmp_path, lambda full: {**full, "metrics": {"mse": 0.0}})
+    with refused(DivergenceError, place="metrics", expected="mae", got="mse"):
+        recalled.evaluate(SOURCE, 0)
     rewrite(tmp_path, lambda full: {**full, "kept": None})
     with refused(DivergenceError, expected="test predictions, which these rules keep"):
         recalled.evaluate(SOURCE, 0)
