@@ -24,8 +24,8 @@ from analysis.report.sweep_collection import SweepCollection, collect_sweep, swe
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
 from tacevo.bundles.open import Opened, opened
-from tacevo.cli.common import DONE, Parser, existing_store, output_directory, place_of_results
-from tacevo.cli.tables import RUN, Gathered, finish, gather, place_of, read_gathered, say, show, with_published
+from tacevo.cli.common import DONE, RUN, Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.tables import Gathered, finish, gather, place_of, read_gathered, say, show, with_published
 from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress

@@ -17,6 +17,9 @@ DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 
 OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
 
+#: A run, in the help of the commands that read one.
+RUN = "the directory or bundle of a run, or SWEEP.zip/JOB"
+
 
 def existing_store(name: str | None) -> str | None:
     """Return what `--store` names; a mistyped directory would be made and filled again.

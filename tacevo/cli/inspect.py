@@ -17,7 +17,7 @@ from analysis.report.collection import outcomes, read_studies
 from analysis.runs.run import load_run
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DIFFERENT, DONE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, RUN, Parser
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
 from tacevo.config.recorded import read_config
@@ -144,7 +144,7 @@ def _words(verdict: dict[str, Json]) -> str:
 
 def add_show(parser: Parser) -> None:
     """Describe `tacevo show`."""
-    parser.add_argument("run", metavar="RUN", help="the directory or bundle of a run")
+    parser.add_argument("run", metavar="RUN", help=RUN)
     parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
     parser.set_defaults(command=_show)
 

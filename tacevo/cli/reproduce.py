@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, verify
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, existing_store, whole_number
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, RUN, Parser, existing_store, whole_number
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
 from tacevo.reproduce.replay import replay
@@ -156,7 +156,7 @@ def add_continue(parser: Parser) -> None:
         "Replay a finished run, and search on from its end in a new run directory, whose ledger begins with the lines "
         "of the published one. The published run and its stores are only read."
     )
-    parser.add_argument("run", metavar="RUN", help="the directory of a run, or a file that `tacevo publish` wrote")
+    parser.add_argument("run", metavar="RUN", help=RUN)
     parser.add_argument(
         "overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; a larger search.generations is needed"
     )

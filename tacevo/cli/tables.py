@@ -25,14 +25,12 @@ from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns, table_texts
 from tacevo.bundles.open import Opened, opened
 from tacevo.bundles.verify import Rerun
-from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.common import DIFFERENT, DONE, RUN, Parser, existing_store, output_directory, place_of_results
 from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import CacheMissError, ConfigError, IncomparableError, RunError
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import printable
-
-RUN = "the directory or bundle of a run"
 
 #: The remedy where one run is needed and a sweep was named.
 _ONE = "compare its arms by `tacevo ablations`, or name one of its jobs, SWEEP/JOB"
