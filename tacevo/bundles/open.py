@@ -58,14 +58,15 @@ class Opened:
         return self.folder
 
     def job(self, name: str) -> "Opened":
-        """Return one run of a sweep.
+        """Return one run of a published sweep.
 
         Raises:
             RunError: it is no sweep, or has no such job.
         """
-        if name not in (self.jobs or ()):
-            expected = "the name of a job" if self.jobs is None else f"one of {listed(self.jobs, most=8)}"
-            raise RunError(repr(name), place=str(self.root or self.folder), expected=expected)
+        if self.jobs is None:
+            raise RunError("the bundle of one run", expected="that of a sweep", remedy="name the file alone")
+        if name not in self.jobs:
+            raise RunError(repr(name), place=str(self.root), expected=f"one of {listed(self.jobs)}")
         return replace(self, folder=self.folder / name, jobs=None, root=None)
 
     def read(self, run: Path, store: str | None = None) -> RecordedRun:
@@ -92,7 +93,12 @@ def opened(path: Path) -> Iterator[Opened]:
             yield sweep.job(path.name)
         return
     if not path.exists():
-        raise RunError("a path that does not exist", place=str(path), expected="the directory of a run, or a bundle")
+        raise RunError(
+            "a path that does not exist",
+            place=str(path),
+            expected="the directory of a run, or a bundle",
+            remedy="`tacevo search` makes a run, and prints its name",
+        )
     if not path.is_file():
         yield located(path)
         return
@@ -235,5 +241,7 @@ def check_walls(found: Opened) -> None:
             raise BundleError(
                 "sandbox.require=none, with which its candidates would run here without walls",
                 expected="a published run whose candidates can be confined",
-                remedy="if you trust every source in a published run, unpack it and give its directory run instead",
+                remedy="if you trust every source in it, unpack it and give its directory run instead"
+                if found.jobs is None and found.root is not None
+                else "",
             )

@@ -77,15 +77,8 @@ def verify(
     """
     assert bundle.root is not None  # of a directory, nothing is compared that a manifest would list
     read: set[Path] = set()
-
-    def check(run: Path) -> Rerun:
-        with _refusing(run):
-            checked = rerun(bundle.read(run), view, seen=read.add)
-            _check_files(run, checked)
-            return checked
-
     with _refusing(bundle.root):
-        runs = rerun_all(bundle, check, view)
+        runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
         made = make_tables(bundle.folder, runs)
         outdated = 0
@@ -101,6 +94,19 @@ def verify(
         outdated=outdated,
         figures=figures,
     )
+
+
+def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | None = None) -> Rerun:
+    """Run one run of a bundle again, as `rerun`; nothing in its records is believed.
+
+    Raises:
+        DivergenceError: as `rerun`.
+        BundleError: its records do not suit each other, or hold something that no run writes.
+    """
+    with _refusing(run):
+        checked = rerun(bundle.read(run), view, seen=seen)
+        _check_files(run, checked)
+        return checked
 
 
 def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> tuple[Rerun, ...]:

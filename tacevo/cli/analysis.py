@@ -107,6 +107,8 @@ def _figures(options: argparse.Namespace) -> int:
 def _report(options: argparse.Namespace) -> int:
     path, source = place_of(options, "report.html"), Path(options.run)
     store, name = existing_store(options.store), source.resolve().name
+    if source.parent.is_file():
+        name = f"{source.parent.name}/{name}"
     with opened(source) as place:
         gathered = [read_gathered(run, place, store) for run in place.runs]
         if place.jobs is None:
@@ -209,7 +211,7 @@ def _ablations(options: argparse.Namespace) -> int:
 
 def _collected_sweep(path: Path, store: Path | None, reference: str | None) -> SweepCollection:
     """Read a sweep from a directory or a bundle, a bundle with its own stores unless others are named."""
-    if not path.is_file():
+    if path.is_dir():
         return collect_sweep(path, store, reference)
     with opened(path) as published:
         return collect_sweep(published.folder, store or published.store, reference)
@@ -283,7 +285,7 @@ def _checked(place: Opened, name: str) -> list[str]:
     sealed = "A directory has no manifest; nothing else of it was compared."
     if place.digest is not None:
         digest = f"The manifest's SHA-256 is the bundle's digest: {place.digest}."
-        sealed = f"Every file of {name} is as its manifest says. {digest}"
+        sealed = f"Every file of {name.partition('/')[0]} is as its manifest says. {digest}"
     return [
         "`tacevo report` compared the records with each other. It searched, trained and tested nothing again.",
         "Each ledger: every line has the hash of the line before it, and the last hash is the digest in run.json.",

@@ -43,7 +43,9 @@ def place_of_results(output: str | None, source: str, name: str, what: str) -> P
     if output:
         return Path(output)
     if Path(source).is_file() or Path(source).parent.is_file():
-        raise ConfigError(f"the file {source}", expected="a directory", remedy=f"name by -o where to write {what}")
+        raise ConfigError(
+            f"what was published, {source}", expected="a directory", remedy=f"name by -o where to write {what}"
+        )
     return Path(source) / name
 
 

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.bundles.open import Opened, check_walls, opened
-from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, verify
+from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, rerun_published, verify
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, RUN, Parser, existing_store, whole_number
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
@@ -59,13 +59,13 @@ def _replay(options: argparse.Namespace) -> int:
     with opened(Path(options.run)) as found, Progress() as view:
         if options.retrain is not None:
             check_walls(found)
-        if (
-            found.root is None
-        ):  # the --store of what was published is for the images of --retrain, and need not exist yet
-            store = existing_store(options.store) if found.digest is None else None
-            beside: list[str] = []
+        beside: list[str] = []
+        if found.digest is None:
+            store = existing_store(options.store)
             runs = rerun_all(found, lambda run: rerun(found.read(run, store), view), view)
-        else:
+        elif found.root is None:
+            runs = (rerun_published(found, found.folder, view),)
+        else:  # its --store is for the images of --retrain, and need not exist yet
             verified = _verified(found, view)
             runs = verified.runs
             beside = [_in_bundle(verified), f"bundle digest: {found.digest}"]
@@ -188,5 +188,7 @@ def _checked(published: Opened, view: Progress) -> set[Path]:
         _verified(published, view)
         return set(published.store.rglob("*.json"))
     read: set[Path] = set()
+    if published.digest is not None:
+        rerun_published(published, published.folder, view)
     replay(published.read(published.folder), view, seen=read.add)
     return read

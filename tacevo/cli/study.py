@@ -326,9 +326,9 @@ def _pilot(kind: str, paths: Sequence[Path], open_bundles: contextlib.ExitStack)
 
 def _located_sweep(path: Path, open_bundles: contextlib.ExitStack) -> Path:
     """Return the directory of a sweep, which need not be finished, or of a bundle's."""
-    folder = open_bundles.enter_context(opened(path)).folder if path.is_file() else path
+    folder = path if path.is_dir() else open_bundles.enter_context(opened(path)).folder
     if not SweepDirectory(folder).is_one:
-        got = "the bundle of a run" if path.is_file() else "a directory without sweep.json"
+        got = "a directory without sweep.json" if path.is_dir() else "the bundle of a run"
         raise RunError(got, place=str(path), expected="the directory or bundle of a sweep")
     return folder
 

@@ -26,7 +26,7 @@ from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns, tab
 from tacevo.bundles.open import Opened, opened
 from tacevo.bundles.verify import Rerun
 from tacevo.cli.common import DIFFERENT, DONE, RUN, Parser, existing_store, output_directory, place_of_results
-from tacevo.config.recorded import RecordedRun, read_recorded
+from tacevo.config.recorded import RecordedRun
 from tacevo.errors import CacheMissError, ConfigError, IncomparableError, RunError
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
@@ -143,7 +143,7 @@ def read_gathered(run: Path, place: Opened, store: str | None) -> Gathered:
     """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
     is_bundle = place.digest is not None
     used = str(place.store) if is_bundle and store is None else store
-    recorded, root = read_recorded(run, used), None if used is None else Path(used)
+    recorded, root = place.read(run, used), None if used is None else Path(used)
     shown = _shown(recorded)
     found = collection_of(shown, read_studies(shown, root), root)
     return Gathered(recorded=recorded, found=found, store=used, is_bundle=is_bundle)

@@ -9,6 +9,7 @@ from pathlib import Path
 from tacevo.config.recorded import read_recorded
 from tacevo.reproduce.replay import replay
 from tacevo.runs.progress import Progress
+from tacevo.storage.arrays import KIND
 from tacevo.storage.entries import CANDIDATES, Budget, pack, unpack
 from tacevo.storage.files import write_durably
 from tacevo.storage.listing import take_in
@@ -47,6 +48,7 @@ def import_file(source: Path, root: Path) -> tuple[int, int, int]:
         StoreError: the file, an entry or a place in the stores is not as it should be; nothing was written.
     """
     entries = list(unpack(source, Budget(source, source.stat().st_size)))
-    is_sweep = any(entry.kind == CANDIDATES for entry in entries)
-    taken = [entry for entry in entries if not is_sweep or entry.kind not in {CANDIDATES, "studies"}]
+    kinds = {entry.kind for entry in entries}
+    left = {CANDIDATES, "studies"} if CANDIDATES in kinds and KIND not in kinds else {CANDIDATES}
+    taken = [entry for entry in entries if entry.kind not in left]
     return *take_in(source, taken, root), len(entries) - len(taken)

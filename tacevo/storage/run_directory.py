@@ -136,13 +136,15 @@ class RunDirectory:
         try:
             text = path.read_bytes()
         except OSError as error:
-            is_file = self.path.is_file()
+            is_file = self.path.is_file() or self.path.parent.is_file()
             got = "a file" if is_file else f"one whose run.json cannot be read ({error.strerror})"
             raise RunError(
-                got if self.path.exists() else "a path that does not exist",
+                got if is_file or self.path.exists() else "a path that does not exist",
                 place=str(self.path),
                 expected="the directory of a run",
-                remedy="unzip a published run, and name the directory in its run/" if is_file else _MAKES,
+                remedy="unzip a published run, and name its directory run; of a sweep this cannot be"
+                if is_file
+                else _MAKES,
             ) from error
         remedy = "restore it, or delete it: the `tacevo search` command that began the run writes it again"
         return parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)

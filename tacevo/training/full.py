@@ -30,6 +30,7 @@ from tacevo.training.metrics import (
     classification_metrics,
     confusion,
     counted_metrics,
+    metric_names,
     regression_metrics,
 )
 
@@ -139,7 +140,7 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
             expected = f"{ours[:12]}, the digest of the labels of the test images"
             raise DivergenceError(verdict.kept.labels[:12], place=f"{place}, kept.labels", expected=expected)
         if self._arrays is None:
-            _check_counts(verdict, self._facts, self._scale, place)
+            _check_counts(verdict, self._facts, place)
             return
         try:
             predictions, labels = read_kept(self._arrays, verdict.kept, self._facts)
@@ -154,19 +155,21 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         _compare(verdict.metrics, metrics, place, "the test predictions")
 
 
-def _check_counts(verdict: FullTraining, facts: DataFacts, scale: Sequence[float], place: str) -> None:
+def _check_counts(verdict: FullTraining, facts: DataFacts, place: str) -> None:
     """Compare the names of the metrics, and of a classification those that follow from the confusion."""
-    blank = np.zeros((1, facts.outputs), np.float32)
-    labels = blank if facts.kind is Kind.regression else np.zeros(1, np.int64)
-    metrics, _ = score(facts.kind, blank, labels, names=facts.names, scale=scale)
-    if verdict.metrics.keys() != metrics.keys():
-        got, expected = listed(sorted(verdict.metrics)), listed(sorted(metrics))
+    if verdict.metrics.keys() != (names := metric_names(facts.kind, facts.names)):
+        got, expected = listed(sorted(verdict.metrics)), listed(sorted(names))
         raise DivergenceError(got, place=f"{place}, metrics", expected=expected)
     if facts.kind is Kind.regression:
         return
     rows, images = verdict.confusion or (), facts.counts[2]
     counts = [count for row in rows for count in row]
-    if [len(row) for row in rows] != [facts.outputs] * facts.outputs or sum(counts) != images or min(counts) < 0:
+    if (
+        [len(row) for row in rows] != [facts.outputs] * facts.outputs
+        or sum(counts) != images
+        or min(counts) < 0
+        or not images
+    ):
         expected = f"{facts.outputs} rows of as many counts, {images} images in all"
         raise DivergenceError(f"{rows}", place=f"{place}, confusion", expected=expected)
     _compare(verdict.metrics, {**verdict.metrics, **counted_metrics(rows)}, place, "the confusion")

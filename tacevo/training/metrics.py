@@ -11,11 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tacevo.records import Kind
 from tacevo.rounding import rounded
 from tacevo.training.losses import cross_entropy
 
 #: Rows are true classes, columns are predicted ones; entries count images.
 Confusion = tuple[tuple[int, ...], ...]
+
+
+def metric_names(kind: Kind, names: Sequence[str]) -> set[str]:
+    """Return the names of all metrics; `names` are those of the outputs of a regression."""
+    if kind is Kind.classification:
+        return {"accuracy", "macro_f1", "cross_entropy"}
+    every, in_units = ("mse", "mae", "rmse", "r2"), ("recorded_mae", "recorded_rmse")
+    return {*every, *(f"{metric}_{name}" for metric in (*every, *in_units) for name in names)}
 
 
 def regression_metrics(

@@ -144,10 +144,34 @@ def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pyt
             assert main(command) == 0
             said.append(capsys.readouterr().out)
         assert said[0] == said[1]
+    assert main(["report", published, "-o", "page.html"]) == 0
+    page = (place / "page.html").read_text()
+    assert "tacevo replay sweep.zip/none-seed1" in page
+    assert "Every file of sweep.zip is as its manifest says" in page
     assert main(["show", f"{swept}/sweep.zip/gone"]) == 2
     assert "expected one of none-seed0, none-seed1, fixed_temperature-seed0; got 'gone'" in capsys.readouterr().err
     assert main(["figures", published]) == 2
     assert "name by -o where to write the figures" in capsys.readouterr().err
+
+
+def test_job_of_a_published_sweep_is_not_believed(
+    whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its replay finds what that of the whole sweep finds."""
+    bundle = resealed(with_candidate(whole, "sweep/none-seed1/candidates/g99s99.py"), tmp_path / "x.zip")
+    for command in (["replay", f"{bundle}/none-seed1"], ["continue", f"{bundle}/none-seed1", "search.generations=9"]):
+        assert main(command) == 1
+        assert "only files of the ledger; got g99s99.py" in capsys.readouterr().err
+    assert main(["replay", f"{bundle}/none-seed0"]) == 0
+
+
+@pytest.mark.slow
+def test_job_of_a_published_sweep_is_continued(swept: Path, place: Path) -> None:
+    """Its lines begin the ledger of the longer run."""
+    job = f"{swept}/sweep.zip/none-seed1"
+    assert main(["continue", job, "search.generations=2", "run.dir=longer", "tracking=none"]) == 0
+    recorded = (swept / "sweep" / "none-seed1" / "ledger.jsonl").read_bytes()
+    assert (place / "longer" / "ledger.jsonl").read_bytes().startswith(recorded)
 
 
 def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -243,8 +267,10 @@ def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> N
     (entry,) = (one for one in entries if one["request"] == edited_file)
     entry["answer"]["text"] += "# mine\n"
     refused(with_entries(whole, entries), "candidates/g00s00.py: expected the text that was judged")
-    refused(with_candidate(whole, "sweep/none-seed1/candidates/g99s99.py"), "only files of the ledger; got g99s99.py")
-    refused(with_entries(whole, [one for one in entries if one is not entry]), "g00s00.py: expected")
+    foreign = with_candidate(whole, "sweep/none-seed1/candidates/g99s99.py")
+    for words in ("job none-seed1, ", "only files of the ledger; got g99s99.py"):
+        refused(foreign, words)
+    refused(with_entries(whole, [one for one in entries if one is not entry]), "job none-seed1, ")
 
 
 def test_packed_candidates_are_the_files_of_the_sweep(swept: Path, whole: Members) -> None:
@@ -318,5 +344,7 @@ def test_job_does_not_take_the_walls_down(whole: Members, tmp_path: Path, capsys
     run = json.loads(whole[name])
     run["config"]["sandbox"]["require"] = "none"
     bundle = resealed({**whole, name: json.dumps(run).encode()}, tmp_path / "x.zip")
-    assert main(["replay", str(bundle), "--retrain", "1"]) == 1
-    assert "sandbox.require=none, with which its candidates would run here without walls" in capsys.readouterr().err
+    job = f"{bundle}/none-seed1"
+    for command in (["replay", str(bundle), "--retrain", "1"], ["replay", job, "--retrain", "1"], ["continue", job]):
+        assert main(command) == 1
+        assert "sandbox.require=none, with which its candidates would run here without walls" in capsys.readouterr().err

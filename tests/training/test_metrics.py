@@ -14,7 +14,15 @@ from sklearn.metrics import (
     r2_score,
 )
 
-from tacevo.training.metrics import classification_metrics, confusion, macro_f1, r_squared, regression_metrics
+from tacevo.records import Kind
+from tacevo.training.metrics import (
+    classification_metrics,
+    confusion,
+    macro_f1,
+    metric_names,
+    r_squared,
+    regression_metrics,
+)
 
 NAMES = ("Fx", "Fy", "Fz")
 
@@ -30,6 +38,7 @@ def test_regression_agrees_with_scikit_learn(seed: int, count: int) -> None:
     targets, predictions = values(seed, (count, 3)), values(seed + 1, (count, 3))
     found = regression_metrics(predictions, targets, names=NAMES, scale=(1.0, 2.0, 10.0))
     truth, guess = targets.astype(np.float64), predictions.astype(np.float64)
+    assert found.keys() == metric_names(Kind.regression, NAMES)
     assert found["mse"] == pytest.approx(mean_squared_error(truth, guess), rel=1e-8)
     assert found["mae"] == pytest.approx(mean_absolute_error(truth, guess), rel=1e-8)
     assert found["rmse"] == pytest.approx(mean_squared_error(truth, guess) ** 0.5, rel=1e-8)
