@@ -188,7 +188,7 @@ def _checked(published: Opened, view: Progress) -> set[Path]:
         _verified(published, view)
         return set(published.store.rglob("*.json"))
     read: set[Path] = set()
-    if published.digest is not None:
+    if published.digest is not None:  # compares its studies, too, whose entries a search does not need
         rerun_published(published, published.folder, view)
     replay(published.read(published.folder), view, seen=read.add)
     return read

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
-from bundles import entries_of, members_of, resealed, with_entries
+from bundles import Members, entries_of, members_of, resealed, with_entries
 from refusals import refused
 from smallest import Once
 
@@ -50,6 +50,12 @@ def folder(scored: Path, place: Path) -> Path:
 def files(folder: Path) -> dict[str, bytes]:
     """Read all files of all studies."""
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.glob("sweep/*/studies/*/*")}
+
+
+def published(folder: Path) -> Members:
+    """Publish the sweep as sweep.zip; return the members."""
+    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
+    return members_of(folder / "sweep.zip")
 
 
 def test_each_job_has_a_study_of_its_best_elite(folder: Path) -> None:
@@ -147,9 +153,7 @@ def test_wrong_setting_is_refused_by_its_name(settings: list[str], place_of: str
 @pytest.mark.slow
 def test_published_sweep_has_its_terms_and_its_tests(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The bundle gives the tables that the directory gives; its replay compares every score, and says with what."""
-    command = ["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]
-    assert main(command) == 0
-    assert {entry["kind"] for entry in entries_of(members_of(folder / "sweep.zip"))}.isdisjoint({"arrays"})
+    assert {entry["kind"] for entry in entries_of(published(folder))}.isdisjoint({"arrays"})
     assert main(["replay", "sweep.zip"]) == 0
     assert "the bundle of a sweep holds no test predictions: scores are those of" in capsys.readouterr().out
     for source, target in (("sweep", "from-directory"), ("sweep.zip", "from-bundle")):
@@ -171,9 +175,7 @@ def test_import_of_a_published_sweeps_store_leaves_no_half_of_a_training(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A training without its test predictions would be recalled by the next study, and end it."""
-    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
-    store = members_of(folder / "sweep.zip")[STORE]
-    (folder / STORE).write_bytes(store)
+    (folder / STORE).write_bytes(published(folder)[STORE])
     assert main(["cache", "import", STORE, "--store", "imported"]) == 0
     assert "passed over: files of candidates, and full trainings" in capsys.readouterr().out
     kinds = {path.name for path in (folder / "imported").iterdir()}
@@ -186,8 +188,7 @@ def test_predictions_of_an_older_published_sweep_are_computed_with(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Releases before this one packed them; where they are, nothing is taken as recorded."""
-    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
-    members = members_of(folder / "sweep.zip")
+    members = published(folder)
     kept = [json.loads(path.read_bytes()) for path in (folder / "cache" / "arrays").rglob("*.json")]
     entries = [*entries_of(members), *({name: one[name] for name in ("kind", "request", "answer")} for one in kept)]
     whole = resealed(with_entries(members, entries), folder / "whole.zip")
@@ -205,8 +206,7 @@ def test_score_that_no_training_gave_is_found_in_a_published_sweep(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Without test predictions, the recorded trainings still say what each score is."""
-    assert main(["publish", "sweep", "--store", "cache", "-o", "sweep.zip", "--author", "A. Nyone"]) == 0
-    members = members_of(folder / "sweep.zip")
+    members = published(folder)
     entries = entries_of(members)
     training = next(entry for entry in entries if entry["kind"] == "studies")
     training["answer"]["full"]["metrics"]["mse"] /= 2
