@@ -29,9 +29,9 @@ $(READY): requirements.lock pyproject.toml
 
 demo: $(READY) ## run a small search, train its best networks again with other seeds, and print what was found
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
-	$(BIN)/tacevo noise runs/demo elites=3 seeds=8
+	$(BIN)/tacevo noise runs/demo elites=2 seeds=12
 
-test: $(READY) ## run the tests, two at a time (under six minutes on two quiet cores)
+test: $(READY) ## run the tests, two at a time (six to seven minutes on two cores)
 	$(BIN)/pytest $(TWO)
 
 test-slow: $(READY) ## run the tests that attack each promise further (five minutes)
