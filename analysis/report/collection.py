@@ -72,7 +72,7 @@ class Collection(Studies):
 
     run: Run
     niches: Niches
-    #: Studies that are there, and of which nothing is shown (`with_one_study`).
+    #: Studies that are there, and of which nothing is shown (`with_largest_studies`).
     passed_over: tuple[Compared, ...] = ()
 
 
@@ -186,40 +186,41 @@ def _on_images(study: Study, path: Path, store: Path) -> tuple[ImageFindings | N
     return None if predictions is None else image_findings(study, predictions), []
 
 
-def with_one_study(found: Collection) -> Collection:
-    """Keep the largest study of a run: the most epochs, then seeds, then networks; never the better results.
+def with_largest_studies(found: Collection) -> Collection:
+    """Keep a run's largest study on each data set: the most epochs, then seeds, then networks; never by results.
 
-    One on the run's data goes before those on other data.
+    That on the run's data comes first.
     """
-    largest = sorted(
+    ordered = sorted(
         found.studies,
-        key=lambda one: (
-            *(not one.study.other_data, one.study.recipe.epochs, one.study.seeds),
-            *(len(one.study.networks), one.name),
-        ),
+        key=lambda one: (one.study.recipe.epochs, one.study.seeds, len(one.study.networks), one.name),
     )
-    names = {one.name for one in largest[:-1]}
+    largest = {one.study.fingerprint: one for one in ordered}
+    kept = sorted(largest.values(), key=lambda one: (bool(one.study.other_data), one.name))
+    passed_over = tuple(one for one in ordered if one is not largest[one.study.fingerprint])
     return replace(
         found,
-        studies=tuple(largest[-1:]),
-        passed_over=tuple(largest[:-1]),
-        reestimates=tuple(one for one in found.reestimates if one.name not in names),
+        studies=tuple(kept),
+        passed_over=passed_over,
+        reestimates=tuple(one for one in found.reestimates if one.name not in {other.name for other in passed_over}),
     )
 
 
 def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
     """Return a table for each task that several different runs search, and which of these it lacks, with the reason.
 
-    They stand beside each other by a study on the run's data, where the searches trained for equal numbers of epochs.
+    They stand beside each other by studies that are alike, where the searches trained for equal numbers of epochs. A
+    study on other data has the re-estimates of one on the run's data, of the same networks.
     """
-    alike: dict[tuple[str, int], list[StudiedSearch]] = {}
+    alike: dict[tuple[object, ...], list[StudiedSearch]] = {}
     for one in found:
-        reestimates = {known.name: known for known in one.reestimates}
+        ordered = sorted(one.reestimates, key=lambda known: len(known.estimates[0]))
+        most_seeds = {known.networks: known for known in ordered}
         for compared in one.studies:
-            study, known = compared.study, reestimates.get(compared.name)
+            study, known = compared.study, most_seeds.get(compared.study.networks)
             if known is None or compared.comparisons is None or study.seeds < LEAST_SEEDS:
                 continue
-            searches = alike.setdefault((study.task, known.epochs), [])
+            searches = alike.setdefault((study.task, known.epochs, study.fingerprint, study.recipe, study.seeds), [])
             if all(other.study.run != study.run for other in searches):
                 searches.append(StudiedSearch(name=one.run.name, study=study, reestimates=known))
     groups = [searches for searches in alike.values() if len(searches) > 1]
@@ -227,7 +228,7 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
     tasks = Counter(one.run.task for one in found)
     alone = [
         f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs, "
-        f"and of both a study on the run's data with {LEAST_SEEDS} seeds or more"
+        f"and of both a study on the run's data, and studies of equal epochs and seeds, {LEAST_SEEDS} or more"
         for one in found
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]

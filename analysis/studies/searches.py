@@ -28,7 +28,7 @@ class StudiedSearch:
     #: Of the run.
     name: str
     study: Study
-    #: By the same study.
+    #: Of the study's networks, on the run's data.
     reestimates: Reestimates
 
 

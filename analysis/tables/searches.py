@@ -15,11 +15,13 @@ def searches_table(halves: Sequence[Sequence[Chosen]]) -> Table:
     """Show the network that each half of the seeds chooses of each search, and how far it differs from the first's."""
     first = halves[0][0].search
     study, metric = first.study, metric_name(first.study.primary)
+    choosing = counted(len(first.reestimates.estimates[0]), "seed")
+    elsewhere = f" Tested on other data than the runs': {study.where}." if study.other_data else ""
     better = "below" if LOWER_IS_BETTER[study.primary] else "above"
     return Table(
-        name=f"searches_{study.task}",
+        name=f"searches_{study.task}" + (f"_{study.fingerprint[:8]}" if elsewhere else ""),
         caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
-        f"{first.name}.",
+        f"{first.name}.{elsewhere}",
         columns=(
             *("chosen by", "search", "candidate", "recorded fitness", "re-estimated"),
             *("chance of a lower loss", f"test {metric}", f"difference of medians ({unit_of(study.primary)})"),
@@ -32,7 +34,7 @@ def searches_table(halves: Sequence[Sequence[Chosen]]) -> Table:
         ),
         notes=(
             f"Chosen: the network, baseline included, with the lowest median loss after "
-            f"{counted(first.reestimates.epochs, 'epoch')}, by every second of {counted(study.seeds, 'seed')}, counted "
+            f"{counted(first.reestimates.epochs, 'epoch')}, by every second of {choosing}, counted "
             "from 1. Re-estimates and tests are of the other seeds, so no training chooses a network and counts for "
             "it. Where odd and even seeds choose different networks, re-estimates do not tell these apart.",
             f"Tested: after {counted(study.recipe.epochs, 'epoch')}, weights of the best validation epoch, on "

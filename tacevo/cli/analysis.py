@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from analysis.figures.style import render
-from analysis.report.collection import side_by_side, with_one_study
+from analysis.report.collection import side_by_side, with_largest_studies
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
 from analysis.report.page.contents import PageContents
@@ -126,7 +126,7 @@ def _paper(options: argparse.Namespace) -> int:
         gathered = [_for_paper(open_bundles.enter_context(gather(run, options.store))) for run in options.runs]
         found = [one.found for one in gathered]
         _check_names([one.run.name for one in found])
-        check_alike([compared.study for one in found for compared in one.studies])
+        check_alike([compared.study for one in found for compared in one.studies if not compared.study.other_data])
         directory = output_directory(options.output)
         published = with_published([one.run for one in found])
         chapters = [write_chapter("The paper beside these runs", published, [], directory / "published")]
@@ -154,12 +154,11 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def _for_paper(gathered: Gathered) -> Gathered:
-    """Keep one study of a run, and print which are passed over."""
-    chosen = with_one_study(gathered.found)
-    names = {compared.name for compared in gathered.found.studies} - {compared.name for compared in chosen.studies}
+    """Keep one study of a run on each data set, and print which are passed over."""
+    chosen = with_largest_studies(gathered.found)
     say(
-        f"passed over: {name}; the paper takes the run's largest study, {chosen.studies[0].name}"
-        for name in sorted(names)
+        f"passed over: {compared.name}; the paper takes the run's largest study on each data set"
+        for compared in chosen.passed_over
     )
     return replace(gathered, found=chosen)
 

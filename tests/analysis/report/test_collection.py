@@ -10,7 +10,7 @@ from hand_runs import closed, configured, elite, run, trained
 from ledger_lines import score, study_header
 from studies import study_of
 
-from analysis.report.collection import Collection, Compared, read_studies, tables_of, with_one_study
+from analysis.report.collection import Collection, Compared, read_studies, tables_of, with_largest_studies
 from analysis.report.figure_list import pictures_of
 from analysis.runs.niches import Niches
 from analysis.runs.run import Run, load_run
@@ -99,9 +99,9 @@ def test_largest_study_is_the_one_of_a_paper() -> None:
     longer = replace(small, study=replace(small.study, recipe=replace(small.study.recipe, epochs=90)))
     more = replace(large, study=replace(large.study, seeds=90))
     both = replace(collection(searched=searched()), studies=(longer, more))
-    assert with_one_study(both).studies == (longer,)
-    assert with_one_study(replace(both, studies=(small, more))).studies == (more,)
-    assert with_one_study(replace(both, studies=())).studies == ()
+    assert with_largest_studies(both).studies == (longer,)
+    assert with_largest_studies(replace(both, studies=(small, more))).studies == (more,)
+    assert with_largest_studies(replace(both, studies=())).studies == ()
 
 
 @pytest.mark.parametrize("kind", list(Kind))

@@ -132,11 +132,11 @@ def test_table_says_what_one_search_each_cannot_show() -> None:
     assert "70.5 % [63.5, 77.5]" in as_markdown(table)
 
 
-def collected(search: StudiedSearch) -> Any:
-    """Stand for a run with one study."""
-    study = SimpleNamespace(name="study", study=search.study, comparisons=())
+def collected(search: StudiedSearch, *more: StudiedSearch) -> Any:
+    """Stand for a run with its studies, of which the first gives the re-estimates."""
+    studies = [SimpleNamespace(study=one.study, comparisons=()) for one in (search, *more)]
     run = SimpleNamespace(name=search.name, task=search.study.task)
-    return SimpleNamespace(run=run, studies=(study,), reestimates=(search.reestimates,))
+    return SimpleNamespace(run=run, studies=studies, reestimates=(search.reestimates,))
 
 
 def test_runs_that_searched_alike_stand_in_one_table() -> None:
@@ -152,9 +152,10 @@ def test_runs_that_searched_alike_stand_in_one_table() -> None:
         replace(SECOND, study=replace(SECOND.study, run=FIRST.study.run)),
         replace(SECOND, reestimates=replace(SECOND.reestimates, epochs=6)),
         replace(SECOND, study=replace(SECOND.study, seeds=3)),
-        replace(SECOND, reestimates=replace(SECOND.reestimates, name="another study")),
+        replace(SECOND, study=replace(SECOND.study, recipe=replace(SECOND.study.recipe, epochs=90))),
+        replace(SECOND, reestimates=replace(SECOND.reestimates, networks=FIRST.reestimates.networks)),
     ],
-    ids=["the same run", "other epochs", "three seeds", "no re-estimates"],
+    ids=["the same run", "other epochs of the search", "three seeds", "a longer study", "re-estimates of others"],
 )
 def test_run_that_cannot_be_compared_is_named(other: StudiedSearch) -> None:
     """And what it would need; one that is there twice is one search."""
@@ -163,6 +164,20 @@ def test_run_that_cannot_be_compared_is_named(other: StudiedSearch) -> None:
     assert alone[-1].startswith(
         "model is not beside the other runs of grating: expected another search of as many epochs"
     )
+
+
+def test_studies_on_other_data_stand_in_a_table_of_their_own() -> None:
+    """The re-estimates on the runs' data choose; a search without such a study is beside the others once."""
+    data = replace(FIRST.study.data, fingerprint="e" * 64)
+    found = [
+        collected(one, replace(one, study=replace(one.study, data=data, other_data=(("a", 1),))))
+        for one in (FIRST, SECOND)
+    ]
+    (own, other), alone = side_by_side(found)
+    assert (own.name, other.name, alone) == ("searches_grating", "searches_grating_eeeeeeee", [])
+    assert other.caption.endswith("Tested on other data than the runs': a=1.")
+    (only,), alone = side_by_side([found[0], collected(SECOND)])
+    assert (only.name, alone) == ("searches_grating", [])
 
 
 def test_error_of_a_regression_is_in_its_own_unit() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from hand_runs import closed, run, trained
 from studies import around, study_of
 
-from analysis.report.collection import Collection, Compared, tables_of, with_one_study
+from analysis.report.collection import Collection, Compared, tables_of, with_largest_studies
 from analysis.runs.niches import Niches
 from analysis.studies.comparison import Verdict, compare
 from analysis.studies.scores import Study
@@ -132,19 +132,21 @@ def test_study_on_other_data_says_so() -> None:
         assert "On other data than the run's: split_seed=7." in " ".join(tables[name].notes)
 
 
-def test_paper_takes_the_study_of_the_runs_own_data() -> None:
-    """However large that on other data is."""
+def test_paper_takes_the_largest_study_on_each_data_set() -> None:
+    """That on the run's own data first, however large one on other data is."""
     large = elsewhere(OTHER, 7, recipe=replace(study_of(ONE).recipe, epochs=500))
-    kept = with_one_study(collection(study_of(ONE), large))
-    assert [compared.name for compared in kept.studies] == ["study1"]
+    kept = with_largest_studies(collection(elsewhere(OTHER, 7), large, study_of(ONE)))
+    assert [compared.name for compared in kept.studies] == ["study3", "study2"]
+    assert [compared.name for compared in kept.passed_over] == ["study1"]
 
 
 def test_paper_warns_of_one_split_only_where_there_is_one() -> None:
-    """The study on the other data is not shown, but it is there."""
-    for studies, warned in (([study_of(ONE)], True), ([study_of(ONE), elsewhere(OTHER, 7)], False)):
-        tables = tables_of(with_one_study(collection(*studies)), None)
+    """A study on other data that a longer one there displaces is not shown, but it is there."""
+    longer = elsewhere(OTHER, 7, recipe=replace(study_of(ONE).recipe, epochs=500))
+    for studies, warned in (([study_of(ONE)], True), ([study_of(ONE), elsewhere(OTHER, 7), longer], False)):
+        tables = tables_of(with_largest_studies(collection(*studies)), None)
         assert not any(table.name.startswith("transfer") for table in tables)
-        assert any(ONE_SPLIT in table.notes for table in tables) is warned
+        assert any(ONE_SPLIT in table.notes for table in tables if table.name == "scores_force_study1") is warned
 
 
 def test_study_that_follows_a_plan_is_compared_with_one_elsewhere() -> None:
