@@ -16,6 +16,11 @@ from tacevo.text import counted, listed
 #: How many networks of a noise run are listed: the baseline, the best on record, and the best of the re-estimates.
 MOST = 10
 
+_TOGETHER = (
+    f"Better and worse: by intervals that hold for all elites together with {100 * LEVEL:g} %, and so are wider than "
+    "those of the table."
+)
+
 
 def study_outcome(
     study: Study, found: Comparisons | None, again: Reestimates | None, *, record: str, is_alone: bool
@@ -86,7 +91,8 @@ def noise_outcome(found: Reestimates, task: str) -> Table:
             for network, one in listed_ones
         ),
         notes=(
-            *([] if finding is None else [f"{trained}."]),
+            *(() if finding is None else (f"{trained}.",)),
+            *((_TOGETHER,) if len(pairs) > 2 else ()),
             *_undecidable(found),
             *_left_out(found, len(pairs) - len(listed_ones)),
             "Re-estimated: the median of these seeds. The lowest of many flatters its network too, if less.",
@@ -128,8 +134,7 @@ def _finding_of_several(found: Reestimates) -> str:
     return (
         f"Of the {len(others)} best elites on record{trained}, {len(better) or 'none'} can be called better than the "
         f"baseline, whose loss is {shown(found.noise.networks[0].median)}{named}{''.join(f'; {one}' for one in rest)} "
-        f"(medians of {counted(found.noise.seeds, 'other seed')}; by intervals that hold for all elites together with "
-        f"{100 * LEVEL:g} %, and so are wider than those of the table)."
+        f"(medians of {counted(found.noise.seeds, 'other seed')})."
     )
 
 

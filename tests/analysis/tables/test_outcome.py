@@ -115,7 +115,7 @@ def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -
     table = noise_outcome(again, "force")
     listed = [row[0] for row in table.rows]
     assert listed == ["baseline", "variant 1", *names[-(MOST - 2) :]]
-    assert f"Not listed: {31 - MOST}" in table.notes[2]
+    assert any(f"Not listed: {31 - MOST}" in note for note in table.notes)
     winner = dict(zip(table.columns, table.rows[1], strict=True))
     assert winner[ONE_DRAW] == 0.1
     assert (winner["re-estimated"], winner["least"], winner["most"]) == (2.05, 2.0, 2.1)
@@ -170,8 +170,7 @@ def test_finding_of_several_names_those_that_are_better() -> None:
     caption = noise_outcome(reestimates(names, [BASELINE, good, near, far, best]), "force").caption
     assert caption == (
         "Of the 4 best elites on record, 2 can be called better than the baseline, whose loss is 0.835: id of variant "
-        "4 (0.335), id of variant 1 (0.435); 1 cannot be told from it; 1 worse (medians of 8 other seeds; by intervals "
-        "that hold for all elites together with 95 %, and so are wider than those of the table)."
+        "4 (0.335), id of variant 1 (0.435); 1 cannot be told from it; 1 worse (medians of 8 other seeds)."
     )
     caption = noise_outcome(reestimates(names[:3], [BASELINE, near, near]), "force").caption
     assert caption.startswith(
