@@ -126,7 +126,8 @@ def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[s
     assert lines[:2] == ["found", ""]
     assert lines[2] == "read:   my runs/one/summary.md"
     assert [shlex.split(line)[2:] for line in (lines[3], lines[4], lines[6])] == [
-        *(["show", "my runs/one", "g01s02"], ["replay", "my runs/one"], ["noise", "my runs/one", "elites=2", "seeds=12"])
+        *(["show", "my runs/one", "g01s02"], ["replay", "my runs/one"]),
+        ["noise", "my runs/one", "elites=2", "seeds=12"],
     ]
     assert (lines[5], lines[7:]) == ("a remark", ["digest: d"])
 
