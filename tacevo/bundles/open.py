@@ -6,6 +6,8 @@ killed; errors name the file and not that directory. The commands see runs, and 
 
 import contextlib
 import json
+import os
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +20,15 @@ from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.errors import BundleError, RunError, TacevoError
 from tacevo.search.files import finished_digest
 from tacevo.storage.arrays import KIND
+from tacevo.storage.entries import MOST_BYTES
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
 from tacevo.text import listed
 
 T = TypeVar("T")
+
+#: Where Linux keeps files in memory.
+_MEMORY = Path("/dev/shm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,10 +143,19 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
 def private_folder(place: Path) -> Iterator[Path]:
     """Make a temporary directory that stands for a place; errors name that place instead.
 
-    It is this user's alone, and removed at the end, also after an error or Ctrl-C.
+    It is this user's alone, and removed at the end, also after an error or Ctrl-C. It lies in memory where that has
+    room, unless `TMPDIR` names another place: some disks take longer to remove thousands of files than a replay takes.
     """
-    with tempfile.TemporaryDirectory(prefix="tacevo-") as folder, standing_for(Path(folder), place):
+    made = tempfile.TemporaryDirectory(prefix="tacevo-", dir=_memory())
+    with made as folder, standing_for(Path(folder), place):
         yield Path(folder)
+
+
+def _memory() -> Path | None:
+    """Return a directory in memory with room for any two bundles; None where there is none, or another was named."""
+    if tempfile.gettempdir() != "/tmp" or not _MEMORY.is_dir() or not os.access(_MEMORY, os.W_OK):
+        return None
+    return _MEMORY if shutil.disk_usage(_MEMORY).free > 2 * MOST_BYTES else None
 
 
 @contextlib.contextmanager

@@ -1,6 +1,9 @@
 """Promise: a run is opened wherever it lies, and what was unpacked for that is gone at the end."""
 
+import shutil
+import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from refusals import refused
@@ -80,6 +83,24 @@ def test_private_folder_is_gone_after_an_error(error: type[BaseException], tmp_p
     with pytest.raises(error, match="differs"):
         fail_within(tmp_path, error, made)
     assert not made[0].exists()
+
+
+def test_private_folder_lies_where_tmpdir_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever names a place has a reason."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with private_folder(tmp_path / "x.zip") as folder:
+        assert folder.parent == tmp_path
+
+
+@pytest.mark.parametrize(("free", "parent"), [(5 * 1024**3, "/dev/shm"), (3 * 1024**3, "/tmp")])
+def test_private_folder_lies_in_memory_where_that_has_room(
+    free: int, parent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two bundles unpack to 4 GiB at most."""
+    monkeypatch.setattr(tempfile, "tempdir", "/tmp")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
+    with private_folder(tmp_path / "x.zip") as folder:
+        assert folder.parent == Path(parent)
 
 
 def test_errors_name_the_place_that_the_folder_stands_for(tmp_path: Path) -> None:
