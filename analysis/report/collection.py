@@ -197,28 +197,31 @@ def with_largest_studies(found: Collection) -> Collection:
     )
     largest = {one.study.fingerprint: one for one in ordered}
     kept = sorted(largest.values(), key=lambda one: (bool(one.study.other_data), one.name))
-    passed_over = tuple(one for one in ordered if one is not largest[one.study.fingerprint])
+    names = {one.name for one in kept}
+    passed_over = tuple(one for one in ordered if one.name not in names)
+    left = {one.name for one in passed_over}
     return replace(
         found,
         studies=tuple(kept),
         passed_over=passed_over,
-        reestimates=tuple(one for one in found.reestimates if one.name not in {other.name for other in passed_over}),
+        reestimates=tuple(one for one in found.reestimates if one.name not in left),
     )
 
 
 def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
-    """Return a table for each task that several different runs search, and which of these it lacks, with the reason.
+    """Return tables of the runs that search one task, and which of these they lack, with the reason.
 
-    They stand beside each other by studies that are alike, where the searches trained for equal numbers of epochs. A
-    study on other data has the re-estimates of one on the run's data, of the same networks.
+    Runs stand beside each other by studies that are alike, where the searches trained for equal numbers of epochs. The
+    re-estimates that choose are always those of the study on the run's own data; on other data, exactly the same
+    networks must have been studied.
     """
     alike: dict[tuple[object, ...], list[StudiedSearch]] = {}
     for one in found:
-        ordered = sorted(one.reestimates, key=lambda known: len(known.estimates[0]))
-        most_seeds = {known.networks: known for known in ordered}
+        studies = {compared.name for compared in one.studies}  # a noise run is none
+        known_of = {known.networks: known for known in one.reestimates if known.name in studies}
         for compared in one.studies:
-            study, known = compared.study, most_seeds.get(compared.study.networks)
-            if known is None or compared.comparisons is None or study.seeds < LEAST_SEEDS:
+            study, known = compared.study, known_of.get(compared.study.networks)
+            if known is None or compared.comparisons is None or min(study.seeds, known.noise.seeds) < LEAST_SEEDS:
                 continue
             searches = alike.setdefault((study.task, known.epochs, study.fingerprint, study.recipe, study.seeds), [])
             if all(other.study.run != study.run for other in searches):
@@ -227,12 +230,24 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
     shown = {search.name for searches in groups for search in searches}
     tasks = Counter(one.run.task for one in found)
     alone = [
-        f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs, "
-        f"and of both a study on the run's data, and studies of equal epochs and seeds, {LEAST_SEEDS} or more"
+        f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs; a "
+        f"study of each on the run's data; and of both, studies of equal epochs and seeds, {LEAST_SEEDS} or more"
         for one in found
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]
-    return [searches_table([best_by_reestimates(searches, half=half) for half in (0, 1)]) for searches in groups], alone
+    tables = [searches_table([best_by_reestimates(searches, half=half) for half in (0, 1)]) for searches in groups]
+    return _numbered(tables), alone
+
+
+def _numbered(tables: Iterable[Table]) -> list[Table]:
+    """Number the tables that have one name, from the second."""
+    known: Counter[str] = Counter()
+    found = []
+    for table in tables:
+        known[table.name] += 1
+        number = known[table.name]
+        found.append(table if number == 1 else replace(table, name=f"{table.name}_{number}"))
+    return found
 
 
 def outcomes(run: Run, found: Studies) -> dict[str, Table]:

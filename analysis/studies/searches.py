@@ -62,8 +62,8 @@ def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int, seed: i
     """Return the network that is chosen of each search, compared with that of the first.
 
     Args:
-        searches: two or more different ones of one task, of equal epochs; their studies are alike (`check_alike`) and
-            have `LEAST_SEEDS` or more.
+        searches: two or more different ones of one task, of equal epochs; their studies have one data set, recipe
+            and number of seeds, `LEAST_SEEDS` or more.
         half: of the seeds, which chooses: 0 for the first, third ..., or 1 for those between them.
         seed: of the bootstrap.
     """

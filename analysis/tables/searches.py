@@ -19,7 +19,7 @@ def searches_table(halves: Sequence[Sequence[Chosen]]) -> Table:
     elsewhere = f" Tested on other data than the runs': {study.where}." if study.other_data else ""
     better = "below" if LOWER_IS_BETTER[study.primary] else "above"
     return Table(
-        name=f"searches_{study.task}" + (f"_{study.fingerprint[:8]}" if elsewhere else ""),
+        name=f"searches_{study.task}" + (f"_{study.fingerprint[:8]}" if study.other_data else ""),
         caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
         f"{first.name}.{elsewhere}",
         columns=(

@@ -143,8 +143,8 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
 def private_folder(place: Path) -> Iterator[Path]:
     """Make a temporary directory that stands for a place; errors name that place instead.
 
-    It is this user's alone, and removed at the end, also after an error or Ctrl-C. It lies in memory where that has
-    room, unless `TMPDIR` names another place: some disks take longer to remove thousands of files than a replay takes.
+    It is this user's alone, and removed at the end, also after an error or Ctrl-C. Without `TMPDIR` it lies in memory
+    where that can be: some disks take longer to remove thousands of files than a replay takes.
     """
     made = tempfile.TemporaryDirectory(prefix="tacevo-", dir=_memory())
     with made as folder, standing_for(Path(folder), place):
@@ -152,10 +152,11 @@ def private_folder(place: Path) -> Iterator[Path]:
 
 
 def _memory() -> Path | None:
-    """Return a directory in memory with room for any two bundles; None where there is none, or another was named."""
-    if tempfile.gettempdir() != "/tmp" or not _MEMORY.is_dir() or not os.access(_MEMORY, os.W_OK):
+    """Return a directory in memory that takes any two bundles; None where there is none, or another was named."""
+    is_named = "TMPDIR" in os.environ or tempfile.gettempdir() != "/tmp"
+    if is_named or not os.access(_MEMORY, os.W_OK) or shutil.disk_usage(_MEMORY).free < 2 * MOST_BYTES:
         return None
-    return _MEMORY if shutil.disk_usage(_MEMORY).free > 2 * MOST_BYTES else None
+    return _MEMORY
 
 
 @contextlib.contextmanager

@@ -126,7 +126,7 @@ def _paper(options: argparse.Namespace) -> int:
         gathered = [_for_paper(open_bundles.enter_context(gather(run, options.store))) for run in options.runs]
         found = [one.found for one in gathered]
         _check_names([one.run.name for one in found])
-        check_alike([compared.study for one in found for compared in one.studies if not compared.study.other_data])
+        check_alike([compared.study for one in found for compared in one.studies])
         directory = output_directory(options.output)
         published = with_published([one.run for one in found])
         chapters = [write_chapter("The paper beside these runs", published, [], directory / "published")]

@@ -87,7 +87,8 @@ def test_private_folder_is_gone_after_an_error(error: type[BaseException], tmp_p
 
 def test_private_folder_lies_where_tmpdir_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever names a place has a reason."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
     with private_folder(tmp_path / "x.zip") as folder:
         assert folder.parent == tmp_path
 
@@ -97,7 +98,8 @@ def test_private_folder_lies_in_memory_where_that_has_room(
     free: int, parent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two bundles unpack to 4 GiB at most."""
-    monkeypatch.setattr(tempfile, "tempdir", "/tmp")
+    monkeypatch.delenv("TMPDIR", raising=False)
+    monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
     with private_folder(tmp_path / "x.zip") as folder:
         assert folder.parent == Path(parent)

@@ -136,7 +136,7 @@ def test_paper_takes_the_largest_study_of_a_run(
     quick = study_in(run).name
     assert main(["study", f"run={run}", "elites=1", "seeds=5", "epochs=1"]) == 0
     assert main(["paper", str(run), "-o", "out"]) == 0
-    assert f"passed over: {quick}; the paper takes the run's largest study, elites1-seeds5-" in capsys.readouterr().err
+    assert f"passed over: {quick}; the paper takes the run's largest study on each data set" in capsys.readouterr().err
     names = set(contents(Path("out")))
     assert not any(quick in name for name in names)
     assert any("verdicts_force_elites1-seeds5-" in name for name in names)

@@ -146,6 +146,7 @@ def test_mixed_studies_are_refused(
     study = load_study(written(tmp_path / "study"))
     check_alike([study, study])
     check_alike([study, replace(change(study), task="grating")])
+    check_alike([study, replace(change(study), other_data=(("a", 1),))])
     with refused(RunError, place=f"the studies of force, {field}", expected=values[0], got=values[1]):
         check_alike([study, change(study)])
 

@@ -35,15 +35,17 @@ def studied(
 ) -> StudiedSearch:
     """Make a search by the test scores and the re-estimates of its networks; each has a record of 0.1."""
     estimates = np.array(list(losses.values()))
+    networks = tuple(replace(network(one), id=f"{name}{place}") for place, one in enumerate(losses))
     again = Reestimates(
-        name="study",
-        networks=tuple(map(network, losses)),
+        name="study1",
+        networks=networks,
         estimates=tuple(map(tuple, estimates.tolist())),
         epochs=5,
         noise=noise(Draws(recorded=np.full(len(losses), 0.1), estimates=estimates)),
         rankings=(),
     )
-    return StudiedSearch(name=name, study=replace(study_of(scores, kind=kind), run=name), reestimates=again)
+    study = replace(study_of(scores, kind=kind), run=name, networks=networks)
+    return StudiedSearch(name=name, study=study, reestimates=again)
 
 
 FIRST = studied("grammar", {"baseline": BASELINE, "variant 1": GOOD}, {"baseline": HIGH, "variant 1": MIDDLE})
@@ -132,11 +134,22 @@ def test_table_says_what_one_search_each_cannot_show() -> None:
     assert "70.5 % [63.5, 77.5]" in as_markdown(table)
 
 
-def collected(search: StudiedSearch, *more: StudiedSearch) -> Any:
-    """Stand for a run with its studies, of which the first gives the re-estimates."""
-    studies = [SimpleNamespace(study=one.study, comparisons=()) for one in (search, *more)]
+def collected(search: StudiedSearch, *more: StudiedSearch, noise_run: Reestimates | None = None) -> Any:
+    """Stand for a run with its studies, of which the first gives the re-estimates; perhaps with a noise run."""
+    studies = [
+        SimpleNamespace(name=f"study{number}", study=one.study, comparisons=())
+        for number, one in enumerate((search, *more), start=1)
+    ]
     run = SimpleNamespace(name=search.name, task=search.study.task)
-    return SimpleNamespace(run=run, studies=studies, reestimates=(search.reestimates,))
+    again = (search.reestimates, *([] if noise_run is None else [noise_run]))
+    return SimpleNamespace(run=run, studies=studies, reestimates=again)
+
+
+def elsewhere(search: StudiedSearch, *, epochs: int = 50) -> StudiedSearch:
+    """Return a search with a study of the same networks on other data."""
+    study = search.study
+    data, recipe = replace(study.data, fingerprint="e" * 64), replace(study.recipe, epochs=epochs)
+    return replace(search, study=replace(study, data=data, recipe=recipe, other_data=(("a", 1),)))
 
 
 def test_runs_that_searched_alike_stand_in_one_table() -> None:
@@ -151,11 +164,17 @@ def test_runs_that_searched_alike_stand_in_one_table() -> None:
     [
         replace(SECOND, study=replace(SECOND.study, run=FIRST.study.run)),
         replace(SECOND, reestimates=replace(SECOND.reestimates, epochs=6)),
-        replace(SECOND, study=replace(SECOND.study, seeds=3)),
+        replace(SECOND, study=replace(SECOND.study, seeds=21)),
         replace(SECOND, study=replace(SECOND.study, recipe=replace(SECOND.study.recipe, epochs=90))),
         replace(SECOND, reestimates=replace(SECOND.reestimates, networks=FIRST.reestimates.networks)),
     ],
-    ids=["the same run", "other epochs of the search", "three seeds", "a longer study", "re-estimates of others"],
+    ids=[
+        "the same run",
+        "other epochs of the search",
+        "another number of seeds",
+        "a longer study",
+        "re-estimates of others",
+    ],
 )
 def test_run_that_cannot_be_compared_is_named(other: StudiedSearch) -> None:
     """And what it would need; one that is there twice is one search."""
@@ -166,18 +185,56 @@ def test_run_that_cannot_be_compared_is_named(other: StudiedSearch) -> None:
     )
 
 
+@pytest.mark.parametrize("few", ["study", "re-estimates"])
+def test_three_seeds_are_too_few(few: str) -> None:
+    """Each half chooses by two at least, and tests by two."""
+
+    def lacking(search: StudiedSearch) -> StudiedSearch:
+        if few == "study":
+            return replace(search, study=replace(search.study, seeds=3))
+        again = search.reestimates
+        return replace(search, reestimates=replace(again, noise=replace(again.noise, seeds=3)))
+
+    assert side_by_side([collected(lacking(one)) for one in (FIRST, SECOND)])[0] == []
+
+
 def test_studies_on_other_data_stand_in_a_table_of_their_own() -> None:
-    """The re-estimates on the runs' data choose; a search without such a study is beside the others once."""
-    data = replace(FIRST.study.data, fingerprint="e" * 64)
-    found = [
-        collected(one, replace(one, study=replace(one.study, data=data, other_data=(("a", 1),))))
-        for one in (FIRST, SECOND)
-    ]
+    """A search without such a study is beside the others once."""
+    found = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
     (own, other), alone = side_by_side(found)
     assert (own.name, other.name, alone) == ("searches_grating", "searches_grating_eeeeeeee", [])
     assert other.caption.endswith("Tested on other data than the runs': a=1.")
     (only,), alone = side_by_side([found[0], collected(SECOND)])
     assert (only.name, alone) == ("searches_grating", [])
+
+
+def test_re_estimates_of_the_study_on_the_runs_data_choose() -> None:
+    """Also of networks that are tested on other data, and whatever a noise run of more networks or seeds says."""
+    turned = replace(SECOND.reestimates, name="noise", estimates=SECOND.reestimates.estimates[::-1])
+    found = [collected(FIRST, elsewhere(FIRST)), collected(SECOND, elsewhere(SECOND), noise_run=turned)]
+    for table in side_by_side(found)[0]:
+        rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+        assert [row["candidate"] for row in rows] == ["grammar1", "model2"] * 2
+        lowest = rows[1]["re-estimated"]
+        assert isinstance(lowest, Between)
+        assert lowest.estimate == pytest.approx(np.median(LOW[1::2]))
+
+
+def test_a_noise_run_alone_chooses_nothing() -> None:
+    """What a noise run re-estimates may be of other data than the other search's."""
+    found = [collected(one) for one in (FIRST, replace(SECOND, reestimates=replace(SECOND.reestimates, name="noise")))]
+    assert side_by_side(found)[0] == []
+
+
+def test_tables_of_one_name_are_numbered() -> None:
+    """Two searches were tested after 50 epochs there, two others after 90."""
+    third, fourth = (
+        replace(one, name=name, study=replace(one.study, run=name)) for one, name in ((FIRST, "c"), (SECOND, "d"))
+    )
+    found = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
+    found += [collected(one, elsewhere(one, epochs=90)) for one in (third, fourth)]
+    names = [table.name for table in side_by_side(found)[0]]
+    assert names == ["searches_grating", "searches_grating_eeeeeeee", "searches_grating_eeeeeeee_2"]
 
 
 def test_error_of_a_regression_is_in_its_own_unit() -> None:

@@ -160,6 +160,7 @@ def test_noise_run_begins_with_its_finding(best: list[float], words: str) -> Non
     table = noise_outcome(reestimates(["baseline", "variant 1"], [BASELINE, best]), "force")
     assert table.caption.startswith(f"The search's best network, id of variant 1, {words}")
     assert table.notes[0] == "force: 2 networks, trained again as the search did, with 8 other seeds."
+    assert not any("for all elites together" in note for note in table.notes)
 
 
 def test_finding_of_several_names_those_that_are_better() -> None:
@@ -167,8 +168,9 @@ def test_finding_of_several_names_those_that_are_better() -> None:
     near, far = [loss + 0.005 for loss in BASELINE], [loss + 0.4 for loss in BASELINE]
     good, best = [loss - 0.4 for loss in BASELINE], [loss - 0.5 for loss in BASELINE]
     names = ["baseline", *(f"variant {number}" for number in range(1, 5))]
-    caption = noise_outcome(reestimates(names, [BASELINE, good, near, far, best]), "force").caption
-    assert caption == (
+    table = noise_outcome(reestimates(names, [BASELINE, good, near, far, best]), "force")
+    assert sum("for all elites together" in note for note in table.notes) == 1
+    assert table.caption == (
         "Of the 4 best elites on record, 2 can be called better than the baseline, whose loss is 0.835: id of variant "
         "4 (0.335), id of variant 1 (0.435); 1 cannot be told from it; 1 worse (medians of 8 other seeds)."
     )
