@@ -82,12 +82,14 @@ replay: $(READY) ## replay the published runs that come with the project, and co
 # Published runs and sweeps, or directories of yours: make paper RUNS="DIR DIR" SWEEPS="DIR"
 ifndef RUNS
 RUNS := cache/published/grating-grammar.zip cache/published/grating-claude.zip
+WINNERS := cache/published/grating-winners.zip
 VARIANTS := cache/published/grating-variants.zip cache/published/force-variants.zip
 SWEEPS := cache/published/ablation-grating.zip
 endif
 
 paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR" SWEEPS="DIR", into build/paper
 	$(BIN)/tacevo paper $(RUNS) --output build/paper
+	$(if $(WINNERS),$(BIN)/tacevo paper $(WINNERS) --output build/paper/winners)
 	$(if $(VARIANTS),$(BIN)/tacevo paper $(VARIANTS) --output build/paper/variants)
 	@for sweep in $(SWEEPS); do \
 		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done

@@ -18,6 +18,7 @@ SHIPPED = sorted(PUBLISHED.glob("*.zip"))
 ANSWERED = {
     "grating-claude": ["The hosted API was not called", "one observation"],
     "grating-variants": ["No model was asked"],
+    "grating-winners": ["No model was asked", "The hosted API was not called"],
     "force-variants": ["No model was asked"],
 }
 
