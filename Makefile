@@ -76,8 +76,9 @@ $(PEERS)/.ready: $(READY) benchmarks/peers.txt
 	$(BIN)/pip --python $(PEERS)/bin/python install --quiet --disable-pip-version-check --requirement benchmarks/peers.txt
 	@touch $@
 
-replay: $(READY) ## replay the published runs that come with the project, and compare everything
-	@for run in cache/published/*.zip; do echo "== $$run"; $(BIN)/tacevo replay "$$run" || exit; done
+# Each line bears the name of its run, since two at a time print.
+replay: $(READY) ## replay the published runs that come with the project, two at a time, and compare everything
+	@ls cache/published/*.zip | xargs -P 2 -I % bash -o pipefail -c '$(BIN)/tacevo replay % 2>&1 | sed -u "s|^|$$(basename % .zip): |"'
 
 # Published runs and sweeps, or directories of yours: make paper RUNS="DIR DIR" SWEEPS="DIR"
 ifndef RUNS
