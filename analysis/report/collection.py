@@ -197,8 +197,7 @@ def with_largest_studies(found: Collection) -> Collection:
     )
     largest = {one.study.fingerprint: one for one in ordered}
     kept = sorted(largest.values(), key=lambda one: (bool(one.study.other_data), one.name))
-    names = {one.name for one in kept}
-    passed_over = tuple(one for one in ordered if one.name not in names)
+    passed_over = tuple(one for one in ordered if one is not largest[one.study.fingerprint])
     left = {one.name for one in passed_over}
     return replace(
         found,
