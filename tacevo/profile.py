@@ -104,3 +104,17 @@ class Profile(Record):
     steps: Annotated[tuple[Step, ...], MaxLen(MOST_STEPS)] = ()
     #: Indices of the steps that the network's output comes from, rising.
     output: tuple[int, ...] = ()
+    #: Values outside the parameters that a training step changes, and that no layer of torch keeps.
+    learnt_outside: _Size = 0
+    #: FLOPs that one image takes in a training pass beyond `flops`: of what runs in training only.
+    extra_flops: _Size = 0
+
+    @property
+    def learnt(self) -> int:
+        """Values that a training changes or may change: parameters, and what is learnt outside them."""
+        return self.parameters + self.learnt_outside
+
+    @property
+    def training_flops(self) -> int:
+        """Floating-point operations of one forward pass of one image in training mode; at least `flops`."""
+        return self.flops + self.extra_flops

@@ -116,6 +116,10 @@ class Reason(StrEnum):
     not_finite = "not_finite"
     no_gradient = "no_gradient"
     nondeterministic = "nondeterministic"
+    #: It draws in evaluation mode, such as a dropout that is always on.
+    random_in_evaluation = "random_in_evaluation"
+    #: It draws its initial weights from a seed of its own.
+    fixed_seed = "fixed_seed"
     too_many_parameters = "too_many_parameters"
     too_many_flops = "too_many_flops"
     too_many_modules = "too_many_modules"

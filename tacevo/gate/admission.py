@@ -126,8 +126,8 @@ class Gate:
 def _is_within(profile: Profile, limits: GateLimits) -> bool:
     """Return whether a network is no larger than the probe lets it be."""
     return (
-        profile.parameters <= limits.parameters
-        and profile.flops <= limits.flops
+        profile.learnt <= limits.parameters
+        and profile.training_flops <= limits.flops
         and max(profile.modules, len(profile.graph.nodes)) <= limits.modules
     )
 

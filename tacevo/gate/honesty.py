@@ -6,19 +6,24 @@ the few of the probe. `tacevo.sandbox.candidate` finds what learns without being
 training.
 """
 
-from collections.abc import Iterator
+import gc
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from types import FunctionType
+from itertools import islice
+from types import FunctionType, ModuleType
 from typing import Any
 
 import torch
 from torch import Tensor, nn
+from torch.nn.modules.batchnorm import _BatchNorm
 from torch.nn.utils import parametrize
 
-from tacevo.gate.policy.allowed import MODULE_NAMES
 from tacevo.records import Reason
-from tacevo.sandbox.candidate import CandidateError
-from tacevo.sandbox.network import attributes, modules, parameters, switch
+from tacevo.sandbox.candidate import NAME, CandidateError
+from tacevo.sandbox.names import MODULE_NAMES
+from tacevo.sandbox.network import attributes, modules, parameters, state, switch
 
 _CLASS_ATTRIBUTES = vars(type)["__dict__"]  # a metaclass may define its own `__dict__`
 
@@ -43,6 +48,12 @@ def _with_subclasses(kind: type) -> Iterator[type]:
 
 #: The meanings in torch's own modules, read before a candidate runs, which could change these classes.
 _TORCH = {kind: _meanings(kind) for kind in (object, *_with_subclasses(nn.Module))}
+
+#: Where the classes of objects are from that are walked; a class of the candidate is from the module of its text.
+_WALKED = frozenset({NAME, "builtins", "collections", "functools", "itertools"})
+
+#: So many tensors outside the parameters are looked at; of more, the rest is not.
+_MOST_TENSORS = 10_000
 
 #: Keeps what watches a candidate's kernels from being called for ours, which takes most of their time.
 _unwatched = torch._C._DisableTorchDispatch
@@ -85,7 +96,7 @@ def _redefined(kind: type) -> Iterator[str]:
 def unchanged(network: nn.Module, *, training: bool) -> Iterator[list[nn.Parameter]]:
     """Switch a network's mode, and check that what runs within leaves names, mode and parameters as they are.
 
-    Buffers may change, as the statistics of a batch normalisation do.
+    Buffers may change, as the statistics of a batch normalisation do (see `count_learnt`).
 
     Yields:
         The parameters.
@@ -114,6 +125,90 @@ def unchanged(network: nn.Module, *, training: bool) -> Iterator[list[nn.Paramet
         detail = f"expected training={training} in every module after a pass; got another value"
         raise CandidateError(Reason.changes_its_mode, detail)
     check_names(network)
+
+
+#: The bits of tensors by their ids; the tensors are kept, so that no id is used again.
+_State = dict[int, tuple[Tensor, Tensor]]
+
+
+def state_outside(network: nn.Module) -> _State:
+    """Copy what a network, or the text that made it, keeps in tensors outside its parameters.
+
+    These are buffers, and tensors in attributes, lists, closures and globals. What torch's own layers keep is left out,
+    such as the running statistics of a batch normalisation.
+    """
+    with _unwatched():
+        return {id(tensor): (tensor, _bits(tensor).clone()) for tensor in islice(_outside(network), _MOST_TENSORS)}
+
+
+def count_learnt(before: _State, after: _State) -> int:
+    """Count the values that changed, in place or by another tensor of the same shape in the place of one.
+
+    An activation that is kept is not counted where its shape follows the size of the batch, and that was another one.
+    """
+    with _unwatched():
+        changed = [
+            tensor for key, (tensor, bits) in after.items() if key in before and not _is_equal(bits, before[key][1])
+        ]
+    gone, new = (
+        Counter((tensor.shape, tensor.dtype) for key, (tensor, _) in kept.items() if key not in other)
+        for kept, other in ((before, after), (after, before))
+    )
+    replaced = (shape.numel() * number for (shape, _), number in (gone & new).items())
+    return sum(tensor.numel() for tensor in changed) + sum(replaced)
+
+
+def _is_equal(bits: Tensor, others: Tensor) -> bool:
+    return bits.shape == others.shape and torch.equal(bits, others)
+
+
+def _outside(network: nn.Module) -> Iterator[Tensor]:
+    """Walk the tensors that a network or its text can reach, each once, except its parameters."""
+    seen = {*map(id, parameters(network))}
+    waiting: list[object] = [sys.modules[NAME].__dict__, network]
+    while waiting:
+        thing = waiting.pop()
+        if id(thing) in seen:
+            continue
+        seen.add(id(thing))
+        if type(thing) in (Tensor, nn.Parameter):
+            tensor: Any = thing
+            # What has a history was computed from the parameters, as the weight of a normalised layer is.
+            if tensor.layout is torch.strided and not tensor.is_meta and tensor.grad_fn is None:
+                yield tensor
+        else:
+            waiting += _held(thing)
+
+
+def _held(thing: object) -> Iterable[object]:
+    """Return what an object of the candidate's or of Python's holds; nothing of torch's and of modules."""
+    kind = type(thing)
+    if issubclass(kind, nn.Module):
+        own = attributes(thing)  # type: ignore[arg-type]
+        is_torchs = kind in _TORCH or issubclass(kind, _BatchNorm)
+        return [value for name, value in own.items() if not (is_torchs and name == "_buffers")]
+    if kind is FunctionType:
+        function: Any = thing  # its globals may be torch's; those of the text are walked anyway
+        return (function.__closure__, function.__defaults__, function.__kwdefaults__)
+    is_walked = thing.__module__ == NAME if isinstance(thing, type) else kind.__module__ in _WALKED
+    return gc.get_referents(thing) if is_walked and kind is not ModuleType else ()
+
+
+def copied_state(network: nn.Module) -> dict[str, tuple[torch.dtype, torch.Size, Tensor]]:
+    """Copy type, shape and bits of every weight and persistent buffer, by name."""
+    with _unwatched():
+        return {name: (value.dtype, value.shape, _bits(value).clone()) for name, value in state(network).items()}
+
+
+def are_equal(
+    one: Mapping[str, tuple[torch.dtype, torch.Size, Tensor]],
+    other: Mapping[str, tuple[torch.dtype, torch.Size, Tensor]],
+) -> bool:
+    """Return whether two copies of `copied_state` have equal names and bits."""
+    with _unwatched():
+        return one.keys() == other.keys() and all(
+            one[name][:2] == other[name][:2] and torch.equal(one[name][2], other[name][2]) for name in one
+        )
 
 
 def _bits(tensor: Tensor) -> Tensor:

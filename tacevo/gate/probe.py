@@ -1,26 +1,26 @@
 """Tries one candidate out and measures it (child side).
 
-What it promises: a profile means that the class was built twice with equal results, ran in train and eval mode at
-several batch sizes, returned what the contract asks for, took optimiser steps, and stayed within the limits. What it
-does not promise: candidate code runs in this process and could forge all of this; docs/gate.md says what that gains.
+What it promises: a profile means that the class was built twice with equal results, and once more with another seed,
+whose draws were others; ran in train and eval mode at several batch sizes; predicted each image alike, alone and beside
+others, first and again; returned what the contract asks for; took optimiser steps; and stayed within the limits. What
+it does not promise: candidate code runs in this process and could forge all of this; docs/gate.md says what that gains.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.functional import cross_entropy, mse_loss
-from torch.utils.flop_counter import FlopCounterMode, _FlopCounterMode
 
-from tacevo.gate.honesty import check_names, unchanged
-from tacevo.gate.portability import watching_portability
+from tacevo.gate.honesty import are_equal, check_names, copied_state, count_learnt, state_outside, unchanged
+from tacevo.gate.kernels import KernelWatcher, follow_the_seed
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
 from tacevo.randomness import stream
-from tacevo.records import Contract, Kind, Loss, Reason, Rejection, Stage, to_json
-from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, call_plainly, check_leaves, digest, fault
+from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
+from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, check_leaves, fault
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.network import modules, parameters
 from tacevo.sandbox.protocol import Header
@@ -28,11 +28,31 @@ from tacevo.sandbox.protocol import Header
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
 BATCHES = (2, 5)
 
-call_plainly(_FlopCounterMode.__torch_dispatch__)
+#: The largest batch in evaluation mode, and which of its images is predicted alone, too: one with others on both sides.
+_MOST, _ALONE = 16, 2
 
-_SEED = 0
+#: Of the largest output: how far a prediction may differ beside other images. Sums in another order gave at most
+#: 2.5e-7 in honest networks, and those that mix the images of a batch 1.7e-3 or more.
+_ROUNDING = 1e-4
 
-_LEARNING_RATE = 1e-3
+#: How often a network that draws in evaluation mode predicts one image again: one that draws in half of its passes
+#: is then missed once in 256 times.
+_AGAIN = 8
+
+_SEED, _OTHER_SEED = 0, 1
+
+#: Large enough that a part which begins at zero has an effect after one step.
+_LEARNING_RATE = 1e-2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Step:
+    """What a training step gave."""
+
+    #: A copy of the output before the step.
+    output: Tensor
+    #: FLOPs of the forward pass of the whole batch.
+    flops: int
 
 
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
@@ -47,100 +67,219 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.M
     Returns:
         The networks, to be kept alive: a finaliser must not run before the answer is sent.
     """
-    built: list[nn.Module] = []
-    try:
-        with watching_portability() as found:
-            profile = _probe(header["source"], Contract.from_json(header["contract"]), header["limits"], built)
-        send({"profile": to_json(replace(profile, not_portable=tuple(sorted(found))))}, b"")
-    except CandidateError as failure:
-        rejection = Rejection(stage=Stage.probe, reason=failure.reason, detail=str(failure))
-        send({"rejection": to_json(rejection)}, b"")
-    return built
+    with KernelWatcher() as watcher:
+        probe = _Probe(header, watcher)
+        try:
+            profile = replace(probe.profile(), not_portable=tuple(sorted(watcher.not_portable)))
+            answer: dict[str, Json] = {"profile": to_json(profile)}
+        except CandidateError as failure:
+            rejection = Rejection(stage=Stage.probe, reason=failure.reason, detail=str(failure))
+            answer = {"rejection": to_json(rejection)}
+    send(answer, b"")
+    return probe.built
 
 
-def _probe(source: str, contract: Contract, limits: dict[str, int], built: list[nn.Module]) -> Profile:
-    """Run the trials, cheap ones first; each network made is added to `built`."""
-    images, targets = _examples(contract)
-    few, many = BATCHES
-    model = _built(source, contract, built)
-    count, weights = _sizes(model, limits)
-    first = _training_step(model, images[:few], targets[:few], contract)
-    flops, traced = _measured(model, images[:1], contract)
-    _check_limits(flops, traced, limits)
-    _check_batch(flops, traced, *_measured(model, images[:many], contract), many)
-    _training_step(model, images[:many], targets[:many], contract)
-    again = _built(source, contract, built)
-    if _training_step(again, images[:few], targets[:few], contract) != first:
-        raise CandidateError(
-            Reason.nondeterministic, "expected equal bits from two constructions and steps with one seed; got others"
+class _Probe:
+    """The trials of one candidate; `header` is as of `run`."""
+
+    def __init__(self, header: Header, watcher: KernelWatcher) -> None:
+        self._source: str = header["source"]
+        self._contract = Contract.from_json(header["contract"])
+        self._limits: dict[str, int] = header["limits"]
+        self._watcher = watcher
+        #: Every network that was made.
+        self.built: list[nn.Module] = []
+
+    def profile(self) -> Profile:
+        """Run the trials, cheap ones first.
+
+        Raises:
+            CandidateError: the candidate failed one.
+        """
+        images, targets = _examples(self._contract)
+        few, many = BATCHES
+        with self._watcher.noting_draws() as draws:
+            model = self._built(_SEED)
+        count, weights = self._sizes(model)
+        first = self._step(model, images[:few], targets[:few])
+        left = copied_state(model)
+        flops, traced = self._evaluated(model, images)
+        before = state_outside(model)
+        last = self._step(model, images[:many], targets[:many])
+        learnt = count_learnt(before, state_outside(model))
+        self._check_size(weights, learnt)
+        trained = max(-(-last.flops // many), flops)
+        self._check_limits(trained, traced)
+        again = self._built(_SEED)
+        is_same = torch.equal(self._step(again, images[:few], targets[:few]).output, first.output)
+        if not (is_same and are_equal(copied_state(again), left)):
+            raise CandidateError(
+                Reason.nondeterministic,
+                "expected equal bits from two constructions and steps with one seed; got others",
+            )
+        with self._watcher.noting_draws() as others:
+            self._built(_OTHER_SEED)
+        if not follow_the_seed(draws, others):
+            raise CandidateError(
+                Reason.fixed_seed,
+                "expected initial weights that follow the trainer's seed; got equal draws under two seeds",
+            )
+        return Profile(
+            parameters=weights,
+            flops=flops,
+            modules=count,
+            graph=traced.graph,
+            steps=traced.steps,
+            output=traced.ends,
+            learnt_outside=learnt,
+            extra_flops=trained - flops,
         )
-    return Profile(
-        parameters=weights,
-        flops=flops,
-        modules=count,
-        graph=traced.graph,
-        steps=traced.steps,
-        output=traced.ends,
-    )
+
+    def _built(self, seed: int) -> nn.Module:
+        """Construct the network once more."""
+        with blaming(Reason.construction_failed):
+            self.built.append(build(self._source, self._contract, seed))
+        return self.built[-1]
+
+    def _sizes(self, model: nn.Module) -> tuple[int, int]:
+        """Count modules and parameters, stopping at the limits; walking a million modules takes minutes."""
+        most = self._limits["modules"]
+        with blaming(Reason.construction_failed):
+            count = sum(1 for _ in islice(modules(model), most + 1))
+            if count > most:
+                raise CandidateError(Reason.too_many_modules, f"expected at most {most} modules; got more")
+            check_names(model)
+            listed = parameters(model)
+            weights = sum(map(Tensor.numel, listed))
+            self._check_size(weights, 0)
+            if weights == 0:
+                raise CandidateError(Reason.no_gradient, "expected trainable parameters; got none")
+            for parameter in listed:
+                if not parameter.is_floating_point():
+                    detail = f"expected parameters of a real floating type; got {parameter.dtype}"
+                    raise CandidateError(Reason.construction_failed, f"{detail}; keep real and imaginary parts apart")
+        return count, weights
+
+    def _check_size(self, weights: int, learnt: int) -> None:
+        """Compare what learns with the limit: parameters, and what is learnt outside them."""
+        most = self._limits["parameters"]
+        if weights + learnt > most:
+            raise CandidateError(
+                Reason.too_many_parameters, f"expected at most {most} parameters; got {weights + learnt}"
+            )
+
+    def _check_limits(self, flops: int, traced: Trace) -> None:
+        """Compare what one image took, in evaluation or in training, with the limits."""
+        if flops > (most := self._limits["flops"]):
+            raise CandidateError(Reason.too_many_flops, f"expected at most {most} FLOPs an image; got {flops}")
+        if len(traced.graph.nodes) > (most := self._limits["modules"]):
+            detail = f"expected at most {most} operations a pass; got {len(traced.graph.nodes)}"
+            raise CandidateError(Reason.too_many_modules, detail)
+
+    def _evaluated(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
+        """Predict one image alone and beside others in eval mode, compare, and return its FLOPs and trace."""
+        one, many = images[_ALONE : _ALONE + 1], BATCHES[1]
+        with unchanged(model, training=False), blaming(Reason.forward_failed):
+            drawn = self._watcher.drawn
+            flops, traced = self._traced(model, one)
+            draws = self._watcher.drawn > drawn
+            self._check_limits(flops, traced)
+            again = [self._predicted(model, one) for _ in range(_AGAIN if draws else 1)]
+            flops_of_batch, traced_batch = self._traced(model, images[:many])
+            most = self._predicted(model, images.flip(0))
+        _check_batch(flops, traced, flops_of_batch, traced_batch, many)
+        for output, expected in ((traced.output, 1), *((output, 1) for output in again), (traced_batch.output, many)):
+            self._check_output(output, expected)
+        self._check_output(most, len(images))
+        for output in again:
+            if not _are_near(output, traced.output):
+                reason = Reason.random_in_evaluation if draws else Reason.depends_on_batch
+                raise CandidateError(
+                    reason, "expected the same prediction of an image each time in evaluation mode; got others"
+                )
+        beside = traced_batch.output
+        if not (_are_near(beside[_ALONE : _ALONE + 1], traced.output) and _are_near(most.flip(0)[:many], beside)):
+            detail = "expected predictions that depend on their own image only; got others beside other images"
+            raise CandidateError(Reason.depends_on_batch, f"{detail}; normalise by running statistics or per image")
+        return flops, traced
+
+    def _traced(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
+        """Run one traced pass; return its FLOPs, and the trace with a copy of the output."""
+        before = self._watcher.flops
+        traced = trace(model, images)
+        return self._watcher.flops - before, replace(traced, output=_copied(traced.output))
+
+    def _predicted(self, model: nn.Module, images: Tensor) -> Any:
+        """Run one pass without gradients; return a copy of the output."""
+        with torch.no_grad():
+            return _copied(model(images))
+
+    def _step(self, model: nn.Module, images: Tensor, targets: Tensor) -> _Step:
+        """Take one optimiser step and check it."""
+        torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
+        before = self._watcher.flops
+        with unchanged(model, training=True) as listed, blaming(Reason.forward_failed):
+            output = model(images)
+        flops, copy = self._watcher.flops - before, _copied(output)
+        self._check_output(output, len(images))
+        if not output.requires_grad:
+            raise CandidateError(
+                Reason.no_gradient, "expected an output that depends on a trainable parameter; got one that does not"
+            )
+        check_leaves(output, listed)
+        with blaming(Reason.backward_failed):
+            with unchanged(model, training=True):
+                is_mse = self._contract.loss is Loss.mse
+                loss = mse_loss(output, targets) if is_mse else cross_entropy(output, targets)
+                optimiser = Adam(listed, _LEARNING_RATE)
+                torch.autograd.backward(loss)
+            if all(parameter.grad is None for parameter in listed):
+                raise CandidateError(
+                    Reason.no_gradient, "expected gradients of the parameters after backward; got none"
+                )
+            optimiser.step()
+            optimiser.zero_grad()
+            if not all(torch.isfinite(parameter).all() for parameter in listed):
+                raise CandidateError(
+                    Reason.not_finite, "expected finite weights after one training step; got NaN or infinity"
+                )
+        return _Step(output=copy, flops=flops)
+
+    def _check_output(self, output: object, count: int) -> None:
+        """Check an output against the contract."""
+        problem = fault(output, (count, self._contract.outputs))
+        if problem is not None:
+            raise CandidateError(Reason.bad_output, problem)
+        if isinstance(output, Tensor) and not torch.isfinite(output).all():
+            detail = f"expected finite outputs for a batch of {count}; got NaN or infinity"
+            raise CandidateError(Reason.not_finite, detail)
 
 
 def _examples(contract: Contract) -> tuple[Tensor, Tensor]:
-    """Draw standard-normal images and random targets, always the same for a contract."""
+    """Draw images and random targets, always the same for a contract.
+
+    The images are normal noise, each with its own mean and contrast: of equal ones the features hardly differ, and
+    neither do predictions that depend on the images beside.
+    """
     draws = stream(_SEED, "probe")
-    count, size = max(BATCHES), contract.image_size
-    images = draws.standard_normal((count, contract.in_channels, size, size), dtype="float32")
+    size = contract.image_size
+    images = draws.standard_normal((_MOST, contract.in_channels, size, size), dtype="float32")
+    means, contrasts = draws.uniform((-1, 0.5), (1, 1.5), (_MOST, 2)).astype("float32").T[..., None, None, None]
+    images = images * contrasts + means
     if contract.kind is Kind.classification:
-        return torch.from_numpy(images), torch.from_numpy(draws.integers(contract.outputs, size=count))
-    targets = draws.standard_normal((count, contract.outputs), dtype="float32")
+        return torch.from_numpy(images), torch.from_numpy(draws.integers(contract.outputs, size=_MOST))
+    targets = draws.standard_normal((_MOST, contract.outputs), dtype="float32")
     return torch.from_numpy(images), torch.from_numpy(targets)
 
 
-def _built(source: str, contract: Contract, built: list[nn.Module]) -> nn.Module:
-    """Construct the network once more."""
-    with blaming(Reason.construction_failed):
-        built.append(build(source, contract, _SEED))
-    return built[-1]
+def _copied(output: Any) -> Any:
+    """Copy what a network returned at once: it may be memory that the network writes to again."""
+    return output.detach().clone() if type(output) is Tensor else output
 
 
-def _sizes(model: nn.Module, limits: dict[str, int]) -> tuple[int, int]:
-    """Count modules and parameters, stopping at the limits; walking a million modules takes minutes."""
-    with blaming(Reason.construction_failed):
-        count = sum(1 for _ in islice(modules(model), limits["modules"] + 1))
-        if count > limits["modules"]:
-            raise CandidateError(Reason.too_many_modules, f"expected at most {limits['modules']} modules; got more")
-        check_names(model)
-        weights = sum(Tensor.numel(parameter) for parameter in parameters(model))
-        if weights > limits["parameters"]:
-            raise CandidateError(
-                Reason.too_many_parameters, f"expected at most {limits['parameters']} parameters; got {weights}"
-            )
-        if weights == 0:
-            raise CandidateError(Reason.no_gradient, "expected trainable parameters; got none")
-    return count, weights
-
-
-def _measured(model: nn.Module, images: Tensor, contract: Contract) -> tuple[int, Trace]:
-    """Count the FLOPs of some images in eval mode and trace them, in one pass."""
-    counter = FlopCounterMode(display=False)
-    # The counter knows matrix products but not the fused attention kernel of the CPU, which it would count as 0.
-    with (
-        unchanged(model, training=False),
-        blaming(Reason.forward_failed),
-        sdpa_kernel(SDPBackend.MATH),
-        counter,
-    ):
-        traced = trace(model, images)
-    _check_output(traced.output, len(images), contract)
-    return counter.get_total_flops(), traced
-
-
-def _check_limits(flops: int, traced: Trace, limits: dict[str, int]) -> None:
-    """Compare what one image took with the limits."""
-    if flops > limits["flops"]:
-        raise CandidateError(Reason.too_many_flops, f"expected at most {limits['flops']} FLOPs an image; got {flops}")
-    if len(traced.graph.nodes) > limits["modules"]:
-        detail = f"expected at most {limits['modules']} operations a pass; got {len(traced.graph.nodes)}"
-        raise CandidateError(Reason.too_many_modules, detail)
+def _are_near(output: Tensor, expected: Tensor) -> bool:
+    """Return whether predictions of the same images are equal but for rounding."""
+    return bool((output - expected).abs().max() <= _ROUNDING * expected.abs().max())
 
 
 def _check_batch(flops: int, traced: Trace, flops_of_batch: int, traced_batch: Trace, count: int) -> None:
@@ -157,39 +296,3 @@ def _check_batch(flops: int, traced: Trace, flops_of_batch: int, traced_batch: T
     if not flops <= flops_of_batch <= count * flops:
         detail = f"expected {flops} to {count * flops} FLOPs for {count} images, of which one has {flops}; "
         raise CandidateError(Reason.depends_on_batch, f"{detail}got {flops_of_batch}; do not choose by the batch size")
-
-
-def _training_step(model: nn.Module, images: Tensor, targets: Tensor, contract: Contract) -> tuple[bytes, str]:
-    """Take one optimiser step and check it; return the bits of the output and a hash of the weights it left."""
-    torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
-    with unchanged(model, training=True) as listed, blaming(Reason.forward_failed):
-        output = model(images)
-    _check_output(output, len(images), contract)
-    if not output.requires_grad:
-        raise CandidateError(
-            Reason.no_gradient, "expected an output that depends on a trainable parameter; got one that does not"
-        )
-    check_leaves(output, listed)
-    with blaming(Reason.backward_failed):
-        with unchanged(model, training=True):
-            loss = mse_loss(output, targets) if contract.loss is Loss.mse else cross_entropy(output, targets)
-            optimiser = Adam(listed, _LEARNING_RATE)
-            torch.autograd.backward(loss)
-        if all(parameter.grad is None for parameter in listed):
-            raise CandidateError(Reason.no_gradient, "expected gradients of the parameters after backward; got none")
-        optimiser.step()
-        optimiser.zero_grad()
-        if not all(torch.isfinite(parameter).all() for parameter in listed):
-            raise CandidateError(
-                Reason.not_finite, "expected finite weights after one training step; got NaN or infinity"
-            )
-        return output.detach().numpy().tobytes(), digest(model)
-
-
-def _check_output(output: object, count: int, contract: Contract) -> None:
-    """Check an output against the contract."""
-    problem = fault(output, (count, contract.outputs))
-    if problem is not None:
-        raise CandidateError(Reason.bad_output, problem)
-    if isinstance(output, Tensor) and not torch.isfinite(output).all():
-        raise CandidateError(Reason.not_finite, f"expected finite outputs for a batch of {count}; got NaN or infinity")

@@ -3,19 +3,21 @@
 Only entries import this module. It needs torch, and the code that it runs may be hostile.
 """
 
+import builtins
 import hashlib
 import inspect
 import math
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import torch
 from torch import nn
 
 from tacevo.records import Contract, Reason
+from tacevo.sandbox.names import MODES, MODULE_NAMES, WEIGHTS, is_private, is_refused
 from tacevo.sandbox.network import leaves, state
 from tacevo.sandbox.protocol import describe
 
@@ -85,7 +87,8 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     """Run a candidate's source and construct its network.
 
     The text sees `torch`, `nn`, `F` and `math` without importing them, since answers often leave the imports
-    out. Torch's generator is seeded first, so the initial weights follow from the arguments alone.
+    out. Its `getattr` and the like refuse the names that the gate's policy refuses, so that no computed name reaches
+    them. Torch's generator is seeded first, so the initial weights follow from the arguments alone.
 
     Raises:
         TypeError: the source does not define such a class, or it or what it makes is not an `nn.Module`.
@@ -93,6 +96,8 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     """
     module = ModuleType(NAME)
     sys.modules[NAME] = module  # where dataclasses and type hints look their names up
+    # As a dictionary of its own, and not as globals, which a text could delete.
+    module.__dict__["__builtins__"] = {**vars(builtins), **_GUARDED}
     module.__dict__.update(torch=torch, nn=nn, F=nn.functional, math=math)
     torch.set_deterministic_debug_mode("error")  # as use_deterministic_algorithms(True), without importing a compiler
     torch.manual_seed(seed)
@@ -106,6 +111,32 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     if not issubclass(type(network), nn.Module):
         raise TypeError(f"expected {contract.class_name}() to be an nn.Module; got {type(network).__name__}")
     return network
+
+
+def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap a function that takes an object and the name of an attribute, so that it refuses what the policy refuses."""
+    writes = function in (setattr, delattr)
+
+    def guarded(owner: Any, name: str, *rest: Any) -> Any:
+        if type(name) is not str:  # a class of its own could answer for another name than it has
+            raise TypeError(f"expected the name of an attribute as a string; got {type(name).__name__}")
+        kinds = owner.__mro__ if isinstance(owner, type) else type(owner).__mro__
+        is_own = any(kind.__module__ == NAME for kind in kinds)
+        is_foreign = is_private(name) or (writes and isinstance(owner, type | ModuleType | FunctionType))
+        if (
+            is_refused(name)
+            or name in WEIGHTS + MODES
+            or (is_foreign and not is_own)
+            or (writes and name in MODULE_NAMES)
+        ):
+            detail = f"{function.__name__} may not reach the attribute {name} of {type(owner).__name__}"
+            raise CandidateError(Reason.forbidden_name, detail)
+        return function(owner, name, *rest)
+
+    return guarded
+
+
+_GUARDED = {function.__name__: _guarded(function) for function in (getattr, setattr, delattr, hasattr)}
 
 
 def standardise(images: torch.Tensor, mean: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:

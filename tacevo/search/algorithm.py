@@ -231,7 +231,7 @@ def _learned(
         id=proposal.id,
         source=admitted.source,
         fitness=fitness,
-        flops=admitted.profile.flops,
+        flops=admitted.profile.training_flops,
         curiosities=Fraction(score),
     )
     return candidates.adding(child.id, child)
@@ -271,6 +271,8 @@ def _candidate_line(proposal: Proposal, outcome: Outcome, *, names_dropped: bool
             source=source_hash(admitted.source),
             parameters=profile.parameters,
             flops=profile.flops,
+            learnt_outside=profile.learnt_outside,
+            extra_flops=profile.extra_flops,
             not_portable=profile.not_portable,
         )
     return with_result(line, outcome.result, seed=outcome.seed, trainings=outcome.trainings, keys=outcome.keys)

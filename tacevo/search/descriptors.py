@@ -39,6 +39,8 @@ class Descriptor:
 def describe(profile: Profile) -> Descriptor:
     """Compute both descriptors of a probed network and the parts they are made of.
 
+    What a network learns outside its parameters counts as parameters, so that nothing is gained by hiding it.
+
     Raises:
         ValueError: the profile has no parameters, so that efficiency is undefined.
     """
@@ -48,7 +50,7 @@ def describe(profile: Profile) -> Descriptor:
     parts = (entropy(graph), density(graph), variation(graph))
     return Descriptor(
         arch_div=_rounded(math.fsum(parts) / 3),
-        eff_ratio=_rounded(profile.flops * depth(graph) / (profile.parameters * width(graph))),
+        eff_ratio=_rounded(profile.flops * depth(graph) / (profile.learnt * width(graph))),
         entropy=parts[0],
         density=parts[1],
         variation=parts[2],

@@ -186,7 +186,7 @@ class _Trainings:
             if job in self._known:
                 return self._known[job]
             answer = self._known[job] = Future()
-            heapq.heappush(self._waiting, (-admitted.profile.flops, len(self._known), job))
+            heapq.heappush(self._waiting, (-admitted.profile.training_flops, len(self._known), job))
         self._effects.executor.submit(self._train_longest)
         return answer
 

@@ -112,6 +112,9 @@ class CandidateLine(TrainedLine):
     #: What the probe measured; None where the gate rejected the candidate.
     parameters: int | None = None
     flops: int | None = None
+    #: See `Profile`.
+    learnt_outside: int = 0
+    extra_flops: int = 0
     entropy: float | None = None
     variation: float | None = None
     density: float | None = None
@@ -251,8 +254,8 @@ def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: i
 
     Args:
         trained: what names a network (its source, or the hash of it), and the forward FLOPs that its probe counted for
-            one image, >= 0. An elite that is trained again with other seeds has another name each time. Trainings that
-            failed are not among them: where they stopped is not known.
+            one image in training mode, >= 0. An elite that is trained again with other seeds has another name each
+            time. Trainings that failed are not among them: where they stopped is not known.
         images: of the training split, in every epoch.
         epochs: of every training.
         seeds: trainings of a network.
@@ -262,7 +265,7 @@ def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: i
 
 def trained_networks(lines: Iterable[CandidateLine]) -> list[tuple[str, int]]:
     """Return the networks of a ledger that trained, for `training_flops`, by the hash of their sources."""
-    return [(str(line.source), line.flops or 0) for line in lines if line.fitness is not None]
+    return [(str(line.source), (line.flops or 0) + line.extra_flops) for line in lines if line.fitness is not None]
 
 
 def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:

@@ -33,7 +33,7 @@ class Candidate:
     source: str
     #: Validation loss; lower is better.
     fitness: float
-    #: Forward FLOPs of one image.
+    #: Forward FLOPs of one image in training mode.
     flops: int = 0
     #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
     curiosities: Fraction

@@ -133,8 +133,8 @@ GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
             Reason.no_gradient,
             candidate(
                 f"return {GOOD}",
-                "for p in self.parameters():\n"
-                "    p.register_post_accumulate_grad_hook(lambda p: setattr(p, 'grad', None))",
+                "def drop(p):\n    p.grad = None\n"
+                "for p in self.parameters():\n    p.register_post_accumulate_grad_hook(drop)",
             ),
             id="gradients thrown away",
         ),
@@ -194,8 +194,8 @@ def test_detail_names_what_was_expected_and_what_came() -> None:
         ),
         pytest.param(candidate(f"return F.dropout({GOOD}, 0.5, self.training)"), id="dropout"),
         pytest.param(
-            candidate(f"self.calls = self.calls + 1\nreturn {GOOD} * self.calls", "self.calls = 0"),
-            id="counts its calls",
+            candidate(f"self.calls = self.calls + self.training\nreturn {GOOD} * self.calls", "self.calls = 0"),
+            id="counts its calls in training",
         ),
         pytest.param(candidate(f"return {GOOD}", "torch.rand(3)"), id="draws from the seeded generator"),
     ],
@@ -213,9 +213,13 @@ def test_untidy_but_sound_candidate_is_admitted(source: str) -> None:
         (("sqrt",), candidate("return self.head(F.lp_pool2d(self.conv(x).abs() + 0.1, 2, 2).mean((2, 3)))")),
         (("sqrt",), candidate(f"return {GOOD} * self.scale", "self.scale = torch.sqrt(torch.tensor(2.0))")),
         (("atan",), candidate(f"y = {GOOD}\nreturn getattr(torch, 'arct' + 'an')(y) if self.training else y")),
+        (("atan",), candidate(f"with torch.inference_mode():\n    self.conv(x).arctan()\nreturn {GOOD}")),
         (("acos",), candidate(f"return torch.acos(torch.tanh({GOOD}))")),
         (("asin",), candidate(f"return torch.asin(torch.tanh({GOOD}))")),
-        (("mkldnn_rnn_layer",), candidate(f"return {GOOD} + self.r(x[:, :, 0])[0].mean()", "self.r = nn.LSTM(32, 3)")),
+        (
+            ("mkldnn_rnn_layer",),
+            candidate(f"return {GOOD} + self.r(x[:, :, 0])[0].mean(1)", "self.r = nn.LSTM(32, 3, batch_first=True)"),
+        ),
         ((), candidate(f"return ({GOOD} ** 2 + 0.1).rsqrt() * math.sqrt(2) + x.std((1, 2, 3))[:, None]")),
     ],
 )
@@ -229,3 +233,228 @@ def test_probe_repeats_itself() -> None:
     first = profile_of(VALID)
     torch.rand(7)
     assert profile_of(VALID) == first
+
+
+#: Each predicts an image otherwise beside other images, or after them.
+MIXING = {
+    "norm without running statistics": (
+        "self.n(self.conv(x))",
+        "self.n = nn.BatchNorm2d(4, track_running_stats=False)",
+    ),
+    "norm in training mode": ("F.batch_norm(self.conv(x), None, None, training=True)", ""),
+    "mean of the batch": ("self.conv(x) - self.conv(x).mean(0)", ""),
+    "softmax over the batch": ("self.conv(x).softmax(0)", ""),
+    "sums along the batch": ("self.conv(x).cumsum(0)", ""),
+    "sums against the batch": ("self.conv(x).flip(0).cumsum(0).flip(0)", ""),
+    "largest of the batch": ("self.conv(x) / self.conv(x).abs().max()", ""),
+    "reshape": ("self.conv(x).transpose(0, 1).reshape(len(x), 4, 30, 30)", ""),
+    "neighbour": ("self.conv(x.roll(1, 0))", ""),
+    "shuffled": ("self.conv(x)[torch.randperm(len(x))]", ""),
+    "ranks": ("self.conv(x) * self.conv(x).mean((1, 2, 3), keepdim=True).argsort(0).argsort(0)", ""),
+    "similar images": ("self.conv(x) * torch.einsum('nchw,mchw->n', x, x)[:, None, None, None]", ""),
+    "the last one only": ("torch.cat([self.conv(x)[:-1], self.conv(x)[-1:] + self.conv(x)[:1]])", ""),
+    "weakly": ("self.conv(x) + self.w * self.conv(x).mean(0)", "self.w = nn.Parameter(torch.zeros(1))"),
+    "buffer that adapts": ("self.conv(x) + self.s.add_(x.mean())", "self.register_buffer('s', torch.zeros(1))"),
+    "number of calls": ("[self.s.append(1), self.conv(x) * len(self.s)][1]", "self.s = []"),
+}
+
+
+def features(expression: str, init: str = "") -> str:
+    """Make a candidate of an expression of its feature maps."""
+    return candidate(f"return self.head(({expression}).mean((2, 3)))", init)
+
+
+@pytest.mark.parametrize(("expression", "init"), MIXING.values(), ids=MIXING.keys())
+def test_prediction_depends_on_its_own_image_only(expression: str, init: str) -> None:
+    """Such a network could use the test images of others, and its score depends on the size of a batch."""
+    assert rejection_of(features(expression, init)).reason is Reason.depends_on_batch
+
+
+@pytest.mark.parametrize(
+    ("expression", "init"),
+    [
+        ("self.conv(x) + 0.1 * torch.randn_like(self.conv(x))", ""),
+        ("F.dropout(self.conv(x), 0.5)", ""),
+        ("self.d[0](self.conv(x))", "self.d = [nn.Dropout(0.5)]"),
+        ("self.conv(x) * (torch.rand(1) > 0.5)", ""),
+        ("torch.bernoulli(self.conv(x).sigmoid())", ""),
+        ("self.conv(x)[:, torch.randperm(4)]", ""),
+    ],
+)
+def test_evaluation_leaves_nothing_to_chance(expression: str, init: str) -> None:
+    """A prediction that is drawn cannot be repeated from the weights."""
+    assert rejection_of(features(expression, init)).reason is Reason.random_in_evaluation
+
+
+@pytest.mark.parametrize(
+    ("expression", "init"),
+    [
+        ("self.n(self.conv(x))", "self.n = nn.BatchNorm2d(4)"),
+        ("F.instance_norm(self.conv(x))", ""),
+        ("self.n(self.conv(x))", "self.n = nn.GroupNorm(2, 4)"),
+        ("self.conv(x) * (1 if not self.training else 1 + torch.rand(1))", ""),
+        ("F.gumbel_softmax(self.conv(x), dim=1) if self.training else self.conv(x).softmax(1)", ""),
+        ("self.conv(x) + 0 * torch.rand(1)", ""),
+    ],
+)
+def test_chance_and_statistics_in_training_are_honest(expression: str, init: str) -> None:
+    """What training draws or averages, and what is drawn without effect, changes no prediction."""
+    assert profile_of(features(expression, init)).parameters >= 127
+
+
+def test_output_that_is_written_to_again_is_compared_as_it_was() -> None:
+    """One memory for all outputs would make equal what was not."""
+    source = candidate(
+        f"y = {GOOD} - ({GOOD}).mean(0)\nself.kept[: len(x)] = y.detach()\n"
+        "return y if self.training else self.kept[: len(x)]",
+        "self.kept = torch.zeros(64, 3)",
+    )
+    assert rejection_of(source).reason is Reason.depends_on_batch
+
+
+@pytest.mark.parametrize(
+    "init",
+    [
+        "self.conv.weight.data.normal_(generator=torch.Generator().manual_seed(3))",
+        "self.conv.weight.data.normal_(generator=torch.Generator())",
+        "g = torch.Generator()\ng.set_state(torch.Generator().manual_seed(4).get_state())\n"
+        "self.w = nn.Parameter(torch.rand(5, generator=g))",
+        "torch.manual_seed(7)\nself.extra = nn.Linear(3, 3)",
+        "self.order = torch.randperm(64, generator=torch.Generator().manual_seed(5))",
+    ],
+)
+def test_initial_weights_follow_the_seed(init: str) -> None:
+    """A lucky draw that is written down is not an architecture."""
+    assert rejection_of(candidate(f"return {GOOD}", init)).reason is Reason.fixed_seed
+
+
+@pytest.mark.parametrize(
+    "init",
+    [
+        "nn.init.zeros_(self.head.weight)\nnn.init.eye_(self.head.weight)",
+        "self.w = nn.Parameter(torch.linspace(0, 1, 99).sin())",
+        "nn.init.uniform_(self.head.bias, 0.5, 0.5)\nnn.init.normal_(self.head.bias, 0, 0)",
+        "self.pick = torch.randint(0, 2, (1,))\nself.drop = torch.bernoulli(torch.zeros(99))",
+        "nn.init.orthogonal_(self.head.weight)\nnn.init.trunc_normal_(self.head.weight)",
+    ],
+)
+def test_constant_weights_are_honest(init: str) -> None:
+    """Filters and encodings that are written out are, too, and so is a draw that chance may repeat."""
+    assert profile_of(candidate(f"return {GOOD}", init)).learnt_outside == 0
+
+
+@pytest.mark.parametrize(
+    ("init", "forward", "learnt"),
+    [
+        ("self.register_buffer('w', torch.zeros(3))", "self.w.add_(y.detach().mean(0))", 3),
+        ("self.w = torch.zeros(7)", "self.w = self.w + 1", 7),
+        ("self.w = [torch.zeros(2), {'a': torch.zeros(5)}]", "self.w[1]['a'] += 1", 5),
+        ("w = torch.zeros(4)\nself.learn = lambda: w.add_(1)", "self.learn()", 4),
+        ("self.register_buffer('steps', torch.zeros(()))", "self.steps += 1", 1),
+        ("self.norm = nn.BatchNorm2d(4)", "self.norm(self.conv(x))", 0),
+        ("self.norm = nn.utils.parametrizations.spectral_norm(nn.Linear(3, 3))", "y = self.norm(y)", 0),
+        ("self.norm = nn.utils.parametrizations.weight_norm(nn.Linear(3, 3))", "y = self.norm(y)", 0),
+        ("self.seen = None", "self.seen = y.detach()", 0),
+        ("self.mask = torch.ones(9)", "self.mask.sum()", 0),
+    ],
+)
+def test_what_is_learnt_outside_the_parameters_is_counted(init: str, forward: str, learnt: int) -> None:
+    """In buffers, attributes, lists and closures; what layers of torch keep, and activations, are not learnt."""
+    steps = "\n".join(f"    {line}" for line in forward.split("\n"))
+    source = candidate(f"y = {GOOD}\nif self.training:\n{steps}\nreturn y", init)
+    profile = profile_of(source)
+    assert profile.learnt_outside == learnt
+    assert profile.learnt == profile.parameters + learnt
+
+
+def test_global_that_learns_is_counted_and_limited() -> None:
+    """A tensor beside the class is as good as a weight; the limit on parameters covers it, and the descriptor too."""
+    source = "TABLE = torch.zeros(1000)\n\n\n" + candidate(
+        f"y = {GOOD}\nif self.training:\n    TABLE.add_(y.detach().mean())\nreturn y + TABLE.mean()"
+    )
+    profile = profile_of(source)
+    assert profile.learnt_outside == 1000
+    assert rejection_of(source, parameters=1126).reason is Reason.too_many_parameters
+    assert describe(profile).eff_ratio == pytest.approx(describe(profile_of(VALID)).eff_ratio * 127 / 1127)
+
+
+def test_path_that_runs_in_training_only_is_charged() -> None:
+    """By hand: beside the usual work, 2 x 4 x 4 x 9 x 30 x 30 FLOPs of a convolution that evaluation leaves out."""
+    source = candidate(
+        "y = self.conv(x)\nif self.training:\n    y = y + self.more(y)\nreturn self.head(F.relu(y).mean((2, 3)))",
+        "self.more = nn.Conv2d(4, 4, 3, padding=1)",
+    )
+    profile, usual = profile_of(source), profile_of(VALID)
+    assert profile.flops == usual.flops
+    assert profile.training_flops == usual.flops + 2 * 4 * 4 * 9 * 30 * 30
+    assert rejection_of(source, flops=profile.training_flops - 1).reason is Reason.too_many_flops
+    assert usual.extra_flops == 0
+
+
+@pytest.mark.parametrize(("layer", "gates"), [("LSTM", 4), ("GRU", 3)])
+@pytest.mark.parametrize("sides", [1, 2])
+def test_recurrent_layers_are_counted_by_one_formula(layer: str, gates: int, sides: int) -> None:
+    """By hand, for 30 steps of 120 features and 5 units a side: each gate's two products, at every step."""
+    init = f"self.r = nn.{layer}(120, 5, batch_first=True, bidirectional={sides == 2})"
+    source = candidate(
+        f"t = self.conv(x).permute(0, 2, 1, 3).flatten(2)\nreturn {GOOD} + self.r(t)[0].mean((1, 2))[:, None]", init
+    )
+    recurrent = 2 * 30 * gates * 5 * (120 + 5) * sides
+    assert profile_of(source).flops == 2 * profile_of(VALID).flops - 2 * 4 * 3 + recurrent
+
+
+def test_products_with_vectors_are_counted() -> None:
+    """By hand: a matrix of 3 x 3 times a vector, a dot product of 9, and a bilinear form of 3 x 4 x 4."""
+    source = candidate(
+        "f = F.relu(self.conv(x)).mean((2, 3))\nm = self.w @ self.w[0]\nd = self.w.flatten().dot(self.w.flatten())\n"
+        "return self.head(f) + m + d + self.b(f, f)",
+        "self.w = nn.Parameter(torch.ones(3, 3))\nself.b = nn.Bilinear(4, 4, 3, bias=False)",
+    )
+    assert profile_of(source).flops == profile_of(VALID).flops + 2 * 9 + 2 * 9 + 2 * 3 * 4 * 4
+
+
+def test_complex_parameter_is_told_in_our_words() -> None:
+    """Torch's optimiser would speak of its own fused form."""
+    rejection = rejection_of(
+        candidate(f"return {GOOD} + self.w.real", "self.w = nn.Parameter(torch.ones(3, dtype=torch.cfloat))")
+    )
+    assert rejection.reason is Reason.construction_failed
+    assert "complex64" in rejection.detail
+
+
+@pytest.mark.parametrize(
+    ("init", "forward"),
+    [
+        ("getattr(F.relu, '__glo' + 'bals__')", ""),
+        ("setattr(self, 'fo' + 'rward_hooks'[3:], 1) or setattr(self, '_for' + 'ward_hooks', {})", ""),
+        ("setattr(nn.Linear, 'x' + 'y', 3)", ""),
+        ("hasattr(self.conv.weight, '_' + 'grad')", ""),
+        ("", "getattr(self.conv.weight, 'da' + 'ta').neg_()"),
+        ("", "setattr(self, 'train' + 'ing', True)"),
+        ("delattr(nn.Conv2d, 'for' + 'ward')", ""),
+        ("del getattr", "getattr(x, 'num' + 'py')()"),
+        ("class Name(str):\n    pass\ngetattr(self.conv, Name('weight'))", ""),
+    ],
+)
+def test_computed_name_is_looked_up_in_the_lists(init: str, forward: str) -> None:
+    """What the policy refuses in the text, the functions that take a name refuse when they are called."""
+    source = candidate(f"{forward or '...'}\nreturn {GOOD}", init.replace("del getattr", "..."))
+    if init == "del getattr":
+        source = f"getattr = None\ndel getattr\n{source}"
+    assert rejection_of(source).reason in {Reason.forbidden_name, Reason.construction_failed}
+
+
+@pytest.mark.parametrize(
+    "init",
+    [
+        "for i in range(3):\n    setattr(self, f'layer{i}', nn.Linear(3, 3))\n"
+        "[getattr(self, f'layer{i}') for i in range(3)]",
+        "setattr(self, '_' + 'own', 1)\ngetattr(self, '_' + 'own')\ndelattr(self, '_' + 'own')",
+        "[getattr(m, 'bias', None) for m in self.modules() if hasattr(m, 'weight')]",
+        "getattr(F, 're' + 'lu')(torch.ones(1))",
+        "getattr(self, 'no' + 'ne', 3)",
+    ],
+)
+def test_honest_computed_names_are_found(init: str) -> None:
+    """Layers in a numbered row, an attribute of its own, and a default."""
+    assert profile_of(candidate(f"return {GOOD}", init)).flops == profile_of(VALID).flops

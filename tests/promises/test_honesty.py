@@ -14,10 +14,10 @@ from honest_sources import HONEST
 from lying_sources import GOOD, LIES, RETURN, Lie
 
 from tacevo.gate.honesty import unchanged
-from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.probe import run
 from tacevo.records import Reason, to_json
+from tacevo.sandbox import names
 from tacevo.sandbox.candidate import check_leaves
 from tacevo.search.lines import MISREPORTING
 
@@ -51,6 +51,13 @@ def test_lie_that_stands_in_the_text_is_refused_by_the_policy(lie: Lie) -> None:
         assert rejection.detail.startswith("line ")
 
 
+@pytest.fixture
+def unguarded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give candidates Python's own `getattr` and its like, as one would have that found a way to them."""
+    monkeypatch.setattr("tacevo.sandbox.candidate._GUARDED", {})
+
+
+@pytest.mark.usefixtures("unguarded")
 @pytest.mark.parametrize("lie", LIES.values(), ids=LIES.keys())
 def test_lie_past_the_policy_is_seen_by_the_probe(lie: Lie) -> None:
     """The probe asks the candidate nothing, so it needs no text to see what the candidate does."""
@@ -74,24 +81,26 @@ def test_grammar_is_honest() -> None:
 
 def test_list_of_names_is_that_of_torch() -> None:
     """The policy does not import torch, so its list is compared with the class: a new release may add names."""
-    names = {*dir(torch.nn.Module), *vars(torch.nn.Module())} - {"forward", "extra_repr"}
+    listed = {*dir(torch.nn.Module), *vars(torch.nn.Module())} - {"forward", "extra_repr"}
     special = {
         name for name in vars(torch.nn.Module) if name.startswith("__") and callable(vars(torch.nn.Module)[name])
     }
-    plain = {name for name in names if not name.startswith("__")}
-    assert plain | special - {"__init__", "__repr__"} | {"__class__"} == allowed.MODULE_NAMES
+    plain = {name for name in listed if not name.startswith("__")}
+    assert plain | special - {"__init__", "__repr__"} | {"__class__"} == names.MODULE_NAMES | names.CONVERSIONS
+    assert not names.MODULE_NAMES & names.CONVERSIONS
 
 
 def test_network_that_waits_is_not_seen() -> None:
     """What the text hides and the probe's passes do not show is admitted; docs/security.md says so."""
     patient = candidate(
-        f"self.calls += 1\nif self.calls > 9:\n    getattr(self.conv.weight, 'da' + 'ta').neg_()\n{RETURN}",
+        f"self.calls += 1\nif self.calls > 99:\n    for w in [self.conv.weight]:\n        w.neg_()\n{RETURN}",
         "self.calls = 0",
     )
     assert rejection_of(patient, contract()) is None
     assert "profile" in probed(patient)
 
 
+@pytest.mark.usefixtures("unguarded")
 def test_change_of_a_class_of_torch_is_seen() -> None:
     """A computed name reaches torch's own classes; each name must mean there what it meant before."""
     source = candidate(

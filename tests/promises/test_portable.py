@@ -21,10 +21,10 @@ from portable_operations import computed
 from torch import nn
 
 from tacevo.choices import Numerics
+from tacevo.gate.kernels import KernelWatcher
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import rejection_of
-from tacevo.gate.portability import watching_portability
 from tacevo.training.numerics import environment
 
 CPUS = ("Haswell", "EPYC-Milan", "Skylake-Server")
@@ -116,9 +116,9 @@ def table(differing: list[str]) -> str:
     """Write the table of docs/determinism.md: the kernels behind the expressions that differed."""
     rows: dict[str, list[str]] = {}
     for expression in differing:
-        with watching_portability() as found:
+        with KernelWatcher() as watcher:
             computed(expression)
-        for kernel in sorted(found) or ["not known"]:
+        for kernel in sorted(watcher.not_portable) or ["not known"]:
             rows.setdefault(kernel, []).append(f"`{expression}`")
     lines = [f"| `{kernel}` | {', '.join(found)} |" for kernel, found in sorted(rows.items())]
     return "\n".join(["| kernel | measured to differ |", "|---|---|", *lines])

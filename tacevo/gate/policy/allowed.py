@@ -73,6 +73,16 @@ _SPECIAL = (
 )
 
 
+#: Not `ForwardRef`: it runs the text that it is given.
+_TYPING = """
+    Annotated Any Callable ClassVar Collection Concatenate Container Counter DefaultDict Deque Dict Final FrozenSet
+    Generator Generic Hashable Iterable Iterator List Literal Mapping MutableMapping MutableSequence NamedTuple Never
+    NewType NoReturn Optional OrderedDict ParamSpec Protocol Reversible Self Sequence Set Sized SupportsFloat
+    SupportsInt TYPE_CHECKING Text Tuple Type TypeAlias TypeGuard TypeVar TypeVarTuple TypedDict Union Unpack
+    cast final overload override runtime_checkable
+"""
+
+
 def _one_of(names: str) -> str:
     return "|".join(names.split())
 
@@ -94,7 +104,7 @@ _MODULES: Mapping[str, re.Pattern[str]] = {
         "torch.special": _one_of(_SPECIAL),
         "torch.cuda": "is_available",
         "math": _FUNCTION,
-        "typing": _CLASS + "|cast|overload",
+        "typing": _one_of(_TYPING),
         "collections": "OrderedDict|defaultdict|deque|namedtuple|Counter",
         "collections.abc": _CLASS,
         "functools": "partial|reduce|lru_cache|cache|wraps|cached_property",
@@ -112,62 +122,11 @@ IMPORTABLE = ", ".join(sorted({name.split(".")[0] for name in _MODULES} - {"__fu
 
 _BUILTINS = "exec eval compile open globals locals vars __import__ breakpoint help exit quit memoryview"
 
-_SPECIAL_METHODS = "__init__ __len__ __getitem__ __iter__ __next__ __repr__ __str__ __post_init__"
-
 #: Built-in functions that run text, reach files or show the interpreter's insides.
 BUILTINS = frozenset(_BUILTINS.split())
 
 #: Built-in functions whose results follow memory addresses; a text may use the names for its own variables.
 UNSTABLE = frozenset({"set", "frozenset", "id"})
-
-#: Built-in functions that may be called by name but never passed around.
-CALLED_ONLY = frozenset({"getattr", "setattr", "delattr", "hasattr"})
-
-_ATTRIBUTES = """
-    numpy ctypes tofile from_file storage untyped_storage data_ptr share_memory_ as_subclass mro
-    f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
-"""
-
-#: Names that register or hold hooks. Honest answers do not use them, and a hook could take an optimiser step with the
-#: gradient that it is given.
-_HOOK = re.compile(r"_?register_\w*hook|_\w*hooks(_\w+)?")
-
-_MODULE_NAMES = """
-    T_destination add_module apply bfloat16 buffers call_super_init children compile cpu cuda double dump_patches eval
-    float get_buffer get_extra_state get_parameter get_submodule half ipu load_state_dict modules mtia named_buffers
-    named_children named_modules named_parameters parameters register_backward_hook register_buffer
-    register_forward_hook register_forward_pre_hook register_full_backward_hook register_full_backward_pre_hook
-    register_load_state_dict_post_hook register_load_state_dict_pre_hook register_module register_parameter
-    register_state_dict_post_hook register_state_dict_pre_hook requires_grad_ set_extra_state set_submodule
-    share_memory state_dict to to_empty train training type xpu zero_grad
-    _apply _call_impl _compiled_call_impl _get_backward_hooks _get_backward_pre_hooks _get_name _load_from_state_dict
-    _maybe_warn_non_full_backward_hook _named_members _register_load_state_dict_pre_hook _register_state_dict_hook
-    _replicate_for_data_parallel _save_to_state_dict _slow_forward _version _wrapped_call_impl
-    _backward_hooks _backward_pre_hooks _buffers _forward_hooks _forward_hooks_always_called
-    _forward_hooks_with_kwargs _forward_pre_hooks _forward_pre_hooks_with_kwargs _is_full_backward_hook
-    _load_state_dict_post_hooks _load_state_dict_pre_hooks _modules _non_persistent_buffers_set _parameters
-    _state_dict_hooks _state_dict_pre_hooks
-    __call__ __class__ __delattr__ __dir__ __getattr__ __getstate__ __setattr__ __setstate__
-"""
-
-_REFUSED = frozenset(_ATTRIBUTES.split())
-
-#: Special methods that a candidate may define.
-SPECIAL_METHODS = frozenset(_SPECIAL_METHODS.split())
-
-#: What `nn.Module` and its objects define, and a candidate may not; it may define `__init__`, `forward` and texts.
-MODULE_NAMES = frozenset(_MODULE_NAMES.split())
-
-#: Special names that it may assign in a class: TorchScript's list of constants does nothing here.
-SPECIAL_BINDINGS = SPECIAL_METHODS | {"__constants__"}
-
-#: Special names that it may read.
-SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
-
-
-def is_refused(attribute: str) -> bool:
-    """Return whether an attribute of a tensor, module, frame or function leads out of the network or hooks into it."""
-    return attribute in _REFUSED or _HOOK.fullmatch(attribute) is not None
 
 
 def is_module(path: str) -> bool:

@@ -6,15 +6,15 @@ A network that answers `parameters()`, `train()` or `state_dict()` itself can mi
 import ast
 from collections.abc import Iterable, Iterator
 
-from tacevo.gate.policy import allowed
-from tacevo.gate.policy.problems import Problem, is_special
+from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
+from tacevo.sandbox import names
 
 _Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
 def overrides(node: ast.AST) -> Iterator[Problem]:
-    """Find the names in `allowed.MODULE_NAMES` that one node binds; its children are visited separately.
+    """Find the names in `names.MODULE_NAMES` that one node binds; its children are visited separately.
 
     A class is searched for what its body binds: methods, variables in every form of assignment, imports, classes.
     Variables of a method may have any name, and so may names outside classes. Attributes are searched for writes and
@@ -37,12 +37,12 @@ def overrides(node: ast.AST) -> Iterator[Problem]:
 def _problems_of_class(part: ast.AST) -> Iterator[Problem]:
     for name in _bound(part):
         yield from _problems_of_name(part, name)
-        if is_special(name) and name not in allowed.SPECIAL_BINDINGS and not isinstance(part, ast.FunctionDef):
+        if names.is_special(name) and name not in names.SPECIAL_BINDINGS and not isinstance(part, ast.FunctionDef):
             yield Problem.at(Reason.forbidden_construct, part, f"special name {name} may not be assigned in a class")
 
 
 def _problems_of_name(node: ast.AST, name: str) -> Iterator[Problem]:
-    if name in allowed.MODULE_NAMES:
+    if name in names.MODULE_NAMES:
         detail = f"{name} is a name of nn.Module and may not be defined or assigned; choose another name"
         yield Problem.at(Reason.redefines_module, node, detail)
 

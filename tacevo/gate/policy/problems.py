@@ -25,11 +25,6 @@ class Problem:
         return cls(reason, f"line {line}: {detail}", line)
 
 
-def is_special(name: str) -> bool:
-    """Return whether a name is special to Python, e.g. `__init__`."""
-    return name.startswith("__") and name.endswith("__")
-
-
 def parse(text: str) -> ast.Module | Problem:
     """Parse source text; it comes as `str`, so a coding cookie in it has no effect."""
     try:

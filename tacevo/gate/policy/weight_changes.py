@@ -4,19 +4,23 @@ After construction runs what `forward` reaches by name: the methods and function
 name. A function that only a constructor names initialises. Text can hide a name; the probe sees what a pass changes.
 """
 
+from __future__ import annotations
+
 import ast
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Self
 
-from tacevo.gate.policy.problems import Problem, is_special
+from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
+from tacevo.sandbox.names import MODES, WEIGHTS, is_special
 
 #: Attributes that may not be used while the network runs, each with the reason.
 _ATTRIBUTES: Mapping[str, Reason] = {
-    **dict.fromkeys(("data", "grad", "backward", "load_state_dict"), Reason.changes_its_weights),
-    **dict.fromkeys(("train", "eval"), Reason.changes_its_mode),
+    **dict.fromkeys(WEIGHTS, Reason.changes_its_weights),
+    **dict.fromkeys(MODES, Reason.changes_its_mode),
 }
 
 #: Names of the parameters of torch's own layers.
@@ -36,11 +40,45 @@ def weight_changes(nodes: list[ast.AST], imported: Collection[str]) -> Iterator[
     """
     attributes = frozenset(name for node in nodes for name in _made_parameters(node))
     for function in _running(nodes):
-        own = list(_own(function))
         names = _Names(imported, attributes, frozenset())
-        names = replace(names, variables=frozenset(alias for node in own for alias in _aliases(node, names)))
+        yield from _problems_in(_body(function), names)
+
+
+def _problems_in(statements: Iterable[ast.stmt], names: _Names) -> Generator[Problem, None, _Names]:
+    """Find what statements change, in their order; return what the names mean behind them.
+
+    A variable that is set to something else, such as `weight - weight.mean()`, is a parameter no longer. Behind a
+    branch or a loop it is one where it was one before or may have become one; a loop begins with all of these.
+    """
+    for statement in statements:
+        blocks = _blocks(statement)
+        own = list(_own([statement], outside=blocks))
+        again = chain(own, _own(chain.from_iterable(blocks))) if isinstance(statement, ast.For | ast.While) else own
+        names = names.adding(alias for node in again for alias in _aliases(node, names))
         for node in own:
             yield from _problems_of(node, names)
+        names = replace(names, variables=names.variables - frozenset(_others(statement, names)))
+        after = frozenset[str]() if isinstance(statement, ast.With) else names.variables
+        for block in blocks:
+            inside = yield from _problems_in(block, names.adding(after))
+            after |= inside.variables
+        names = replace(names, variables=after)
+    return names
+
+
+def _blocks(statement: ast.stmt) -> list[list[ast.stmt]]:
+    """Return the statements inside a statement, list by list; none of a function or class."""
+    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+        return []
+    parts = [statement, *getattr(statement, "handlers", ()), *getattr(statement, "cases", ())]
+    return [getattr(part, name) for part in parts for name in ("body", "orelse", "finalbody") if hasattr(part, name)]
+
+
+def _others(statement: ast.stmt, names: _Names) -> Iterator[str]:
+    """Yield the variables that a statement sets to something that is not a parameter."""
+    match statement:
+        case ast.Assign(targets=targets, value=value) if not names.hold(value):
+            yield from (target.id for target in targets if isinstance(target, ast.Name))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +88,12 @@ class _Names:
     imported: Collection[str]
     #: Attributes that the text makes parameters.
     attributes: frozenset[str]
-    #: Variables that the function sets to one, or that loop over a list of them.
+    #: Variables that are one at this place, or that loop over a list of them.
     variables: frozenset[str]
+
+    def adding(self, variables: Iterable[str]) -> Self:
+        """Return the same with more variables."""
+        return replace(self, variables=self.variables.union(variables))
 
     def are_imported(self, node: ast.expr) -> bool:
         """Return whether an expression such as `nn.init` begins with an imported name."""
@@ -168,7 +210,7 @@ def _running(nodes: list[ast.AST]) -> Iterator[_Function]:
         for function in named.get(name, ()):
             if isinstance(function, _Function):
                 yield function
-            new = _mentions(_own(function) if isinstance(function, _Function) else [function]) - seen
+            new = _mentions(_own(_body(function)) if isinstance(function, _Function) else [function]) - seen
             seen |= new
             reached += sorted(new)
 
@@ -202,14 +244,19 @@ def _mentions(nodes: Iterable[ast.AST]) -> set[str]:
     return found
 
 
-def _own(function: _Function) -> Iterator[ast.AST]:
-    """Walk a function, and of the functions inside it only those that are called at once."""
-    waiting: list[ast.AST] = [*(function.body if isinstance(function, ast.FunctionDef) else [function.body])]
+def _body(function: _Function) -> list[ast.stmt]:
+    return function.body if isinstance(function, ast.FunctionDef) else [ast.Expr(function.body)]
+
+
+def _own(statements: Iterable[ast.stmt], *, outside: Iterable[Iterable[ast.stmt]] = ()) -> Iterator[ast.AST]:
+    """Walk statements, without those outside, and of the functions inside only those that are called at once."""
+    left_out = {id(statement) for block in outside for statement in block}
+    waiting: list[ast.AST] = [*statements]
     for node in waiting:  # grows while it is walked
         waiting += [applied.body for applied in _applied(node)]
         if not isinstance(node, _Function):
             yield node
-            waiting += ast.iter_child_nodes(node)
+            waiting += [child for child in ast.iter_child_nodes(node) if id(child) not in left_out]
 
 
 def _called(call: ast.Call) -> str:

@@ -96,10 +96,10 @@ _SOURCES: dict[tuple[str, Reason | None, Reason | None], dict[str, str]] = {
         "annotated attribute": method("eval: object = lambda self: self"),
         "unpacked attribute": method("eval, (a, *train) = (lambda self: self), (1, 2)"),
         "walrus": method("a = (eval := lambda self: self)"),
-        "walrus in a default": method("def f(self, a=(half := 3)):\n    return a"),
+        "walrus in a default": method("def f(self, a=(eval := 3)):\n    return a"),
         "loop target": method("for eval in [lambda self: self]:\n    pass"),
         "import as": method("from functools import partial as train"),
-        "import": before("", method("import math as cpu")),
+        "import": before("", method("import math as train")),
         "with as": method("with torch.no_grad() as buffers:\n    pass"),
         "nested class": method("class modules:\n    pass"),
         "pattern": method("match [1, 2]:\n    case [a, *eval]:\n        pass"),
@@ -265,11 +265,11 @@ _SOURCES: dict[tuple[str, Reason | None, Reason | None], dict[str, str]] = {
     ("weights", HOOK, None): {
         "by a hook that steps in large batches": candidate(
             f"self.images = x.shape[0]\n{RETURN}",
-            "self.images = 0\nkernel = self.conv.weight\n\ndef descend(slope):\n    if self.images > 5:\n"
+            "self.images = 0\nkernel = self.conv.weight\n\ndef descend(slope):\n    if self.images > 16:\n"
             "        with torch.no_grad():\n            kernel.sub_(slope, alpha=0.1)\n\nkernel.register_hook(descend)",
         ),
         "by a hook of a wide part that only large batches use": candidate(
-            "y = F.relu(self.conv(x)).mean((2, 3))\nif x.shape[0] > 5:\n"
+            "y = F.relu(self.conv(x)).mean((2, 3))\nif x.shape[0] > 16:\n"
             "    parts = [part.weight for part in self.kept]\n"
             "    for part in parts:\n        def descend(slope, part=part):\n            with torch.no_grad():\n"
             "                part.sub_(slope, alpha=0.01)\n        if self.training:\n"

@@ -1,0 +1,155 @@
+"""What a candidate's kernels show: FLOPs, bits that follow the CPU, and random draws (child side).
+
+What it promises: it sees every kernel that the probe's passes reach, called by a layer, a function, a method or
+autograd, because it watches torch below all of them. What it does not promise: it does not see a branch that the
+probe did not take, and the candidate shares this process, so all this is only its claim.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import cache
+from math import prod
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils.flop_counter import flop_registry
+
+from tacevo.gate.operations import NOT_PORTABLE
+from tacevo.sandbox.candidate import call_plainly
+
+#: How many values of a draw are compared with those of another seed.
+_COMPARED = 64
+
+#: So many values are hardly ever equal under two seeds, even where each is 0 or 1.
+_ENOUGH = 32
+
+
+class KernelWatcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
+    """Sees each call of a kernel, after layers and compound functions have been taken apart."""
+
+    def __init__(self) -> None:
+        super().__init__()  # type: ignore[no-untyped-call]
+        #: Names of the operations in `NOT_PORTABLE` that ran.
+        self.not_portable: set[str] = set()
+        #: Floating-point operations so far.
+        self.flops = 0
+        #: Random draws so far.
+        self.drawn = 0
+        self._draws: list[Tensor] | None = None
+
+    @contextmanager
+    def noting_draws(self) -> Iterator[list[Tensor]]:
+        """Collect the first values of each random draw while the context lasts."""
+        self._draws = []
+        try:
+            yield self._draws
+        finally:
+            self._draws = None
+
+    def __torch_dispatch__(
+        self, func: Any, types: Sequence[type], args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
+    ) -> Any:
+        kwargs = kwargs or {}
+        if _is_compound(func):  # in inference mode torch has not taken it apart
+            with self:
+                return func.decompose(*args, **kwargs)
+        name = _spelling(func, args)
+        if name in NOT_PORTABLE:
+            self.not_portable.add(name)
+        output = func(*args, **kwargs)
+        formula = _FORMULAS.get(func._overloadpacket)
+        if formula is not None:
+            self.flops += formula(*args, **kwargs, out_val=output)
+        if torch.Tag.nondeterministic_seeded in func.tags:
+            self.drawn += 1
+            if self._draws is not None and isinstance(output, Tensor):
+                self._draws.append(output.detach().reshape(-1)[:_COMPARED].clone())
+        return output
+
+
+call_plainly(KernelWatcher.__torch_dispatch__)
+
+
+def follow_the_seed(draws: Sequence[Tensor], others: Sequence[Tensor]) -> bool:
+    """Return whether the draws of a construction differ from those under another seed, one by one.
+
+    What only one of the two drew, because a network branches by what it drew, follows the seed.
+    """
+    return not any(_tells(draw) and torch.equal(draw, other) for draw, other in zip(draws, others, strict=False))
+
+
+def _tells(draw: Tensor) -> bool:
+    """Return whether chance, or a range of one value, hardly makes a draw equal under two seeds."""
+    if draw.numel() > 1 and bool((draw == draw[0]).all()):
+        return False
+    return draw.numel() >= _ENOUGH or bool((draw != draw.round()).any() if draw.is_floating_point() else False)
+
+
+@cache
+def _is_compound(func: Any) -> bool:
+    return bool(func._can_decompose())
+
+
+def _spelling(func: Callable[..., Any], args: tuple[Any, ...]) -> str:
+    """Return a kernel's name as in `NOT_PORTABLE`: a power of 0.5 uses the code of the square root."""
+    name = str(func).split(".")[1].rstrip("_")
+    is_root = name == "pow" and len(args) > 1 and isinstance(args[1], float) and args[1] == 0.5
+    return "sqrt" if is_root else name
+
+
+def _recurrent(inputs: Tensor, input_weight: Tensor, hidden_weight: Tensor, *_: Any, **__: Any) -> int:
+    """Count one layer of an LSTM in one direction: at each step all gates, as an nn.GRU is counted.
+
+    Inputs are of shape (steps, N, features).
+    """
+    return 2 * prod(inputs.shape[:2]) * (input_weight.numel() + hidden_weight.numel())
+
+
+def _recurrent_backward(*args: Any, **_: Any) -> int:
+    return 2 * _recurrent(*args)
+
+
+def _product(*operands: Any, **_: Any) -> int:
+    """Count a product of a matrix, the first operand, and a vector, or of two vectors."""
+    return 2 * int(operands[0].numel())
+
+
+def _added(_: Tensor, *operands: Any, **__: Any) -> int:
+    """Count a product that is added to a tensor: of a matrix and a vector, or of batches of matrices."""
+    first, second = operands[:2]
+    return 2 * int(first.numel()) * int(second.shape[-1] if second.dim() > 1 else 1)
+
+
+def _distances(first: Tensor, second: Tensor, *_: Any, **__: Any) -> int:
+    """Count the distances of all pairs of rows."""
+    return 2 * first.numel() * second.shape[-2]
+
+
+def _trilinear(first: Tensor, weight: Tensor, second: Tensor, *unsqueezed: Any, **_: Any) -> int:
+    """Count what nn.Bilinear calls: one product and one sum for each pair of features, output and row."""
+    expanded = [first, weight, second]
+    for dimensions, place in zip(unsqueezed[:3], range(3), strict=True):
+        for dimension in dimensions:
+            expanded[place] = expanded[place].unsqueeze(dimension)
+    full: torch.Size = torch.broadcast_tensors(*expanded)[0].shape  # type: ignore[no-untyped-call]
+    return 2 * full.numel()
+
+
+_aten = torch.ops.aten
+
+#: How kernels are counted, by their names: torch's own formulas, and those of products that torch counts as 0.
+_FORMULAS: Mapping[Any, Callable[..., int]] = {
+    **flop_registry,
+    _aten.mkldnn_rnn_layer: _recurrent,
+    _aten.mkldnn_rnn_layer_backward: _recurrent_backward,
+    _aten._scaled_dot_product_flash_attention_for_cpu: flop_registry[_aten._scaled_dot_product_flash_attention],
+    _aten._scaled_dot_product_flash_attention_for_cpu_backward: flop_registry[
+        _aten._scaled_dot_product_flash_attention_backward
+    ],
+    **dict.fromkeys((_aten.mv, _aten.dot, _aten.vdot), _product),
+    **dict.fromkeys((_aten.addmv, _aten.addbmm), _added),
+    **dict.fromkeys((_aten._cdist_forward, _aten._euclidean_dist), _distances),
+    _aten._trilinear: _trilinear,
+}

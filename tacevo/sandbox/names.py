@@ -1,0 +1,79 @@
+"""Names of attributes that a candidate may not reach: of tensors, modules, frames and functions (no torch).
+
+The gate's policy reads them in the text; where a text computes a name, `getattr` and its like look it up here.
+"""
+
+import re
+
+#: Special methods that a candidate may define.
+SPECIAL_METHODS = frozenset(
+    ("__init__", "__len__", "__getitem__", "__iter__", "__next__", "__repr__", "__str__", "__post_init__")
+)
+
+#: Special names that it may assign in a class: TorchScript's list of constants does nothing here.
+SPECIAL_BINDINGS = SPECIAL_METHODS | {"__constants__"}
+
+#: Special names that it may read.
+SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
+
+#: Built-in functions that take the name of an attribute. A text may call them, but not pass them around.
+ATTRIBUTE_FUNCTIONS = frozenset({"getattr", "setattr", "delattr", "hasattr"})
+
+#: Attributes that change weights or modes. A text may use them in constructors, and never under a computed name.
+WEIGHTS = ("data", "grad", "backward", "load_state_dict")
+MODES = ("train", "eval")
+
+#: Private attributes of libraries that a text may read: of modules, and of named tuples. Others are its own or refused.
+READABLE = frozenset({"_modules", "_parameters", "_buffers", "_replace", "_asdict", "_fields", "_make"})
+
+_LEADING_OUT = """
+    numpy ctypes tofile from_file storage untyped_storage data_ptr share_memory_ as_subclass mro _evaluate
+    f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
+"""
+
+_REFUSED = frozenset(_LEADING_OUT.split())
+
+#: Names that register or hold hooks. Honest answers do not use them, and a hook could take an optimiser step with the
+#: gradient that it is given.
+_HOOK = re.compile(r"_?register_\w*hook|_\w*hooks(_\w+)?")
+
+_MODULE_NAMES = """
+    T_destination add_module apply buffers call_super_init children compile dump_patches eval get_buffer
+    get_extra_state get_parameter get_submodule load_state_dict modules named_buffers named_children named_modules
+    named_parameters parameters register_backward_hook register_buffer register_forward_hook register_forward_pre_hook
+    register_full_backward_hook register_full_backward_pre_hook register_load_state_dict_post_hook
+    register_load_state_dict_pre_hook register_module register_parameter register_state_dict_post_hook
+    register_state_dict_pre_hook requires_grad_ set_extra_state set_submodule share_memory state_dict to to_empty
+    train training zero_grad
+    _apply _call_impl _compiled_call_impl _get_backward_hooks _get_backward_pre_hooks _get_name _load_from_state_dict
+    _maybe_warn_non_full_backward_hook _named_members _register_load_state_dict_pre_hook _register_state_dict_hook
+    _replicate_for_data_parallel _save_to_state_dict _slow_forward _version _wrapped_call_impl _backward_hooks
+    _backward_pre_hooks _buffers _forward_hooks _forward_hooks_always_called _forward_hooks_with_kwargs
+    _forward_pre_hooks _forward_pre_hooks_with_kwargs _is_full_backward_hook _load_state_dict_post_hooks
+    _load_state_dict_pre_hooks _modules _non_persistent_buffers_set _parameters _state_dict_hooks
+    _state_dict_pre_hooks
+    __call__ __class__ __delattr__ __dir__ __getattr__ __getstate__ __setattr__ __setstate__
+"""
+
+#: What `nn.Module` and its objects define, and a candidate may not; it may define `__init__`, `forward` and texts. The
+#: conversions (`CONVERSIONS`) are left out: nothing here calls them, and `self.half = 8` is honest.
+MODULE_NAMES = frozenset(_MODULE_NAMES.split())
+
+#: Methods of `nn.Module` that convert or move it.
+CONVERSIONS = frozenset({"bfloat16", "cpu", "cuda", "double", "float", "half", "ipu", "mtia", "type", "xpu"})
+
+
+def is_special(name: str) -> bool:
+    """Return whether a name is special to Python, e.g. `__init__`."""
+    return name.startswith("__") and name.endswith("__")
+
+
+def is_refused(attribute: str) -> bool:
+    """Return whether an attribute leads out of the network, or hooks into it, whatever object it is of."""
+    is_hidden = is_special(attribute) and attribute not in SPECIAL_NAMES
+    return is_hidden or attribute in _REFUSED or _HOOK.fullmatch(attribute) is not None
+
+
+def is_private(attribute: str) -> bool:
+    """Return whether an attribute is private to a class; a text may reach those of its own classes only."""
+    return attribute.startswith("_") and not is_special(attribute) and attribute not in READABLE
