@@ -6,6 +6,7 @@ An alarm is a hint, not a verdict; its threshold stands here with its reason.
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,13 @@ REPEATED = 0.25
 
 #: The paper lost 4 % and 5.5 % of its candidates at the whole gate.
 REJECTED = 0.2
+
+#: In the published runs no training took more than 4.4 times what its operations explain, by wall time; one that trains
+#: more than it was asked to does.
+UNEXPLAINED = 5.0
+
+#: So many trainings show what is usual.
+_USUAL = 5
 
 #: Generations at a limit after which the temperature no longer counts as moving.
 STUCK = 3
@@ -180,6 +188,27 @@ def _of_candidates(run: Run) -> Iterator[Alarm]:
                 f"for {reason} ({count}).",
                 figures=(("rejected", stage.rejected), ("share", share)),
             )
+    yield from _of_time(run)
+
+
+def _of_time(run: Run) -> Iterator[Alarm]:
+    """Look for trainings that took far more processor time than the median of the run, and than their FLOPs explain."""
+    flops = {one.id: (one.flops or 0) + one.extra_flops for one in run.trained}
+    taken = {name: run.cpu_seconds[name] for name in flops if name in run.cpu_seconds}
+    counted_flops = [name for name in taken if flops[name]]
+    if len(counted_flops) < _USUAL:
+        return
+    usual = median(taken.values())
+    of_flop = median(taken[name] / flops[name] for name in counted_flops)
+    times = {name: seconds / max(usual, of_flop * flops[name]) for name, seconds in taken.items()}
+    if many := {name: factor for name, factor in times.items() if factor > UNEXPLAINED}:
+        worst = max(many, key=lambda name: many[name])
+        yield Alarm(
+            name="unexplained processor time",
+            sentence=f"The training of {worst} took {many[worst]:.0f} times the processor time that its operations "
+            f"explain, and {len(many) - 1} others more than {UNEXPLAINED:g} times: read what they do.",
+            figures=tuple(sorted(many.items())),
+        )
 
 
 def _of_prompts(run: Run) -> Iterator[Alarm]:

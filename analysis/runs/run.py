@@ -64,6 +64,8 @@ class Run:
     versions: Mapping[str, str]
     #: What the answers of a candidate cost, by its id, as far as timings.jsonl has it.
     spent: Mapping[str, Spending]
+    #: The processor time of a candidate's trainings in seconds, by its id, as far as timings.jsonl has it.
+    cpu_seconds: Mapping[str, float]
     #: The further trainings of elites, in order; none unless the search trained elites again.
     reevaluations: tuple[ReevaluationLine, ...] = ()
 
@@ -180,6 +182,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
     config = read_config(path, record)
     _check_description(path, config, record.task, header)
     generations = tuple(line for line in ledger.lines if isinstance(line, GenerationLine))
+    directory = RunDirectory(path)
     return Run(
         path=path,
         name=path.resolve().name,
@@ -196,7 +199,8 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
         prompt_trials=(),
         eras=eras_of(ledger.lines),
         versions=record.versions,
-        spent=RunDirectory(path).read_spending(),
+        spent=directory.read_spending(),
+        cpu_seconds={one.id: one.cpu_seconds for one in directory.read_timings() if one.id and one.cpu_seconds},
     )
 
 

@@ -287,7 +287,8 @@ class _Recorder(Watcher):
         spent = spending_on(outcome.completions)
         self._generation.append(spent)
         if self._spent.get(name) != spent:
-            self._directory.add_timing(spent, id=name, seconds=round(outcome.seconds, 3))
+            seconds, cpu = round(outcome.seconds, 3), round(outcome.cpu_seconds, 2)
+            self._directory.add_timing(spent, id=name, seconds=seconds, cpu_seconds=cpu or None)
 
     def committed(self, line: SearchLine, state: SearchState) -> None:
         """Show a line, and write the archives at the end of each generation that was not complete before."""

@@ -1,6 +1,7 @@
 """From a configuration to a running search: the place that builds objects and joins them (models: `providers`)."""
 
 import contextlib
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -23,7 +24,7 @@ from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
 from tacevo.runs.datasets import source_of
 from tacevo.runs.providers import build_llm, provider_settings
-from tacevo.sandbox.client import Run, Sandbox, Zygote
+from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
 from tacevo.search.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.search.descriptors import on_axis
@@ -188,6 +189,7 @@ class Workbench:
     def __post_init__(self) -> None:
         #: The threads that wait for the sandbox.
         self.executor = ThreadPoolExecutor(self.config.executor.workers, "worker")
+        self._waited = threading.local()
 
     def __enter__(self) -> Self:
         self._stack.enter_context(self.executor)
@@ -211,6 +213,7 @@ class Workbench:
             evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
             evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
             executor=self.executor,
+            cpu_seconds=self._cpu_seconds,
         )
 
     def gate(self, rules: Rules) -> Gate:
@@ -264,10 +267,24 @@ class Workbench:
         """Keep what this code computes from being stored under the numbers of other rules."""
         return self.mode if rules == CURRENT else Mode.replay
 
+    def _cpu_seconds(self) -> float:
+        """Return the processor time of all candidates that this thread has waited for."""
+        return getattr(self._waited, "seconds", 0.0)
+
     def _sandbox(self, mode: Mode) -> Run:
-        """Return what runs jobs; in a replay, stores answer all of them."""
+        """Return what runs jobs and notes their processor time; in a replay, stores answer all of them."""
         if mode is Mode.replay:
             return _refuse_to_run
+        run = self._runner()
+
+        def noting(entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+            outcome = run(entry, header, payload, limits)
+            self._waited.seconds = self._cpu_seconds() + outcome.cpu_seconds
+            return outcome
+
+        return noting
+
+    def _runner(self) -> Run:
         if self.run is None:
             match self.config.executor.kind:
                 case ExecutorKind.local:

@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Self, TypeVar
 
@@ -72,6 +72,8 @@ class Finished:
     """The entry returned, after it had sent these frames."""
 
     frames: tuple[Frame, ...]
+    #: Processor time of the candidate and its supervisor, as the latter read it outside the candidate's process.
+    cpu_seconds: float = field(default=0.0, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,8 @@ class Died:
     reason: Reason
     #: One line for a person.
     detail: str
+    #: As of `Finished`; 0 where its supervisor could not tell.
+    cpu_seconds: float = field(default=0.0, compare=False)
 
 
 #: Runs a job, as `Sandbox.run` does: entry, header, payload, limits.
@@ -371,11 +375,12 @@ def _judge(verdict: Header, messages: list[Message]) -> Finished | Died | _Kille
     match verdict["ended"]:
         case "finished":
             try:
-                return Finished(tuple(Frame(message.read_header(), message.payload) for message in messages))
+                frames = tuple(Frame(message.read_header(), message.payload) for message in messages)
+                return Finished(frames, verdict["cpu"])
             except ValueError as error:
                 return Died(Reason.crashed, one_line(f"a header of its answer cannot be read: {error}"))
         case "died":
-            return Died(Reason(verdict["reason"]), one_line(verdict["detail"]))
+            return Died(Reason(verdict["reason"]), one_line(verdict["detail"]), verdict["cpu"])
         case "unprepared":
             raise _UnpreparedError("a job needs a module that the zygote has not imported")
         case "killed":

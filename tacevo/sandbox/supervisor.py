@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox import child
 from tacevo.sandbox.kernel import become_subreaper
-from tacevo.sandbox.processes import descendants, end_own_descendants, is_ending, memory
+from tacevo.sandbox.processes import cpu_seconds, descendants, end_own_descendants, is_ending, memory
 from tacevo.sandbox.protocol import CHILD, Channel, Message, Sort, Splitter, TooMuchError, describe, one_line
 
 _TICK = 0.025  # seconds between two checks of time and memory
@@ -69,7 +69,9 @@ def _serve(
     limits = Limits(**job["limits"])
     watch = _Watch(pid, pipe, channel, limits, prepared=job["prepared"], equips=equip is not None)
     verdict = watch.until_the_end()
-    return [*watch.frames, Message.of(Sort.verdict, {**verdict, "measures": watch.measures})]
+    # Measured here, where the candidate cannot reach. What is reaped already counts as this process's children.
+    cpu = sum(map(cpu_seconds, (supervisor, *descendants(supervisor))))
+    return [*watch.frames, Message.of(Sort.verdict, {**verdict, "measures": watch.measures, "cpu": cpu})]
 
 
 class _Watch:

@@ -52,6 +52,8 @@ class Effects:
     #: Names the training of a source with the seed of a number in its store.
     evaluation_key: Callable[[str, int], str]
     executor: Executor
+    #: The processor time, in seconds, of all candidates that the calling thread has waited for; it only grows.
+    cpu_seconds: Callable[[], float] = lambda: 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +77,8 @@ class Outcome:
     result: Training | Rejection
     #: Wall time of gate and training; for people, never for the ledger.
     seconds: float
+    #: Processor time of the trainings, 0 of those that were recalled; for people, too.
+    cpu_seconds: float = 0.0
     #: The answers before it, each of them sent back with the gate's reason.
     attempts: tuple[Attempt, ...] = ()
     #: Number of the training seed that the result is of.
@@ -159,8 +163,8 @@ def _sent_back(asked: Mapping[int, "_Asked"], judged: Mapping[int, "Future[_Judg
     return again
 
 
-#: What a training gave, and its wall time in seconds.
-_Trained = tuple[Training | Rejection, float]
+#: What a training gave, and its wall and processor time in seconds.
+_Trained = tuple[Training | Rejection, float, float]
 
 
 class _Trainings:
@@ -193,13 +197,14 @@ class _Trainings:
     def _train_longest(self) -> None:
         with self._lock:
             *_, job = heapq.heappop(self._waiting)
-        began = time.perf_counter()
+        began, spent = time.perf_counter(), self._effects.cpu_seconds()
         try:
             result = self._effects.evaluate(*job)
         except BaseException as error:  # who waits for the answer must raise it
             self._known[job].set_exception(error)
         else:
-            self._known[job].set_result((result, time.perf_counter() - began))
+            took = time.perf_counter() - began, self._effects.cpu_seconds() - spent
+            self._known[job].set_result((result, *took))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -243,7 +248,7 @@ def _judge(
     return _Judged(
         completion=completion,
         gated=gated,
-        trainings={0: _done((gated, 0.0))} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
+        trainings={0: _done((gated, 0.0, 0.0))} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
         seconds=time.perf_counter() - began + (0.0 if asked is None else asked.seconds),
         attempts=() if asked is None else asked.attempts,
     )
@@ -275,7 +280,7 @@ def _outcome(proposal: Job, judged: _Judged, evaluation_key: Callable[[str, int]
     except CacheMissError as error:
         _name_slot(error, proposal)
         raise
-    results = {seed: result for seed, (result, _) in found.items()}
+    results = {seed: result for seed, (result, *_) in found.items()}
     trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
     admitted = judged.gated if isinstance(judged.gated, Admitted) else None
     seed = _telling(results)
@@ -284,7 +289,8 @@ def _outcome(proposal: Job, judged: _Judged, evaluation_key: Callable[[str, int]
         completion=judged.completion,
         admitted=admitted,
         result=results[seed],
-        seconds=judged.seconds + sum(seconds for _, seconds in found.values()),
+        seconds=judged.seconds + sum(seconds for _, seconds, _ in found.values()),
+        cpu_seconds=sum(seconds for *_, seconds in found.values()),
         attempts=judged.attempts,
         seed=seed,
         trainings=trainings if len(trainings) == len(results) else {},

@@ -66,6 +66,8 @@ class Timing(Record):
     generation: int | None = None
     #: Wall time of gate and training.
     seconds: float | None = None
+    #: Processor time of its trainings, as read outside the candidate's process; None where all were recalled.
+    cpu_seconds: float | None = None
     answers: int
     input_tokens: int
     output_tokens: int
@@ -191,7 +193,13 @@ class RunDirectory:
             write_durably(path, text)
 
     def add_timing(
-        self, spent: Spending, *, id: str | None = None, generation: int | None = None, seconds: float | None = None
+        self,
+        spent: Spending,
+        *,
+        id: str | None = None,
+        generation: int | None = None,
+        seconds: float | None = None,
+        cpu_seconds: float | None = None,
     ) -> None:
         """Append a line to timings.jsonl, with the present time; a line torn by a kill is ended first.
 
@@ -199,7 +207,9 @@ class RunDirectory:
             RunError: the disk is full or fails.
         """
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
-        line = written(Timing(id=id, generation=generation, seconds=seconds, at=at, **asdict(spent)))
+        line = written(
+            Timing(id=id, generation=generation, seconds=seconds, cpu_seconds=cpu_seconds, at=at, **asdict(spent))
+        )
         path = self.path / "timings.jsonl"
         try:
             with path.open("ab+") as file:

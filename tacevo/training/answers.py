@@ -1,5 +1,6 @@
 """A trainer's answer, read and judged in the parent: nothing of it is trusted, and the losses are computed here."""
 
+import contextlib
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,6 +27,9 @@ class _Epoch(Record):
 
     epoch: int
     train_loss: float
+    #: Optimiser steps and forward passes.
+    steps: int = 0
+    passes: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +84,31 @@ def read_answer(
         if not np.isfinite(values).all():
             return _rejection(Reason.not_finite, f"the predictions after epoch {epoch} are not all finite")
     return answer
+
+
+def check_work(outcome: Finished | Died, *, train: int, predicted: Sequence[int], batch_size: int) -> Finished | Died:
+    """Return an answer, or a failure in its place where an epoch had other steps or passes than were asked for.
+
+    The child counts them, so this sees a candidate that changes what the trainer asks for, and not one that trains
+    beside it.
+
+    Args:
+        outcome: the answer to `Setting.train`.
+        train: images that are trained on.
+        predicted: images of each group that is predicted.
+        batch_size: of the recipe.
+    """
+    if isinstance(outcome, Died):
+        return outcome
+    steps = max(1, train // batch_size)
+    expected = steps, steps + sum(-(-count // batch_size) for count in predicted)
+    for frame in outcome.frames[:-1]:
+        with contextlib.suppress(AnswerError):  # told by who reads it
+            epoch = frame.read(_Epoch)
+            if (epoch.steps, epoch.passes) != expected:
+                detail = "expected {} steps and {} passes in each epoch; ".format(*expected)
+                return Died(Reason.bad_output, f"{detail}got {epoch.steps} and {epoch.passes}")
+    return outcome
 
 
 def training_of(answer: Answer, loss: Loss, targets: NDArray[Any]) -> Training:

@@ -18,7 +18,7 @@ from tacevo.records import Contract, Json, Recipe, Rejection, Training, to_json,
 from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
-from tacevo.training.answers import read_answer, training_of
+from tacevo.training.answers import check_work, read_answer, training_of
 
 #: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
@@ -93,7 +93,8 @@ class Setting:
         if examples.fingerprint != self.fingerprint:
             raise ValueError(f"expected examples with the fingerprint {self.fingerprint}; got {examples.fingerprint}")
         # Sent only where there are several groups, so that the message of a search, which has one, stays as it was.
-        groups = {"groups": [len(rows) for rows in predicted]} if len(predicted) > 1 else {}
+        sizes = [len(rows) for rows in predicted]
+        groups = {"groups": sizes} if len(sizes) > 1 else {}
         rows = np.concatenate(predicted)
         header: dict[str, Json] = {
             "source": source,
@@ -109,7 +110,12 @@ class Setting:
             **({"contiguous": True} if self.contiguous else {}),
         }
         payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
-        return run("train", header, payload, self.recipe.limits)
+        return check_work(
+            run("train", header, payload, self.recipe.limits),
+            train=len(examples.train),
+            predicted=sizes,
+            batch_size=self.recipe.batch_size,
+        )
 
     def _sent_device(self) -> dict[str, str]:
         # Left out on a CPU, so that older keys and messages stay as they were.

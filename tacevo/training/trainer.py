@@ -72,10 +72,10 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S), or what `tacevo.training.gpu.equip` made of them.
-        send: gets `{"epoch", "train_loss"}` with the float32 predictions of the validation images, shape (n, K),
-            row-major, for each epoch; then `{"weights_sha256"}`, with the names of
-            operations without a deterministic form under `not_deterministic`, where any ran; or
-            `{"rejection": {"reason", "detail"}}`.
+        send: for each epoch gets `{"epoch", "train_loss", "steps", "passes"}`, the last two the numbers of optimiser
+            steps and forward passes, with the float32 predictions of the validation images, shape (n, K), row-major;
+            then `{"weights_sha256"}`, with the names of operations without a deterministic form under
+            `not_deterministic`, where any ran; or `{"rejection": {"reason", "detail"}}`.
     """
     try:
         job, kept = _read(header, payload, arrays), None
@@ -142,8 +142,11 @@ def _train(job: _Job, send: Send) -> nn.Module:
         optimiser = Adam(listed, job.recipe.learning_rate)
     with noting_nondeterminism(job.device) as noted:
         for epoch in range(job.recipe.epochs):
-            train_loss = _epoch(job, model, listed, optimiser, epoch)
-            send({"epoch": epoch, "train_loss": train_loss}, _predict(job, model))
+            losses = _epoch(job, model, listed, optimiser, epoch)
+            parts = _predict(job, model)
+            done = {"steps": len(losses), "passes": len(losses) + len(parts)}
+            predictions = torch.cat(parts).cpu().contiguous().numpy().tobytes()
+            send({"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), **done}, predictions)
     with blaming(Reason.crashed):
         weights = {"weights_sha256": digest(model)}
         send(weights | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
@@ -160,14 +163,13 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
     return [order] if full == 0 else [order[i * size : (i + 1) * size] for i in range(full)]
 
 
-def _epoch(job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, epoch: int) -> float:
-    """Train on every batch of one epoch; return the mean of the batch losses."""
+def _epoch(job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, epoch: int) -> list[float]:
+    """Train on every batch of one epoch; return their losses."""
     switch(model, training=True)
-    losses = [
+    return [
         _step(job, model, listed, optimiser, positions)
         for positions in batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
     ]
-    return math.fsum(losses) / len(losses)
 
 
 def _step(
@@ -188,13 +190,19 @@ def _step(
     return value
 
 
-def _predict(job: _Job, model: nn.Module) -> bytes:
-    """Predict the images of every group, in batches of the training's size; float32, row-major."""
+def _predict(job: _Job, model: nn.Module) -> list[torch.Tensor]:
+    """Predict the images of every group, in batches of the training's size.
+
+    Each output is copied at once: it may be memory that the network writes to again.
+    """
     switch(model, training=False)
     size = job.recipe.batch_size
     with torch.no_grad():
-        parts = [_forward(job, model, rows[i : i + size]) for rows in job.predicted for i in range(0, len(rows), size)]
-    return torch.cat(parts).cpu().contiguous().numpy().tobytes()
+        return [
+            _forward(job, model, rows[i : i + size]).clone()
+            for rows in job.predicted
+            for i in range(0, len(rows), size)
+        ]
 
 
 def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:

@@ -147,6 +147,7 @@ def run(
         eras=(RulesLine(generation=0, rules=FIRST),),
         versions={},
         spent=spent or {},
+        cpu_seconds={},
     )
 
 
