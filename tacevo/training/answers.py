@@ -27,7 +27,7 @@ class _Epoch(Record):
 
     epoch: int
     train_loss: float
-    #: Optimiser steps and forward passes.
+    #: Optimiser steps so far, and forward passes of this epoch.
     steps: int = 0
     passes: int = 0
 
@@ -89,8 +89,7 @@ def read_answer(
 def check_work(outcome: Finished | Died, *, train: int, predicted: Sequence[int], batch_size: int) -> Finished | Died:
     """Return an answer, or a failure in its place where an epoch had other steps or passes than were asked for.
 
-    The child counts them, so this sees a candidate that changes what the trainer asks for, and not one that trains
-    beside it.
+    The child counts them, so this sees a candidate that has the trainer do more, and not one that trains beside it.
 
     Args:
         outcome: the answer to `Setting.train`.
@@ -101,13 +100,13 @@ def check_work(outcome: Finished | Died, *, train: int, predicted: Sequence[int]
     if isinstance(outcome, Died):
         return outcome
     steps = max(1, train // batch_size)
-    expected = steps, steps + sum(-(-count // batch_size) for count in predicted)
-    for frame in outcome.frames[:-1]:
+    passes = steps + sum(-(-count // batch_size) for count in predicted)
+    for number, frame in enumerate(outcome.frames[:-1], start=1):
         with contextlib.suppress(AnswerError):  # told by who reads it
             epoch = frame.read(_Epoch)
-            if (epoch.steps, epoch.passes) != expected:
-                detail = "expected {} steps and {} passes in each epoch; ".format(*expected)
-                return Died(Reason.bad_output, f"{detail}got {epoch.steps} and {epoch.passes}")
+            if (epoch.steps, epoch.passes) != (number * steps, passes):
+                detail = f"expected {number * steps} steps up to epoch {number} and {passes} forward passes in it"
+                return Died(Reason.bad_output, f"{detail}; got {epoch.steps} and {epoch.passes}")
     return outcome
 
 

@@ -73,9 +73,9 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S), or what `tacevo.training.gpu.equip` made of them.
         send: for each epoch gets `{"epoch", "train_loss", "steps", "passes"}`, the last two the numbers of optimiser
-            steps and forward passes, with the float32 predictions of the validation images, shape (n, K), row-major;
-            then `{"weights_sha256"}`, with the names of operations without a deterministic form under
-            `not_deterministic`, where any ran; or `{"rejection": {"reason", "detail"}}`.
+            steps so far and of forward passes in this epoch, with the float32 predictions of the validation images,
+            shape (n, K), row-major; then `{"weights_sha256"}`, with the names of operations without a deterministic
+            form under `not_deterministic`, where any ran; or `{"rejection": {"reason", "detail"}}`.
     """
     try:
         job, kept = _read(header, payload, arrays), None
@@ -144,7 +144,9 @@ def _train(job: _Job, send: Send) -> nn.Module:
         for epoch in range(job.recipe.epochs):
             losses = _epoch(job, model, listed, optimiser, epoch)
             parts = _predict(job, model)
-            done = {"steps": len(losses), "passes": len(losses) + len(parts)}
+            # As torch itself counts them.
+            steps = max((int(kept["step"]) for kept in optimiser.state.values()), default=0)
+            done = {"steps": steps, "passes": len(losses) + len(parts)}
             predictions = torch.cat(parts).cpu().contiguous().numpy().tobytes()
             send({"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), **done}, predictions)
     with blaming(Reason.crashed):

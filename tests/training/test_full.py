@@ -47,7 +47,8 @@ def answer(offsets: list[float], *, test_offset: float = 0.0) -> Finished:
     for epoch, offset in enumerate(offsets):
         predictions = truth + np.float32(offset)
         predictions[5:] += np.float32(test_offset)
-        frames.append(Frame({"epoch": epoch, "train_loss": 0.5}, predictions.astype(np.float32).tobytes()))
+        counts = {"steps": 8 * (epoch + 1), "passes": 10}
+        frames.append(Frame({"epoch": epoch, "train_loss": 0.5, **counts}, predictions.astype(np.float32).tobytes()))
     return Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
 
 
@@ -300,8 +301,9 @@ def classified() -> tuple[Finished, Setting, DataFacts, tuple[Examples, HeldOut]
     """Return the answer, setting, facts and data of a task with two classes: equal logits, so the first class wins."""
     setting = replace(SETTING, contract=replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy))
     held_out = replace(HELD_OUT, targets=np.array([0, 1, 0]), scale=())
-    frames = [Frame({"epoch": epoch, "train_loss": 0.5}, np.zeros((8, 2), np.float32).tobytes()) for epoch in range(4)]
-    outcome = Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
+    outcome = answer([0.0] * 4)
+    *frames, end = (replace(frame, payload=bytes(len(frame.payload))) for frame in outcome.frames)
+    outcome = Finished((*frames, end))
     chosen_on = replace(EXAMPLES, validation_targets=np.array([1, 1, 0, 0, 1]))
     return outcome, setting, replace(FACTS, kind=Kind.classification), (chosen_on, held_out)
 
