@@ -56,7 +56,7 @@ _WALKED = frozenset({NAME, "builtins", "collections", "functools", "itertools"})
 _MOST_TENSORS = 10_000
 
 #: Keeps what watches a candidate's kernels from being called for ours, which takes most of their time.
-_unwatched = torch._C._DisableTorchDispatch
+unwatched = torch._C._DisableTorchDispatch
 
 #: What `parametrize` writes into each class that it makes, as code.
 _PARAMETRIZED = [part for part in parametrize._inject_new_class.__code__.co_consts if hasattr(part, "co_code")]
@@ -107,7 +107,7 @@ def unchanged(network: nn.Module, *, training: bool) -> Iterator[list[nn.Paramet
     switch(network, training=training)
     listed = list(modules(network))
     before = parameters(network)
-    with _unwatched():
+    with unwatched():
         bits = [_bits(parameter).clone() for parameter in before]
     yield before
     after = parameters(network)
@@ -116,7 +116,7 @@ def unchanged(network: nn.Module, *, training: bool) -> Iterator[list[nn.Paramet
             "expected the parameters that the constructor made; got others after a pass; make all in the constructor"
         )
         raise CandidateError(Reason.changes_its_weights, detail)
-    with _unwatched():
+    with unwatched():
         are_equal = all(map(torch.equal, map(_bits, after), bits))
     if not are_equal:
         detail = f"expected the same weights before and after a pass with training={training}; got others"
@@ -137,7 +137,7 @@ def state_outside(network: nn.Module) -> _State:
     These are buffers, and tensors in attributes, lists, closures and globals. What torch's own layers keep is left out,
     such as the running statistics of a batch normalisation.
     """
-    with _unwatched():
+    with unwatched():
         return {id(tensor): (tensor, _bits(tensor).clone()) for tensor in islice(_outside(network), _MOST_TENSORS)}
 
 
@@ -146,7 +146,7 @@ def count_learnt(before: _State, after: _State) -> int:
 
     An activation that is kept is not counted where its shape follows the size of the batch, and that was another one.
     """
-    with _unwatched():
+    with unwatched():
         changed = [
             tensor for key, (tensor, bits) in after.items() if key in before and not _is_equal(bits, before[key][1])
         ]
@@ -196,7 +196,7 @@ def _held(thing: object) -> Iterable[object]:
 
 def copied_state(network: nn.Module) -> dict[str, tuple[torch.dtype, torch.Size, Tensor]]:
     """Copy type, shape and bits of every weight and persistent buffer, by name."""
-    with _unwatched():
+    with unwatched():
         return {name: (value.dtype, value.shape, _bits(value).clone()) for name, value in state(network).items()}
 
 
@@ -205,7 +205,7 @@ def are_equal(
     other: Mapping[str, tuple[torch.dtype, torch.Size, Tensor]],
 ) -> bool:
     """Return whether two copies of `copied_state` have equal names and bits."""
-    with _unwatched():
+    with unwatched():
         return one.keys() == other.keys() and all(
             one[name][:2] == other[name][:2] and torch.equal(one[name][2], other[name][2]) for name in one
         )

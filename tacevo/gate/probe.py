@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
-from tacevo.gate.honesty import are_equal, check_names, copied_state, count_learnt, state_outside, unchanged
+from tacevo.gate.honesty import are_equal, check_names, copied_state, count_learnt, state_outside, unchanged, unwatched
 from tacevo.gate.kernels import KernelWatcher, follow_the_seed
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
@@ -218,31 +218,29 @@ class _Probe:
         """Take one optimiser step and check it."""
         torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
         before = self._watcher.flops
-        with unchanged(model, training=True) as listed, blaming(Reason.forward_failed):
-            output = model(images)
-        flops, copy = self._watcher.flops - before, _copied(output)
-        self._check_output(output, len(images))
-        if not output.requires_grad:
-            raise CandidateError(
-                Reason.no_gradient, "expected an output that depends on a trainable parameter; got one that does not"
-            )
-        check_leaves(output, listed)
-        with blaming(Reason.backward_failed):
-            with unchanged(model, training=True):
+        with unchanged(model, training=True) as listed:
+            with blaming(Reason.forward_failed):
+                output = model(images)
+            flops, copy = self._watcher.flops - before, _copied(output)
+            self._check_output(output, len(images))
+            if not output.requires_grad:
+                detail = "expected an output that depends on a trainable parameter; got one that does not"
+                raise CandidateError(Reason.no_gradient, detail)
+            with blaming(Reason.backward_failed):
                 is_mse = self._contract.loss is Loss.mse
                 loss = mse_loss(output, targets) if is_mse else cross_entropy(output, targets)
                 optimiser = Adam(listed, _LEARNING_RATE)
                 torch.autograd.backward(loss)
+        check_leaves(output, listed)
+        with blaming(Reason.backward_failed), unwatched():
             if all(parameter.grad is None for parameter in listed):
-                raise CandidateError(
-                    Reason.no_gradient, "expected gradients of the parameters after backward; got none"
-                )
+                detail = "expected gradients of the parameters after backward; got none"
+                raise CandidateError(Reason.no_gradient, detail)
             optimiser.step()
             optimiser.zero_grad()
             if not all(torch.isfinite(parameter).all() for parameter in listed):
-                raise CandidateError(
-                    Reason.not_finite, "expected finite weights after one training step; got NaN or infinity"
-                )
+                detail = "expected finite weights after one training step; got NaN or infinity"
+                raise CandidateError(Reason.not_finite, detail)
         return _Step(output=copy, flops=flops)
 
     def _check_output(self, output: object, count: int) -> None:
