@@ -313,3 +313,10 @@ def test_zygote_that_does_not_answer_is_ended(tmp_path: Path, monkeypatch: pytes
         (zygote,) = set(children(os.getpid())) - before
         os.kill(zygote, signal.SIGSTOP)
     assert is_gone(zygote)
+
+
+def test_processor_time_is_measured_from_outside(sandbox: Sandbox) -> None:
+    """What spins until its limit took more of it than what answers at once, and could not say less."""
+    idle = sandbox.run("echo", 0, b"", LIMITS)
+    busy = sandbox.run("spin", None, b"", SHORT)
+    assert 0 <= idle.cpu_seconds < busy.cpu_seconds

@@ -276,3 +276,31 @@ def test_archive_that_a_run_lacks_has_no_row() -> None:
     assert niches_table(bare, niches).rows == (("prompts", 4, 0, Percent(0.0), 0, None, None, None),)
     without = replace(bare, config=configured(prompts={"policy": "none"}))
     assert niches_table(without, niches).rows == ()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "rings"),
+    [
+        ((10, 10, 10, 10, 10, 10), False),
+        ((10, 11, 9, 10, 10, 220), True),
+        ((10, 11, 9, 10, 10, 49), False),
+        ((10, 11, 9, 10), False),
+    ],
+)
+def test_processor_time_that_operations_do_not_explain_is_told(seconds: tuple[float, ...], rings: bool) -> None:
+    """A candidate that trains more than it was asked to takes that time; few trainings show nothing usual."""
+    lines = [trained(0, slot, descriptors=CORNERS[slot % 4]) for slot in range(len(seconds))]
+    lines = [replace(line, flops=1_000_000) for line in lines]
+    hand = replace(run(lines, [closed(0)]), cpu_seconds={f"g00s{i:02}": taken for i, taken in enumerate(seconds)})
+    told = [alarm for alarm in alarms(hand, QUARTERS) if alarm.name == "unexplained processor time"]
+    assert bool(told) is rings
+    if rings:
+        assert dict(told[0].figures) == {"g00s05": 22.0}
+
+
+def test_large_network_may_take_long() -> None:
+    """Ten times the operations explain ten times the time, also where they run in training only."""
+    lines = [replace(trained(0, slot, descriptors=CORNERS[slot % 4]), flops=1_000_000) for slot in range(6)]
+    lines[5] = replace(lines[5], extra_flops=9_000_000)
+    taken = {line.id: 10.0 for line in lines} | {lines[5].id: 100.0}
+    assert "unexplained processor time" not in rung(replace(run(lines, [closed(0)]), cpu_seconds=taken))
