@@ -29,6 +29,7 @@ from tacevo.bundles.verify import verify
 from tacevo.cli.app import main
 from tacevo.errors import BundleError
 from tacevo.runs.progress import Progress
+from tacevo.storage.canonical import readable
 from tacevo.storage.store import KINDS
 
 
@@ -262,7 +263,7 @@ def test_no_raw_text_reaches_the_terminal(whole: Members, tmp_path: Path, capsys
     """A version, say, that would clear the screen: in what is said, and in an error."""
     run = json.loads(whole["run/run.json"])
     run["versions"]["torch"] = "\x1b[2J2.0"
-    sound = resealed({**whole, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
+    sound = resealed({**whole, "run/run.json": readable(run).encode()}, tmp_path / "x.zip")
     assert main(["replay", str(sound)]) == 0
     broken = {**whole, "run/run.json": json.dumps(run).encode(), "run/archive.json": b"{}"}
     assert main(["replay", str(resealed(broken, tmp_path / "y.zip"))]) == 1
