@@ -1,7 +1,8 @@
 """JSON from outside, checked once and turned into records.
 
-A record is a frozen dataclass that extends `tacevo.records.Record`: an unknown key, a number as text, or NaN is an
-error. Ranges stand in the annotations, e.g. `Annotated[int, Ge(1)]`. What a record keeps as JSON is `FreeJson`.
+A record is a frozen dataclass that extends `tacevo.records.Record`: an unknown key, a key that comes twice, a number as
+text, or NaN is an error. Ranges stand in the annotations, e.g. `Annotated[int, Ge(1)]`. What a record keeps as JSON is
+`FreeJson`.
 """
 
 import json
@@ -65,9 +66,24 @@ def parse(kind: type[T], text: str | bytes, *, place: str, error: type[TacevoErr
         remedy: for the message.
 
     Raises:
-        TacevoError: of the class `error`: the text does not hold such a record; the message names the first key at
-            fault, what can stand there, and what does.
+        TacevoError: of the class `error`: the text does not hold such a record, or has a key of an object twice; the
+            message names the first key at fault, what can stand there, and what does.
     """
+    record = _read(kind, text, place, error, remedy)
+    try:  # it is JSON of a bounded depth, or could not have been read
+        _KEYS.decode(text if isinstance(text, str) else text.decode())
+    except ValueError as problem:
+        expected = "JSON with each key of an object once"
+        raise error(str(problem), place=place, expected=expected, remedy=remedy) from problem
+    return record
+
+
+def convert(kind: type[T], value: Json, *, place: str, error: type[TacevoError], remedy: str = "") -> T:
+    """Turn JSON values that are read already into a record; arguments and errors are those of `parse`."""
+    return _read(kind, json.dumps(value), place, error, remedy)
+
+
+def _read(kind: type[T], text: str | bytes, place: str, error: type[TacevoError], remedy: str) -> T:
     try:
         record: T = _adapter(kind).validate_json(text, strict=True)
     except ValidationError as problem:
@@ -75,9 +91,16 @@ def parse(kind: type[T], text: str | bytes, *, place: str, error: type[TacevoErr
     return record
 
 
-def convert(kind: type[T], value: Json, *, place: str, error: type[TacevoError], remedy: str = "") -> T:
-    """Turn JSON values that are read already into a record; arguments and errors are those of `parse`."""
-    return parse(kind, json.dumps(value), place=place, error=error, remedy=remedy)
+def _check_keys(pairs: list[tuple[str, object]]) -> None:
+    """Check the keys of one object; its values are not kept."""
+    names = [name for name, _ in pairs]
+    if len(set(names)) < len(names):
+        twice = next(name for place, name in enumerate(names) if name in names[:place])
+        raise ValueError(f"{_brief(twice)} a second time")
+
+
+#: Pydantic takes the last of two equal keys, and other readers the first: each could be shown what the other is not.
+_KEYS = json.JSONDecoder(object_pairs_hook=_check_keys, parse_int=len, parse_float=len)
 
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)  # building one costs more than using it

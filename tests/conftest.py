@@ -17,7 +17,7 @@ import interruptions
 import pytest
 from filelock import FileLock
 from hypothesis import settings
-from smallest import SMALLEST, UNTRACKED, Once
+from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED, Once
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -130,9 +130,8 @@ def published(once: Once) -> Path:
 def _publish_run(folder: Path) -> None:
     from tacevo.cli.app import main
 
-    sizes = ["search.generations=1", "search.candidates=3", "search.initial=2"]
     where = [f"run.dir={folder / 'run'}", f"store.root={folder / 'cache'}"]
-    assert main(["search", *SMALLEST, UNTRACKED, *sizes, *where]) == 0
+    assert main(["search", *SMALLEST, UNTRACKED, *PUBLISHED_SIZES, *where]) == 0
     assert main(["study", f"run={folder / 'run'}", "elites=1", "seeds=4", "epochs=1"]) == 0
     assert main(["publish", str(folder / "run"), "-o", str(folder / "run.zip"), "--author", "A. Nyone"]) == 0
 

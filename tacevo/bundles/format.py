@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from tacevo.bundles.texts import check_papers
 from tacevo.bundles.zipfiles import LONGEST_NAME, packed, unpack
 from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
 from tacevo.records import Record
@@ -94,9 +95,12 @@ def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
     for name in members:
         if _PLACES.fullmatch(name) is None:
             raise RunError(repr(name), expected="names with the letters A-Z, a-z, 0-9, '.', '_' and '-' only")
-    lines = [f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(members.items())]
-    manifest = "".join(lines).encode()
+    manifest = _manifest({name: hashlib.sha256(data).hexdigest() for name, data in members.items()}).encode()
     return packed({**members, MANIFEST: manifest}), hashlib.sha256(manifest).hexdigest()
+
+
+def _manifest(digests: Mapping[str, str]) -> str:
+    return "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
 
 
 def unpack_verified(source: Path, folder: Path) -> str:
@@ -112,7 +116,8 @@ def unpack_verified(source: Path, folder: Path) -> str:
         digests = unpack(source, folder, _PLACES, budget)
         _check_layout(source, digests)
         digest = digests.pop(MANIFEST)
-        _check_manifest(source, (folder / MANIFEST).read_text(encoding="utf-8", errors="replace"), digests)
+        _check_manifest(source, (folder / MANIFEST).read_bytes().decode(errors="replace"), digests)
+        check_papers(folder)
         for name in digests:
             if name.endswith(f"/{NOTE}"):
                 read_note((folder / name).parent)  # refused here, and not by each command that shows it
@@ -189,3 +194,6 @@ def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> 
             edited = "was edited or damaged" if name in listed else "is not listed"
             got = f"{name!r} {edited if name in digests else 'is missing'}"
             raise BundleError(got, place=str(source), expected=f"the files that {MANIFEST} lists")
+    if manifest != _manifest(digests):
+        got = "the same digests in another text"
+        raise BundleError(got, place=f"{source}, {MANIFEST}", expected="a line for each member, in their order")

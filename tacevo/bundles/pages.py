@@ -229,7 +229,7 @@ def licence(terms: Terms) -> str:
 
 def citation(subject: Subject, terms: Terms) -> str:
     """Write CITATION.cff (Citation File Format 1.2.0)."""
-    return yaml.safe_dump(
+    return yaml_text(
         {
             "cff-version": "1.2.0",
             "message": f"If you use this {subject.what}, please cite it.",
@@ -240,8 +240,10 @@ def citation(subject: Subject, terms: Terms) -> str:
             "date-released": date.fromisoformat(terms.published),
             "license": terms.licence,
             "version": subject.digest,
-        },
-        sort_keys=False,
-        allow_unicode=True,
-        width=110,
+        }
     )
+
+
+def yaml_text(value: object) -> str:
+    """Write YAML as a bundle has it."""
+    return yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=110)

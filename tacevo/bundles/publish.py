@@ -28,7 +28,7 @@ from tacevo.storage.arrays import KIND
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.storage.run_directory import RunDirectory, RunRecord, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
@@ -166,6 +166,8 @@ def _stage(run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) ->
             shutil.copy(source / name, staged / name)
     _stage_note(source, staged)
     directory = RunDirectory(staged)
+    if (source / "timings.jsonl").exists():  # without lines that a kill tore
+        directory.write_text("timings.jsonl", "".join(map(timing_text, directory.read_timings())))
     if run.record.pages != PAGES:  # by another release
         elites = [elite.id for elite in read_elites(directory)]
         summary = summarise(record, run.config, run.ledger.lines, elites, directory.read_spending())

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tacevo.bundles.format import refusing
 from tacevo.bundles.open import Opened, over_runs
+from tacevo.bundles.texts import check_texts
 from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.environment import deviations, versions
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
@@ -106,6 +107,7 @@ def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | N
     with _refusing(run):
         checked = rerun(bundle.read(run), view, seen=seen)
         _check_files(run, checked)
+        check_texts(checked.run, checked.studies.values())
         return checked
 
 

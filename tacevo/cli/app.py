@@ -45,7 +45,7 @@ examples:
   tacevo search experiment=demo seed=1        another one
   tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1   a sweep of four
   tacevo replay runs/NAME                     run it again from its stores and compare
-  tacevo replay runs/NAME --retrain 5         and train five of its candidates again, bit for bit
+  tacevo replay runs/NAME --retrain 5         and train its best network and five others again, bit for bit
   tacevo replay runs/NAME --diff runs/OTHER   where two runs part, and how far they agree
   tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
   tacevo continue NAME.zip search.generations=30   search on from its end

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import hashlib
 import json
 import math
 import os
@@ -160,6 +161,9 @@ def _show(options: argparse.Namespace) -> int:
     return DONE
 
 
+#: Stands above a source whose hash is not the ledger's.
+_EDITED = "EDITED: this is not the source that the run admitted. Its hash is not the ledger's."
+
 #: Ledger fields of a candidate that are shown elsewhere, or not at all.
 _HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
 
@@ -229,7 +233,16 @@ def show_candidate(path: Path, name: str) -> str:
         parts.append(f"Losses of this source in the search, one for each training seed: {told}")
     if line.train_losses is not None and line.validation_losses is not None:
         parts.append(_losses(line.train_losses, line.validation_losses))
-    return "\n\n".join([*parts, directory.read_kept(name) or "Its file is missing."]).rstrip() + "\n"
+    return "\n\n".join([*parts, *_kept(directory, line)]).rstrip() + "\n"
+
+
+def _kept(directory: RunDirectory, line: CandidateLine) -> list[str]:
+    """Return the source or the answer of a candidate as its file has it, below what is wrong with it."""
+    kept = directory.read_kept(line.id)
+    if kept is None:
+        return ["Its file is missing."]
+    is_edited = line.source not in {None, hashlib.sha256(kept).hexdigest()}
+    return [*([_EDITED] if is_edited else []), kept.decode(errors="replace")]
 
 
 def _instruction(task: Task, line: CandidateLine) -> str:

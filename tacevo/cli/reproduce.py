@@ -1,6 +1,7 @@
 """The commands `tacevo replay` and `tacevo continue`."""
 
 import argparse
+import secrets
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,6 +18,9 @@ from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import sweep_digest
 from tacevo.text import printable
+
+#: How many draws there are: more than an author can prepare for, and few digits to type again.
+_DRAWS = 10**9
 
 #: What `--retrain` without a number stands for.
 _ALL = 0
@@ -46,13 +50,19 @@ def add_replay(parser: Parser) -> None:
         type=whole_number,
         const=_ALL,
         metavar="N",
-        help="then train the candidates again, or N of them drawn by the run's seed, and compare every bit",
+        help="then train the candidates again and compare every bit; with N the best network, the networks of studies, "
+        "and N others that are drawn at random",
+    )
+    parser.add_argument(
+        "--draw", type=whole_number, metavar="SEED", help="draw the N as an earlier replay did, which told its seed"
     )
     parser.add_argument("--diff", metavar="OTHER", help="compare with another run; the exit status is 1 if they differ")
     parser.set_defaults(command=_replay)
 
 
 def _replay(options: argparse.Namespace) -> int:
+    if options.draw is not None and not options.retrain:
+        options.parser.error("--draw repeats the draw of --retrain N; give both")
     if options.diff is not None:
         return _diff(options)
 
@@ -147,7 +157,8 @@ def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress)
     """Train candidates of a run or a sweep again; describe what was compared."""
     store = options.store  # of a published run, the images may lie elsewhere than what it holds
     recorded = [done.run if store is None else done.run.with_store(store) for done in runs]
-    return describe(retrain(recorded, options.retrain or None, view))
+    draw = options.draw or 1 + secrets.randbelow(_DRAWS)  # of this machine: a bundle's own seed is known to its author
+    return describe(retrain(recorded, options.retrain or None, draw, view))
 
 
 def add_continue(parser: Parser) -> None:

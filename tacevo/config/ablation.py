@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import yaml
 
 from tacevo.config.folder import conf_root, groups
+from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.storage.canonical import leaves
@@ -48,7 +49,7 @@ def parse_arm(choice: str, text: str) -> dict[str, Json]:
     """
     path = f"conf/{GROUP}/{choice}.yaml"
     try:
-        settings = yaml.safe_load(text)
+        settings = read_yaml(text)
     except yaml.YAMLError as error:
         raise ConfigError(str(error), place=path, expected="YAML") from error
     if not isinstance(settings, dict) or bool(settings) == (choice == NONE):

@@ -8,6 +8,7 @@ import yaml
 
 from tacevo.config.folder import read_named
 from tacevo.config.schema import RunConfig, TaskConfig, is_a
+from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.records import Contract, DataFacts, Instruction, Kind, Record, Task
 from tacevo.search.prompts import system_prompt
@@ -106,7 +107,7 @@ def _read_library(name: str) -> _Library:
     """Read the instructions of a task."""
     place = f"task.instructions, {name}"
     try:
-        written = yaml.load(read_named("task.instructions", name), yaml.BaseLoader)  # every scalar is text
+        written = read_yaml(read_named("task.instructions", name), only_text=True)
     except yaml.YAMLError as error:
         raise ConfigError(f"a file that is not YAML ({error})", place=place) from error
     library = convert(_Library, written, place=place, error=ConfigError)

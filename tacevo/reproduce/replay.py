@@ -122,7 +122,7 @@ class _Verifier(Watcher):
             return
         self.files.append(f"{name}{ending}")
         kept = self._directory.read_kept(name)
-        if kept != expected:
+        if kept != expected.encode():
             raise DivergenceError(
                 "no file" if kept is None else "another text: it was edited",
                 place=f"{self._directory.path}/candidates/{name}{ending}",

@@ -2,9 +2,12 @@
 
 Nothing is read from the store of evaluations and nothing is written to it. The weights' digest is computed in the
 confined process, so it is that process's claim, then as now; losses of validation and digest of predictions are not.
+
+What is trained must not be known to who made the records: N are drawn by a number of the reader's. What the findings of
+a run rest on is trained in any case.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -22,6 +25,7 @@ from tacevo.sandbox.confinement import check_confinement
 from tacevo.search.files import by_rules
 from tacevo.search.lines import TrainedLine, with_training
 from tacevo.storage.run_directory import RunRecord
+from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.training.numerics import check_machine
 
 #: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
@@ -35,6 +39,9 @@ _COMPUTING = ("torch", "numpy")
 
 T = TypeVar("T")
 
+#: A training with the first run that has it, and the rules that it was made under.
+Evaluation = tuple[RecordedRun, Rules, TrainedLine]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retrained:
@@ -46,20 +53,23 @@ class Retrained:
     rejected: int
     #: How many evaluations the run has.
     of: int
+    #: How they were chosen, in words; empty where all of them were.
+    choice: str
     #: Fields that the run does not record.
     not_recorded: tuple[str, ...]
     #: Why equal bits were not promised; empty where they were.
     doubts: tuple[str, ...]
 
 
-def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> Retrained:
+def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Progress) -> Retrained:
     """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
 
     An evaluation that several runs share counts once.
 
     Args:
         runs: one, or those of a sweep.
-        count: how many evaluations to draw from those of all runs, with the first run's seed; None for all of them.
+        count: how many evaluations to draw beside the decisive ones; None for all of them.
+        draw: the number that the draw follows from, which no author of the records may know.
         view: shows the progress.
 
     Raises:
@@ -70,7 +80,9 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> R
             train as the run's did.
     """
     pairs = evaluations(runs)
-    drawn = sampled(pairs, count, runs[0].config.seed)
+    drawn, choice = chosen(pairs, decisive(runs), count, draw)
+    if choice:
+        view.say(choice)
     doubts: dict[str, None] = {}
     for run in runs:
         name = f"{run.directory.path.name} " if len(runs) > 1 else ""
@@ -81,18 +93,55 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, view: Progress) -> R
         trained=len(trained),
         rejected=len(drawn) - len(trained),
         of=len(pairs),
+        choice=choice,
         not_recorded=tuple(name for name in _FIELDS if any(getattr(line, name) is None for line in trained)),
         doubts=tuple(doubts),
     )
 
 
-def evaluations(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, Rules, TrainedLine]]:
+def decisive(runs: Iterable[RecordedRun]) -> set[str]:
+    """Return the keys of the evaluations of each run's best network, and of all networks of its finished studies.
+
+    These are what a forger gains by, so no draw may miss them. The networks of noise runs, mostly all elites, are not
+    among them.
+    """
+    keys: set[str] = set()
+    for run in runs:
+        sources = {line.id: line.source for line in run.candidates}
+        elites = run.read_archives()[0].elites
+        lowest = min((elite.fitness for elite in elites), default=None)
+        networks = {sources[elite.id] for elite in elites if elite.fitness == lowest}
+        for study in map(StudyDirectory.read, studies_of(run.directory.path)):
+            if study.terms is not None and study.digest is not None and study.run == run.ledger.digest:
+                networks.update(network.source for network in study.networks)
+        trained = (line for line in run.ledger.lines if isinstance(line, TrainedLine) and line.source in networks)
+        keys.update(one.evaluation for line in trained for one in line.by_seed() if one.evaluation is not None)
+    return keys
+
+
+def chosen(
+    pairs: Sequence[Evaluation], decisive: Set[str], count: int | None, draw: int
+) -> tuple[list[Evaluation], str]:
+    """Choose the decisive evaluations and `count` of the others, in their order; say how, and with which odds."""
+    others = [pair for pair in pairs if pair[2].evaluation not in decisive]
+    if count is None or count >= len(others):
+        return list(pairs), ""
+    drawn = {pair[2].evaluation for pair in sampled(others, count, draw)}
+    taken = [pair for pair in pairs if pair[2].evaluation in drawn or pair[2].evaluation in decisive]
+    return taken, (
+        f"{len(taken) - count} evaluations of best networks and of networks of studies, and {count} of the other "
+        f"{len(others)}, drawn at random (--draw {draw} repeats this): a forged one among these {len(others)} is found "
+        f"with a chance of {100 * count / len(others):.1f} %"
+    )
+
+
+def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
     Each is listed once, with the first run and line that have it, and that line's rules; of several seeds each has its
     own line (`TrainedLine.by_seed`).
     """
-    found: dict[str, tuple[RecordedRun, Rules, TrainedLine]] = {}
+    found: dict[str, Evaluation] = {}
     for run in runs:
         for rules, line in by_rules(run.ledger.lines):
             for one in line.by_seed():
@@ -135,6 +184,7 @@ def describe(found: Retrained) -> str:
     """Say what was compared, for a person."""
     recorded = [name for name in _FIELDS if name not in found.not_recorded]
     lines = [f"retrained: {found.trained + found.rejected} of {found.of} evaluations"]
+    lines += [found.choice] if found.choice else []
     if found.trained and recorded:
         lines.append(f"trained: {found.trained}; {', '.join(recorded)} are bit for bit as recorded")
     if found.rejected:

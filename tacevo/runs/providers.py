@@ -11,6 +11,7 @@ from tacevo.choices import OPTIONAL_SAMPLING, Provider
 from tacevo.config.ablation import GROUP, read_arm, split_arm
 from tacevo.config.folder import read_named
 from tacevo.config.schema import LLMConfig, RunConfig
+from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.failures import Models
@@ -133,7 +134,7 @@ def load_prices(name: str) -> PriceTable:
     """
     place = f"llm.prices={name}"
     try:
-        table = json.dumps(yaml.safe_load(read_named("llm.prices", name)), default=str)  # YAML reads days as dates
+        table = json.dumps(read_yaml(read_named("llm.prices", name)), default=str)  # YAML reads days as dates
     except yaml.YAMLError as error:
         raise ConfigError(str(error), place=place, expected="YAML") from error
     return parse(PriceTable, table, place=place, error=ConfigError)

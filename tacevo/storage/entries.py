@@ -1,14 +1,15 @@
 """Many store entries as one compressed file: a header, then one JSON line for each, sorted, in one LZMA stream.
 
 Entries of one kind repeat each other's text, so that packed together they take a small part of what they take one by
-one. A line holds kind, request and answer; key, place and checksum follow from these.
+one. A line holds kind, request and answer; key, place and checksum follow from these. All text follows from entries,
+and a reader refuses any other.
 """
 
 import lzma
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from annotated_types import Ge, Le
 
@@ -17,6 +18,8 @@ from tacevo.records import Record
 from tacevo.storage.canonical import canonical
 from tacevo.storage.store import KINDS, Entry
 from tacevo.typed import parse
+
+T = TypeVar("T")
 
 #: Layout of the file.
 SCHEMA = 1
@@ -89,39 +92,60 @@ class Budget:
 
 def pack(entries: Iterable[Entry]) -> bytes:
     """Write store entries as one file; the order in which they come does not matter."""
-    lines = sorted(
-        (entry.kind, canonical({"kind": entry.kind, "request": entry.request, "answer": entry.answer}))
-        for entry in entries
-    )
-    header = canonical({"schema": SCHEMA, "entries": len(lines)})
-    text = "\n".join([header, *(line for _, line in lines)]) + "\n"
+    lines = sorted((entry.kind, _line(entry)) for entry in entries)
+    text = "\n".join([_header(len(lines)), *(line for _, line in lines)]) + "\n"
     return lzma.compress(text.encode(), format=lzma.FORMAT_XZ, check=lzma.CHECK_CRC64, filters=_FILTERS)
+
+
+def _header(count: int) -> str:
+    return canonical({"schema": SCHEMA, "entries": count})
+
+
+def _line(entry: Entry) -> str:
+    return canonical({"kind": entry.kind, "request": entry.request, "answer": entry.answer})
 
 
 def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
     """Read the entries of a file that anybody may have written, one at a time.
 
     Raises:
-        StoreError: the file is damaged, or a line is not an entry; the message names it.
+        StoreError: the file is damaged, a line is not an entry, or not the text that `pack` writes of it in its place;
+            the message names it.
     """
     lines = _lines(source, budget)
-    first, expected = f"{source}, line 1", "as many entries as the first line says"
-    count = parse(_Header, next(lines, b""), place=first, error=StoreError).entries
-    number, keys = 0, set[str]()
+    place, expected = f"{source}, line 1", "as many entries as the first line says"
+    header = next(lines, b"")
+    count = parse(_Header, header, place=place, error=StoreError).entries
+    _check_text(header, _header, count, place)
+    number, keys, last = 0, set[str](), ("", b"")
     for number, line in enumerate(lines, start=1):
         budget.spend(_BLOCK, source.name)
         place = f"{source}, line {number + 1}"
         entry = parse(Entry, line, place=place, error=StoreError)
         if entry.kind not in _KINDS:
             raise StoreError(repr(entry.kind), place=f"{place}, kind", expected=f"one of {', '.join(_KINDS)}")
+        _check_text(line, _line, entry, place)
         key = entry.key
         if key in keys or number > count:
             got = f"the key {key[:12]} a second time" if key in keys else f"entry {number} of {count}"
             raise StoreError(got, place=place, expected=expected)
         keys.add(key)
+        if (entry.kind, line) < last:
+            raise StoreError("another order", place=place, expected="entries in the order of their kinds and texts")
+        last = (entry.kind, line)
         yield entry
     if number != count:
         raise StoreError(f"{number} of {count}", place=str(source), expected=expected)
+
+
+def _check_text(line: bytes, text_of: Callable[[T], str], content: T, place: str) -> None:
+    """Compare a line with the text that `pack` writes of what was read from it: another one was never recorded."""
+    try:
+        is_ours = line == text_of(content).encode()
+    except ValueError as error:  # NaN, or a number that is no float
+        raise StoreError(str(error), place=place, expected="JSON of finite numbers") from error
+    if not is_ours:
+        raise StoreError("the same content in another text", place=place, expected="the text that is written of it")
 
 
 def _lines(source: Path, budget: Budget) -> Iterator[bytes]:

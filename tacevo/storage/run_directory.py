@@ -159,12 +159,12 @@ class RunDirectory:
         """Keep the answer behind a rejected candidate, under the reason."""
         self._keep(name, ".rejected.txt", rejected_text(rejection, answer))
 
-    def read_kept(self, name: str) -> str | None:
+    def read_kept(self, name: str) -> bytes | None:
         """Read a candidate's file, of either kind; None where there is none."""
         for ending in _ENDINGS:
             path = self.path / "candidates" / f"{name}{ending}"
             if path.is_file() and not path.is_symlink():  # a stranger's run must not show a file of this user
-                return path.read_text(encoding="utf-8", errors="replace")
+                return path.read_bytes()
         return None
 
     def read_source(self, name: str, sha256: str) -> str:
@@ -174,14 +174,14 @@ class RunDirectory:
             RunError: the file is missing, or is not what was admitted.
         """
         source = self.read_kept(name)
-        if source is None or hashlib.sha256(source.encode()).hexdigest() != sha256:
+        if source is None or hashlib.sha256(source).hexdigest() != sha256:
             raise RunError(
                 "no file" if source is None else "another source: the file was edited",
                 place=f"{self.path}/candidates/{name}.py",
                 expected=f"the source whose hash the ledger has, {sha256[:12]}",
                 remedy="restore it",
             )
-        return source
+        return source.decode()
 
     def _keep(self, name: str, ending: str, text: str) -> None:
         """Write a candidate's file unless it stands there; one of another kind was left by a killed run."""
@@ -207,15 +207,14 @@ class RunDirectory:
             RunError: the disk is full or fails.
         """
         at = datetime.now(UTC).isoformat(timespec="milliseconds")
-        line = written(
-            Timing(id=id, generation=generation, seconds=seconds, cpu_seconds=cpu_seconds, at=at, **asdict(spent))
-        )
+        timing = Timing(id=id, generation=generation, seconds=seconds, cpu_seconds=cpu_seconds, at=at, **asdict(spent))
+        line = timing_text(timing)
         path = self.path / "timings.jsonl"
         try:
             with path.open("ab+") as file:
                 file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
                 torn = file.read(1) not in (b"", b"\n")
-                file.write(b"\n" * torn + f"{canonical(line)}\n".encode())
+                file.write(b"\n" * torn + line.encode())
         except OSError as error:
             raise RunError(
                 f"{error.strerror}, while a line was written; the ledger is safe",
@@ -234,6 +233,11 @@ class RunDirectory:
     def read_spending(self) -> dict[str, Spending]:
         """Read what each candidate's answers cost, by id; the last line of a candidate counts."""
         return {timing.id: timing.spent for timing in self.read_timings() if timing.id is not None}
+
+
+def timing_text(timing: Timing) -> str:
+    """Write a line of timings.jsonl."""
+    return f"{canonical(written(timing))}\n"
 
 
 def rejected_text(rejection: Rejection, answer: str) -> str:

@@ -19,7 +19,7 @@ from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode, Record
 from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
 from tacevo.storage.files import remove_leftovers, write_durably
-from tacevo.typed import FreeJson, UncheckedJson, parse
+from tacevo.typed import UncheckedJson, parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
@@ -42,11 +42,11 @@ _COMPARED = 20_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry(Record):
-    """A question of one kind, and its answer."""
+    """A question of one kind, and its answer; who writes or hashes it finds numbers that are not finite."""
 
     kind: str
-    request: FreeJson
-    answer: FreeJson
+    request: UncheckedJson
+    answer: UncheckedJson
 
     @property
     def key(self) -> str:

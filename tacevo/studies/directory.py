@@ -15,7 +15,7 @@ from typing import Any
 
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
-from tacevo.records import to_json, written
+from tacevo.records import Json, to_json, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
@@ -161,7 +161,12 @@ class StudyDirectory:
         return FinishedStudy(path=self.path, record=record, scores=scores)
 
     def _write(self, study: StudyRecord) -> None:
-        write_durably(self.path / "study.json", readable({**to_json(study), "recipe": written(study.recipe)}))
+        write_durably(self.path / "study.json", readable(plain_study(study)))
+
+
+def plain_study(study: StudyRecord) -> dict[str, Json]:
+    """Return what study.json holds, as JSON in its order."""
+    return {**to_json(study), "recipe": written(study.recipe)}
 
 
 def study_names(header: StudyHeader, *, searched: bool) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ import yaml
 
 from tacevo.choices import ExecutorKind
 from tacevo.config.schema import ExecutorConfig
+from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
@@ -63,7 +64,7 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
         )
     own = [override.removeprefix(_OPTION).partition("=") for override in overrides if override.startswith(_OPTION)]
     try:
-        options = {name: yaml.safe_load(value) for name, _, value in own}
+        options = {name: read_yaml(value) for name, _, value in own}
     except yaml.YAMLError as error:
         raise ConfigError(
             str(error).splitlines()[0], place="hydra.launcher", expected="NAME=VALUE, with a value in YAML"

@@ -14,6 +14,7 @@ from tiny_sweep import OWN, edited, jobs_text
 from tacevo.bundles.format import JOBS, STORE
 from tacevo.bundles.open import opened
 from tacevo.cli.app import main
+from tacevo.reproduce.retrain import decisive
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 from tacevo.storage.sweep_directory import SweepDirectory, sweep_digest
@@ -110,12 +111,14 @@ def test_replay_tells_every_digest_and_the_sweeps(
 
 @pytest.mark.slow
 def test_retraining_draws_from_all_runs(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two of all evaluations, each counted once; every one is told with its job."""
+    """The best network of each run, networks of studies, and two others; each counted once, and told with its job."""
     assert main(["replay", str(swept / "sweep.zip"), "--retrain", "2"]) == 0
     said = capsys.readouterr()
-    assert "retrained: 2 of" in said.out
+    with opened(swept / "sweep.zip") as found:
+        certain = decisive([found.read(run) for run in found.runs])
+    assert f"retrained: {len(certain) + 2} of" in said.out
     told = [line for line in said.err.splitlines() if ": as recorded (" in line]
-    assert len(told) == 2
+    assert len(told) == len(certain) + 2
     assert all(line.split()[0] in OWN for line in told)
 
 

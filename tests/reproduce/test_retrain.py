@@ -1,6 +1,9 @@
 """Promise: training again is compared with the record bit by bit, and the first bit that differs is named."""
 
 import json
+import re
+from argparse import Namespace
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,9 +14,11 @@ from bundles import members_of, resealed
 from ledger_lines import header, rejected, run_record, trained
 from refusals import refused
 from rich.console import Console
+from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
 from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.choices import Device, Numerics
+from tacevo.cli import reproduce as commands
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.recorded import RecordedRun, read_recorded
@@ -35,6 +40,7 @@ from tacevo.search.files import read_ledger
 from tacevo.search.lines import CandidateLine
 from tacevo.storage.ledger import Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import Store
 
 LINE = trained("g00s01", 0.3, train_losses=(0.5, 0.25), validation_losses=(0.6, 0.3))
 TRAINING = Training(train_losses=(0.5, 0.25), validation_losses=(0.6, 0.3), predictions_sha256="p", weights_sha256="w")
@@ -53,7 +59,7 @@ def rewritten(folder: Path, change: Callable[[CandidateLine], CandidateLine]) ->
 def again(count: int | None = None) -> Retrained:
     """Train again in the working directory."""
     with Progress(Console(quiet=True)) as view:
-        return retrain([read_recorded(Path("run"))], count, view)
+        return retrain([read_recorded(Path("run"))], count, 1, view)
 
 
 def test_every_evaluation_comes_again_bit_for_bit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -84,7 +90,7 @@ def test_record_without_digests_is_compared_as_far_as_it_goes(folder: Path) -> N
     rewritten(folder, lambda line: replace(line, weights=None, predictions=None))
     directory = RunDirectory(folder / "run")
     directory.write_run(replace(run := directory.read_run(), versions={**run.versions, "torch": "0"}))
-    found = again(1)
+    found = again()
     assert [doubt.endswith("; the run had 0") for doubt in found.doubts] == [True]
     assert found.not_recorded == ("predictions", "weights")
     assert "not recorded, hence not compared: predictions, weights" in describe(found)
@@ -123,7 +129,8 @@ def test_run_without_its_versions_is_damaged(folder: Path, capsys: pytest.Captur
 def test_nothing_is_called_equal_that_was_not_compared(trained: int, rejected: int, said: list[str]) -> None:
     """Losses and digests are spoken of where something trained, reasons where something was rejected."""
     older = ("train_losses", "validation_losses")
-    found = Retrained(trained=trained, rejected=rejected, of=9, not_recorded=older if trained else (), doubts=())
+    left_out = older if trained else ()
+    found = Retrained(trained=trained, rejected=rejected, of=9, choice="", not_recorded=left_out, doubts=())
     lines = describe(found).splitlines()
     assert [line for line in lines if line in said] == said
     assert any("bit for bit" in line for line in lines) == (trained > 0)
@@ -189,6 +196,89 @@ def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> 
         eras=(),
     )
     assert evaluations([run, run]) == [(run, FIRST, LINE)]
+
+
+def forge(folder: Path, candidate: str, factor: float) -> None:
+    """Multiply the losses of a candidate's recorded evaluation, and search again with them, into `forged/run`."""
+    key = next(line.evaluation for line in read_recorded(Path("run")).candidates if line.id == candidate)
+    store = Store(folder / "cache", "evaluations")
+    entry = next(entry for entry in store.entries() if entry.key == key)
+    answer: Any = entry.answer
+    for losses in ("train_losses", "validation_losses"):
+        answer["training"][losses] = [float(f"{factor * loss:.9g}") for loss in answer["training"][losses]]
+    store.write(entry.request, answer)
+    where = ["run.dir=forged/run", "store.root=cache"]
+    assert main(["search", *SMALLEST, UNTRACKED, *PUBLISHED_SIZES, *where]) == 0
+
+
+def test_forged_best_network_is_always_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where the bundle's own seed, which earlier releases drew by, does not draw it."""
+    run = read_recorded(Path("run"))
+    old = {line.id for _, _, line in sampled(evaluations([run]), 1, run.config.seed)}
+    candidate = next(line.id for line in run.candidates if line.generation == 0 and line.id not in old)
+    forge(folder, candidate, 0.3)
+    run = read_recorded(Path("forged/run"))
+    assert candidate not in {line.id for _, _, line in sampled(evaluations([run]), 1, run.config.seed)}
+    assert main(["publish", "forged/run", "-o", "forged.zip"]) == 0
+    assert main(["replay", "forged.zip"]) == 0  # its records fit each other
+    assert main(["replay", "forged.zip", "--retrain", "1"]) == 1
+    assert f"different: {candidate}: train_losses of epoch 1: recorded " in capsys.readouterr().err
+
+
+def test_forged_network_of_a_study_is_always_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Here the baseline, which is made worse than it is, so that the best looks better beside it."""
+    forge(folder, "g00s00", 1.5)
+    assert main(["study", "run=forged/run", "elites=1", "seeds=4", "epochs=1"]) == 0
+    capsys.readouterr()
+    assert main(["replay", "forged/run", "--retrain", "1"]) == 1
+    assert "different: g00s00: train_losses of epoch 1: recorded " in capsys.readouterr().err
+
+
+def test_draw_is_the_readers_own_and_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is said before anything is trained and in the end, with the odds; the same number draws the same again."""
+    seeds: list[str] = []
+    drawn: list[list[str]] = []
+    for given in ([], ["--draw"]):
+        assert main(["replay", "run", "--retrain", "1", *given, *seeds]) == 0
+        said = capsys.readouterr()
+        told = [re.findall(r"1 of the other 4, .*--draw (\d+) .* with a chance of 25.0 %", text) for text in said]
+        assert told[0] == told[1] != []
+        seeds += told[0]
+        drawn.append(re.findall(r"^(g\d+s\d+): as recorded", said.err, re.MULTILINE))
+    assert seeds[0] == seeds[1]
+    assert drawn[0] == drawn[1]
+    assert {"g00s00", "g00s02"} < set(drawn[0])  # the baseline of its study, and the best
+
+
+def test_every_evaluation_can_be_drawn() -> None:
+    """As often as the odds say: none is out of reach, as it was when the bundle's own seed drew."""
+    lines = list(range(170))
+    counts = Counter(line for seed in range(2000) for line in sampled(lines, 5, seed))
+    assert set(counts) == set(lines)
+    assert min(counts.values()) > 2000 * 5 / 170 / 2
+
+
+def test_two_replays_draw_by_two_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the machine's own randomness, whatever the records hold."""
+    seeds: list[int] = []
+    trained = Retrained(trained=0, rejected=0, of=0, choice="", not_recorded=(), doubts=())
+
+    def note(runs: object, count: int, draw: int, view: Progress) -> Retrained:
+        seeds.append(draw)
+        return trained
+
+    monkeypatch.setattr(commands, "retrain", note)
+    for draw in (None, None, 7):
+        commands._retrain([], Namespace(store=None, retrain=5, draw=draw), Progress(Console(quiet=True)))
+    assert seeds[0] != seeds[1]
+    assert seeds[2] == 7
+
+
+@pytest.mark.parametrize("options", [["--draw", "7"], ["--retrain", "--draw", "7"], ["--diff", "run", "--draw", "7"]])
+def test_draw_is_for_a_number_of_evaluations(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Alone it would be without effect."""
+    assert main(["replay", "run", *options]) == 2
+    assert "--draw repeats the draw of --retrain N" in capsys.readouterr().err
 
 
 def test_sample_follows_from_the_seed_and_keeps_the_order() -> None:

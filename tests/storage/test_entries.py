@@ -3,6 +3,7 @@
 import json
 import lzma
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ def file(tmp_path: Path) -> Path:
 
 def packed_as(lines: Sequence[Any], path: Path) -> None:
     """Write lines, whatever they are, as a packed file."""
-    path.write_bytes(lzma.compress("".join(f"{json.dumps(line)}\n" for line in lines).encode()))
+    write = partial(json.dumps, sort_keys=True, separators=(",", ":"), ensure_ascii=False)  # as `canonical`, and NaN
+    path.write_bytes(lzma.compress("".join(f"{write(line)}\n" for line in lines).encode()))
 
 
 def unpacked(path: Path) -> list[Entry]:
@@ -79,8 +81,8 @@ def test_bomb_is_stopped_while_it_unpacks(content: bytes, file: Path) -> None:
 
 def test_many_small_entries_are_counted_as_the_disk_does(file: Path) -> None:
     """A file of nothing but tiny entries stays below the limit, too."""
-    lines = [{"kind": "probes", "request": number, "answer": 0} for number in range(5000)]
-    packed_as([{"schema": 1, "entries": len(lines)}, *lines], file)
+    lines: list[Any] = [{"kind": "probes", "request": number, "answer": 0} for number in range(5000)]
+    packed_as([{"schema": 1, "entries": len(lines)}, *sorted(lines, key=canonical)], file)
     with refused(StoreError, expected="unpacks to at most"):
         unpacked(file)
 
@@ -135,9 +137,54 @@ def test_header_must_fit(lines: list[Any], expected: str, file: Path) -> None:
         unpacked(file)
 
 
+HONEST = [canonical({"schema": 1, "entries": len(LINES)}), *map(canonical, LINES)]
+
+
+@pytest.mark.parametrize(
+    ("line", "old", "new"),
+    [
+        (0, '"entries"', '"entries":0,"entries"'),
+        (0, ":", ": "),
+        (1, '{"answer"', '{"answer":{"value":9},"answer"'),
+        (1, '"kind"', '"kind":"probes","kind"'),
+        (1, '"kind"', '"k\\u0069nd":"probes","kind"'),
+        (1, '"value":0.0', '"value":9.0,"value":0.0'),
+        (1, ":0.0", ":0.0e0"),
+        (1, ":0.0", ":0.00"),
+        (1, "ü", "\\u00fc"),
+        (1, ",", ", "),
+        (1, "}", " }"),
+        (1, "}", "}\r"),
+        (1, '"request":{"of":0}}', '"request":{"of":0} }'),
+    ],
+)
+def test_text_that_is_not_written_of_an_entry_is_refused(line: int, old: str, new: str, file: Path) -> None:
+    """A second key of a name, spaces, another spelling of a number or a letter: what no store ever held."""
+    file.write_bytes(lzma.compress("".join(f"{text}\n" for text in HONEST).encode()))
+    assert unpacked(file) == ENTRIES
+    lines = [text.replace(old, new, 1) if place == line else text for place, text in enumerate(HONEST)]
+    assert lines != HONEST
+    file.write_bytes(lzma.compress("".join(f"{text}\n" for text in lines).encode()))
+    with refused(StoreError, place=f"line {line + 1}"):
+        unpacked(file)
+
+
+def test_entries_in_another_order_are_refused(file: Path) -> None:
+    """And fields in another order, and an empty line."""
+    backwards = json.dumps({"request": LINES[0]["request"], **LINES[0]}, separators=(",", ":"), ensure_ascii=False)
+    for lines, place in (
+        ([HONEST[0], HONEST[2], HONEST[1], *HONEST[3:]], "line 3"),
+        ([HONEST[0], backwards, *HONEST[2:]], "line 2"),
+        ([*HONEST, ""], f"line {len(HONEST) + 1}"),
+    ):
+        file.write_bytes(lzma.compress("".join(f"{text}\n" for text in lines).encode()))
+        with refused(StoreError, place=place):
+            unpacked(file)
+
+
 def test_half_a_line_is_refused(file: Path) -> None:
     """Also where it holds a whole entry: whoever wrote it was stopped."""
-    file.write_bytes(lzma.compress("\n".join(map(json.dumps, [{"schema": 1, "entries": 1}, LINES[0]])).encode()))
+    file.write_bytes(lzma.compress("\n".join(map(canonical, [{"schema": 1, "entries": 1}, LINES[0]])).encode()))
     with refused(StoreError, got="}", expected="a line feed at the end", remedy="fetch it again"):
         unpacked(file)
 

@@ -162,7 +162,7 @@ def test_file_that_a_killed_run_left_is_replaced(directory: RunDirectory) -> Non
     directory.keep_candidate("g00s01", "class A: ...\n")
     directory.keep_candidate("g00s01", "class B: ...\n")
     assert [path.name for path in (directory.path / "candidates").iterdir()] == ["g00s01.py"]
-    assert directory.read_kept("g00s01") == "class B: ...\n"
+    assert directory.read_kept("g00s01") == b"class B: ...\n"
     assert directory.read_kept("g00s02") is None
 
 

@@ -9,7 +9,7 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.records import STRICT, Kind
-from tacevo.typed import FreeJson, convert, parse
+from tacevo.typed import FreeJson, UncheckedJson, convert, parse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,3 +71,29 @@ def test_unsound_text_is_an_error_at_its_key(text: str, place: str, expected: st
     """Nothing is guessed, dropped or filled in."""
     with refused(RunError, place=place, expected=expected, got=got, remedy="restore f"):
         parse(Outer, text, place="f", error=RunError, remedy="restore f")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"share": 0.1, "inner": [], "share": 0.5}',
+        '{"share": 0.5, "inner": [], "share": 0.5}',
+        '{"inner": [], "sh\\u0061re": 0.1, "share": 0.5}',
+        '{"inner": [{"count": 1, "count": 2, "kind": "regression"}]}',
+        '{"inner": [], "names": {"a": "1", "b": "2", "a": "1"}}',
+        '{"inner": [], "free": [{"a": {"x": 1, "x": 2}}]}',
+    ],
+)
+def test_key_that_comes_twice_is_refused(text: str) -> None:
+    """At any depth and in any spelling: some readers take the first value, some the last."""
+    for given in (text, text.encode()):
+        with refused(
+            RunError, place="f", expected="each key of an object once", got="a second time", remedy="restore it"
+        ):
+            parse(Outer, given, place="f", error=RunError, remedy="restore it")
+
+
+def test_equal_keys_of_two_objects_are_no_fault() -> None:
+    """Nor is a value that looks like a key, a number of many digits, or NaN where something else checks it."""
+    text = '{"a": {"x": 1}, "b": {"x": 1}, "c": ["a", "a"], "d": ' + "9" * 4000 + ", " + '"e": NaN}'
+    assert list(parse(dict[str, UncheckedJson], text, place="f", error=RunError)) == ["a", "b", "c", "d", "e"]

@@ -138,7 +138,8 @@ function rejectedOf(one) {
 
 function sourceOf(run, one) {
     const source = state.page.sources[one.source];
-    if (source === undefined) return null;
+    if (source === undefined)
+        return [null, "train"].includes(one.stage) ? h("p", null, "No source: its file is missing, or was edited.") : null;
     const lines = linesOf(source);
     const code = h("code", null);
     const show = (change) => {

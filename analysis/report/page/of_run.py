@@ -55,6 +55,8 @@ class Recorded:
     record: RunRecord
     #: By candidate: the source that its line has the hash of; or, of a rejected one, the reason and the answer.
     texts: Mapping[str, str]
+    #: Candidates whose file has another source than their line; it is not among the texts.
+    edited: tuple[str, ...] = ()
 
 
 def read_texts(run: Run) -> Recorded:
@@ -64,9 +66,14 @@ def read_texts(run: Run) -> Recorded:
         RunError: run.json is damaged.
     """
     directory = RunDirectory(run.path)
-    texts = {line.id: directory.read_kept(line.id) for line in run.candidates}
-    own = {line.id: text for line in run.candidates if (text := texts[line.id]) is not None and _is_own(line, text)}
-    return Recorded(record=directory.read_run(), texts=own)
+    texts, edited = {}, []
+    for line in run.candidates:
+        kept = directory.read_kept(line.id)
+        if kept is not None and line.source in {None, hashlib.sha256(kept).hexdigest()}:
+            texts[line.id] = kept.decode(errors="replace")
+        elif kept is not None:
+            edited.append(line.id)
+    return Recorded(record=directory.read_run(), texts=texts, edited=tuple(edited))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,12 +96,14 @@ def run_contents(given: RunMaterial) -> RunContents:
     run, task = found.run, recorded.record.task
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, found.niches.prompts) if has_prompts else frozenset()
-    lost = [line.id for line in run.candidates if line.source is not None and line.id not in recorded.texts]
-    missing = [f"no source, because the file is missing or was edited: {', '.join(lost)}"] if lost else []
+    there = {*recorded.texts, *recorded.edited}
+    missing = [line.id for line in run.candidates if line.source is not None and line.id not in there]
+    lost = {"the file was edited": recorded.edited, "the file is missing": missing}
+    sourceless = [f"no source, because {why}: {', '.join(names)}" for why, names in lost.items() if names]
     return RunContents(
         name=run.name,
         headlines=_headlines(found),
-        remarks=(*given.remarks, *missing),
+        remarks=(*given.remarks, *sourceless),
         axes=tuple(axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
         cells=_cells(found.niches.networks),
         places=run.places,
@@ -138,10 +147,6 @@ def table_contents(table: Table) -> TableContents:
         rows=tuple(tuple(map(shown, row)) for row in table.rows),
         notes=table.notes,
     )
-
-
-def _is_own(line: CandidateLine, text: str) -> bool:
-    return line.source is None or hashlib.sha256(text.encode()).hexdigest() == line.source
 
 
 def _headlines(found: Collection) -> tuple[str, str, str]:

@@ -9,7 +9,6 @@ Sizes are in mm, one class each; a group is one press. The release's own split (
 presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25.
 """
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +25,7 @@ from tacevo.data.sources.rows import Row, read_rows, row_catalogue
 from tacevo.data.splitting import Split, ordered_split
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
+from tacevo.typed import UncheckedJson, parse
 
 #: What the sensor of exported simulations is called, and the file beside their images that says what they are.
 SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
@@ -111,11 +111,11 @@ class TacVerse:
         """Answer whether these are images of our simulator, whose units we know."""
         if self.sensor != SIMULATED_SENSOR:
             return False
+        place = self.root / SIMULATION
         try:
-            simulation = json.loads((self.root / SIMULATION).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            found = parse(dict[str, UncheckedJson], place.read_bytes(), place=str(place), error=DataError)
+        except (OSError, DataError):
             return False
-        found = simulation if isinstance(simulation, dict) else {}
         return (found.get("source"), found.get("task")) == ("simulated", self.task.value)
 
     def _gratings(self) -> Catalogue:

@@ -112,12 +112,16 @@ def test_training_that_two_studies_share_counts_once(whole: tuple[Collection, Ru
 
 
 def test_edited_source_is_not_shown(folder: Path) -> None:
-    """A file that is not what was trained is named, and its candidate has no source."""
+    """A file that is not what was trained is named apart from one that is missing, and its candidate has no source."""
     found = collect(folder / "run")
-    (folder / "run" / "candidates" / "g00s00.py").write_text("edited")
+    source = folder / "run" / "candidates" / "g00s00.py"
+    source.write_bytes(source.read_bytes().replace(b"\n", b"\r\n"))  # reads as the same lines, and is another text
+    missing = next(path for path in source.parent.glob("*.py") if path != source)
+    missing.unlink()
     shown = run_contents(RunMaterial(found=found, recorded=read_texts(found.run)))
     assert shown.candidates[0].source is None
-    assert "no source, because the file is missing or was edited: g00s00" in shown.remarks
+    assert "no source, because the file was edited: g00s00" in shown.remarks
+    assert f"no source, because the file is missing: {missing.stem}" in shown.remarks
 
 
 def test_elites_that_moving_bounds_lose_leave_their_niches() -> None:

@@ -15,7 +15,9 @@ import pytest
 from tacevo.bundles.format import MANIFEST, STORE, sealed
 from tacevo.cli.app import main
 from tacevo.storage.canonical import canonical
+from tacevo.storage.entries import pack
 from tacevo.storage.ledger import GENESIS, seal
+from tacevo.storage.store import Entry
 
 Members = dict[str, bytes]
 
@@ -79,9 +81,8 @@ def entries_of(members: Mapping[str, bytes]) -> list[dict[str, Any]]:
 
 
 def with_entries(members: Mapping[str, bytes], entries: list[dict[str, Any]]) -> Members:
-    """Return members with other store entries."""
-    lines = [canonical({"schema": 1, "entries": len(entries)}), *map(canonical, entries)]
-    return {**members, STORE: lzma.compress(("\n".join(lines) + "\n").encode())}
+    """Return members with other store entries, packed as they are packed by us."""
+    return {**members, STORE: pack(Entry(**entry) for entry in entries)}
 
 
 def with_line(members: Mapping[str, bytes], number: int, change: Callable[[dict[str, Any]], object]) -> Members:
