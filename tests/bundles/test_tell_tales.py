@@ -74,11 +74,11 @@ def told(tmp_path_factory: pytest.TempPathFactory) -> Told:
             patch.setenv(name, value)
         address = server.url.removeprefix("http://")
         tacevo("search", *SEARCH, *ARCHIVES, UNTRACKED, *data, *places, f"llm.base_url={server.url}", cwd=folder)
-        for study in (("study",), ("study", f"data.root={images}", "data.split_seed=3"), ("noise",)):
-            epochs = [] if study[0] == "noise" else ["epochs=1"]
-            tacevo(*study, f"run={folder}/run", "elites=1", "seeds=2", *epochs, cwd=folder)
-        publish = ["publish", folder / "run", "-o", folder / "run.zip", "--author", "A. Nyone"]
-        out = tacevo(*publish, cwd=folder).stdout
+        study = ["study", f"run={folder}/run", "elites=1", "seeds=2", "epochs=1"]
+        tacevo(*study, cwd=folder)
+        tacevo(*study, f"data.root={images}", "data.split_seed=3", cwd=folder)
+        tacevo("noise", f"run={folder}/run", "elites=1", "seeds=2", cwd=folder)
+        out = tacevo("publish", folder / "run", "-o", folder / "run.zip", "--author", "A. Nyone", cwd=folder).stdout
     own = [sys.prefix, sys.base_prefix, *(path for path in sys.path if len(path) > 1)]
     return Told(folder / "run.zip", out, (TELL_TALE, str(tmp_path_factory.getbasetemp()), address, *own))
 
