@@ -32,6 +32,7 @@ from tacevo.storage.run_directory import RunDirectory, RunRecord, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
+from tacevo.studies.lines import ScoreLine
 from tacevo.sweeps.check import check_jobs
 
 
@@ -45,6 +46,8 @@ class Published:
     #: Files in it, and its size in bytes.
     files: int
     size: int
+    #: How many labels of test images are in it, because its studies keep them; each test set of a study counts once.
+    test_labels: int
 
 
 def publish(
@@ -94,7 +97,9 @@ def publish(
     members |= _papers(subject, terms, members)
     data, digest = sealed(members)
     write_durably(target, data)
-    return Published(subject=subject, digest=digest, files=len(members) + 1, size=len(data))
+    return Published(
+        subject=subject, digest=digest, files=len(members) + 1, size=len(data), test_labels=_test_labels(staged, runs)
+    )
 
 
 def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
@@ -228,6 +233,19 @@ def _entries(staged: Opened, runs: Sequence[Rerun], read: Iterable[Path]) -> Ite
     for folder, done in zip(staged.runs, runs, strict=True):
         for path in _candidates(folder, done):
             yield candidate_entry(folder.name, path.name, path.read_bytes().decode())
+
+
+def _test_labels(staged: Opened, runs: Sequence[Rerun]) -> int:
+    """Count the labels of test images among the entries (see `_entries`)."""
+    if staged.jobs is not None:
+        return 0
+    kept = {
+        row.kept.labels: study.record.data.counts[2]
+        for study in runs[0].studies.values()
+        for row in study.scores.rows
+        if isinstance(row, ScoreLine) and row.kept is not None
+    }
+    return sum(kept.values())
 
 
 def _candidates(staged: Path, done: Rerun) -> list[Path]:

@@ -6,10 +6,10 @@ import importlib
 import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
 
 from tacevo import __version__
-from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
+from tacevo.cli.edge import Terminated, edge
 from tacevo.errors import BundleError, DivergenceError, TacevoError
 from tacevo.text import printable
 
@@ -59,27 +59,31 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
-    signal.signal(signal.SIGTERM, _interrupt)
     options = argparse.Namespace(interrupted="nothing was begun")
-    try:
-        options = _parsed(sys.argv[1:] if arguments is None else arguments)
-        status: int = options.command(options)
-        return status
-    except KeyboardInterrupt:
-        print(f"\ninterrupted; {options.interrupted}", file=sys.stderr)
-        return INTERRUPTED
-    except BrokenPipeError:
-        with contextlib.suppress(OSError):
-            sys.stdout.close()
-        return DONE
-    except TacevoError as error:
-        names = {BundleError: "refused", DivergenceError: "different"}
-        print(f"{names.get(type(error), 'error')}: {printable(str(error))}", file=sys.stderr)
-        return DIFFERENT if type(error) in names else MISTAKE
-    except OSError as error:  # a full disk, a directory without permission
-        named = error.filename is not None and error.strerror is not None
-        print(f"error: {f'{error.filename}: {error.strerror}' if named else error}", file=sys.stderr)
-        return MISTAKE
+    with edge():
+        try:
+            options = _parsed(sys.argv[1:] if arguments is None else arguments)
+            status: int = options.command(options)
+            return status
+        except KeyboardInterrupt as interruption:
+            if arguments is None:
+                signal.signal(
+                    signal.SIGINT, signal.SIG_DFL
+                )  # Python, as it ends, would print where a second one struck
+            print(f"\ninterrupted; {options.interrupted}", file=sys.stderr)
+            return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
+        except BrokenPipeError:
+            with contextlib.suppress(OSError):
+                sys.stdout.close()
+            return DONE
+        except TacevoError as error:
+            names = {BundleError: "refused", DivergenceError: "different"}
+            print(f"{names.get(type(error), 'error')}: {printable(str(error))}", file=sys.stderr)
+            return DIFFERENT if type(error) in names else MISTAKE
+        except OSError as error:  # a full disk, a directory without permission
+            named = error.filename is not None and error.strerror is not None
+            print(f"error: {f'{error.filename}: {error.strerror}' if named else error}", file=sys.stderr)
+            return MISTAKE
 
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
@@ -95,11 +99,6 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     if rest:
         options.overrides = [*options.overrides, *rest]
     return options
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Treat a polite request to end like Ctrl-C."""
-    raise KeyboardInterrupt
 
 
 def _parser(command: str | None) -> Parser:

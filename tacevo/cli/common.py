@@ -12,8 +12,8 @@ from typing import Any, NoReturn
 from tacevo.errors import ConfigError
 from tacevo.text import listed, nearest
 
-#: Exit status: done; a comparison or verification failed; the user's mistake; interrupted.
-DONE, DIFFERENT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+#: Exit status: done; a comparison or verification failed; the user's mistake; interrupted by Ctrl-C, or by SIGTERM.
+DONE, DIFFERENT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
 

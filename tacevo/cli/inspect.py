@@ -7,6 +7,7 @@ import json
 import math
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from analysis.report.collection import outcomes, read_studies
 from analysis.runs.run import load_run
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DIFFERENT, DONE, RUN, Parser
+from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, RUN, Parser
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
 from tacevo.config.recorded import read_config
@@ -43,12 +44,16 @@ from tacevo.studies.directory import studies_of
 from tacevo.text import listed, printable, table
 from tacevo.typed import parse
 
+#: The verdict on a file that is not an answer.
+_UNREADABLE = "unreadable"
+
 
 def add_check(parser: Parser) -> None:
     """Describe `tacevo check`."""
     parser.description = (
         "Put raw answers through the gate: text files, or JSON recordings with a `response`. The exit status is 0 "
-        "also where answers are rejected; --json says which."
+        "also where answers are rejected; --json says which. It is 2 where a file cannot be read; the others are "
+        "judged all the same."
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="a text file, or JSON with a `response` or `source`")
     parser.add_argument("--task", default="force", metavar="NAME", help="whose contract to apply (default: force)")
@@ -60,31 +65,39 @@ def add_check(parser: Parser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    for line in check_files(options.files, task=options.task, image_size=options.image_size, as_json=options.json):
-        print(line, flush=True)
-    return DONE
+    status = DONE
+    for verdict in check_files(options.files, task=options.task, image_size=options.image_size):
+        if verdict["verdict"] == _UNREADABLE:
+            status = MISTAKE
+            print(f"error: {printable(str(verdict['detail']))}", file=sys.stderr, flush=True)
+        if options.json or verdict["verdict"] != _UNREADABLE:
+            print(json.dumps(verdict) if options.json else printable(_words(verdict)), flush=True)
+    return status
 
 
-def check_files(files: Sequence[str], *, task: str, image_size: int | None, as_json: bool) -> Iterator[str]:
-    """Put answers through the gate of a task; yield a line for each file.
+def check_files(files: Sequence[str], *, task: str, image_size: int | None) -> Iterator[dict[str, Json]]:
+    """Put answers through the gate of a task; yield what is found of each file.
 
-    A file is a text with an answer, or a JSON recording with a `response` (and its `stop_reason`) or a `source`. A line
-    is a JSON object (file, verdict, stage, reason, detail, parameters), or words. Without an image size, in pixels,
-    that of the task's data holds.
+    A file is a text with an answer, or a JSON recording with a `response` (and its `stop_reason`) or a `source`. Found
+    are file, verdict, stage, reason, detail and parameters; a file that is not an answer, or cannot be read, has the
+    verdict `unreadable`. Without an image size, in pixels, that of the task's data holds.
 
     Raises:
-        ConfigError: the task does not exist, or a file is not an answer, or cannot be read.
+        ConfigError: the task does not exist.
     """
     config, judged = task_without_data(task, image_size)
-    answers = [(file, _read(Path(file))) for file in files]
     facts = facts_without_data(config)
     with tempfile.TemporaryDirectory() as store:  # a check leaves nothing behind
         config = replace(config, store=StoreConfig(root=store))
         with Workbench(config, judged, facts, Mode.record) as bench:
             gate = bench.gate(CURRENT)
-            for file, completion in answers:
-                verdict = _verdict(file, gate.admit(completion))
-                yield json.dumps(verdict) if as_json else _words(verdict)
+            for file in files:
+                try:
+                    answer = _read(Path(file))
+                except ConfigError as error:
+                    yield {**_verdict(file, _UNREADABLE), "detail": str(error)}
+                else:
+                    yield _judged(file, gate.admit(answer))
 
 
 def task_without_data(name: str, image_size: int | None) -> tuple[RunConfig, Task]:
@@ -129,12 +142,15 @@ def _recorded(path: Path, text: str) -> tuple[str, str]:
     return answer, recording.stop_reason
 
 
-def _verdict(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
-    """Return a file's verdict as the fields of its line."""
+def _judged(file: str, admission: Admitted | Rejection) -> dict[str, Json]:
+    """Return the gate's verdict on a file as the fields of its line."""
     if isinstance(admission, Admitted):
-        absent: dict[str, Json] = {"stage": None, "reason": None, "detail": None}
-        return {"file": file, "verdict": "admitted", **absent, "parameters": admission.profile.parameters}
-    return {"file": file, "verdict": "rejected", **to_json(admission), "parameters": None}
+        return {**_verdict(file, "admitted"), "parameters": admission.profile.parameters}
+    return {**_verdict(file, "rejected"), **to_json(admission)}
+
+
+def _verdict(file: str, verdict: str) -> dict[str, Json]:
+    return {"file": file, "verdict": verdict, "stage": None, "reason": None, "detail": None, "parameters": None}
 
 
 def _words(verdict: dict[str, Json]) -> str:

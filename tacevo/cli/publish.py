@@ -9,7 +9,7 @@ from tacevo.bundles.publish import publish
 from tacevo.cli.common import DONE, Parser
 from tacevo.cli.tables import pages
 from tacevo.runs.progress import Progress
-from tacevo.text import counted
+from tacevo.text import counted, listed
 
 
 def add_publish(parser: Parser) -> None:
@@ -33,17 +33,22 @@ def add_publish(parser: Parser) -> None:
 
 
 def _publish(options: argparse.Namespace) -> int:
+    terms = Terms(licence=options.license, authors=tuple(options.author), published=options.date)
     with Progress() as view:
         done = publish(
             Path(options.run),
             Path(options.output),
-            terms=Terms(licence=options.license, authors=tuple(options.author), published=options.date),
+            terms=terms,
             make_pages=partial(pages, say=view.say),
             view=view,
             studies=tuple(map(Path, options.studies)),
             store=None if options.store is None else Path(options.store),
         )
     print(f"published: {options.output} ({counted(done.files, 'file')}, {done.size / 1e6:.2f} MB)")
+    print(f"licence: {terms.licence}")
+    print(f"author: {listed(terms.authors, 'anonymous (--author NAME says who)')}")
+    if done.test_labels:
+        print(f"the labels of {counted(done.test_labels, 'test image')} are in it")
     print(f"{done.subject.what}: {done.subject.digest}")
     print(f"bundle digest: {done.digest}")
     return DONE

@@ -1,7 +1,9 @@
 """From what a user typed to a checked configuration: the only module that composes with Hydra."""
 
 import contextlib
+import inspect
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import TypeVar, cast
@@ -10,10 +12,11 @@ from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser import overrides_parser, overrides_visitor
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.folder import conf_root, groups
@@ -144,7 +147,7 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     """
     _check_settings(overrides)
     with _hydra([], overrides):
-        parser = OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
+        parser = overrides_parser.OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
         return tuple(_values(override) for override in parser.parse_overrides(list(overrides)))
 
 
@@ -183,11 +186,23 @@ def _values(override: Override) -> tuple[str, ...]:
     return tuple(f"{override.get_key_element()}={value}" for value in values)
 
 
+def _with_assertions() -> None:
+    """Let Hydra read overrides with the assertions that PYTHONOPTIMIZE leaves out: some of them step over a token.
+
+    Without them, it can read neither a function, as in `seed=range(0,5)`, nor a dictionary.
+    """
+    code = compile(inspect.getsource(overrides_visitor), overrides_visitor.__file__, "exec", optimize=0)
+    exec(code, vars(overrides_visitor))
+    vars(overrides_parser)["HydraOverrideVisitor"] = overrides_visitor.HydraOverrideVisitor
+
+
 @contextlib.contextmanager
 def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "search") -> Iterator[None]:
     """Let Hydra read conf/, and turn what it raises into an error in the user's words."""
     ConfigStore.instance().store(name="schema", node=_defaults(RunConfig))
     GlobalHydra.instance().clear()
+    if sys.flags.optimize:
+        _with_assertions()
     try:
         with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
             yield
@@ -223,4 +238,18 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
     if isinstance(error, OverrideParseException):
         remedy = "quote a value with special characters, as in 'KEY=\"VALUE\"', and write a home directory in full"
         return ConfigError("a value that cannot be read", place=str(error.override), remedy=remedy)
-    return ConfigError(": ".join([lines[0], *str(error.__cause__ or "").splitlines()[:1]]))
+    place = _unresolved(error, lines[0], overrides)
+    said = re.sub(
+        r"\w+ raised while resolving interpolation: \"?(.*?)\"?$", r"\1", lines[0].partition(", possible ")[0]
+    )
+    remedy = "write the value itself, or set what is named by ${...}" if place else ""
+    return ConfigError(": ".join([said, *str(error.__cause__ or "").splitlines()[:1]]), place=place, remedy=remedy)
+
+
+def _unresolved(error: Exception, said: str, overrides: Sequence[str]) -> str:
+    """Return the setting or group whose value OmegaConf could not resolve; empty where that was not the trouble."""
+    if isinstance(error, OmegaConfBaseException) and error.full_key:
+        return error.full_key.partition("[")[0]  # an item of a list is not a setting
+    if said.startswith("Error resolving interpolation"):  # of a group: Hydra may name another one that follows from it
+        return next((override.partition("=")[0] for override in overrides if "${" in override), "")
+    return ""

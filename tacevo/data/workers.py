@@ -54,7 +54,7 @@ def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]
 
 @contextmanager
 def _interrupted_later() -> Iterator[None]:
-    """Let Ctrl-C wait for the end of the block: a worker whose start is cut short ends with a traceback.
+    """Let Ctrl-C and SIGTERM wait for the end of the block: a worker whose start is cut short ends with a traceback.
 
     To block the signal in this thread is not enough: a thread of NumPy's may take it, and Python then interrupts
     the main thread all the same.
@@ -63,10 +63,12 @@ def _interrupted_later() -> Iterator[None]:
         yield  # Python never interrupts another thread
         return
     came: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    handlers = [signal.signal(number, lambda number, frame: came.append(number)) for number in numbers]
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, handler)
+        for number, handler in zip(numbers, handlers, strict=True):
+            signal.signal(number, handler)
     if came:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(came[0])

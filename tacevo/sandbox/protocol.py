@@ -9,6 +9,7 @@ import json
 import re
 import socket
 import struct
+import sys
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -221,15 +222,22 @@ LONGEST = 300
 
 _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # but not the middle of a shape such as 30400x64
 
+#: Where this Python has its modules, the innermost directory first.
+_MODULES = re.compile(
+    "|".join(re.escape(f"{place}/") for place in sorted(sys.path, key=len, reverse=True) if re.match("/.", place))
+)
+
 
 def one_line(text: str) -> str:
     """Return the first line of a text that is not blank, printable, without addresses, of at most 300 characters.
 
-    Memory addresses differ between runs, and a terminal would obey control characters.
+    Memory addresses differ between runs, and a terminal would obey control characters. Directories of modules, which
+    errors of an import name, differ between machines, and would be published.
     """
     lines = (line.strip() for line in text[: 100 * LONGEST].splitlines())
     first = next((line for line in lines if line), "")
-    return "".join(c if c.isprintable() else "?" for c in _ADDRESS.sub("0x...", first))[:LONGEST]
+    shown = _ADDRESS.sub("0x...", _MODULES.sub("", first))
+    return "".join(c if c.isprintable() else "?" for c in shown)[:LONGEST]
 
 
 def describe(error: BaseException) -> str:

@@ -19,8 +19,8 @@ from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
 #: Seconds that a search has to stop.
 GRACE = 60.0
 
-#: The exit status of a search that was told to stop.
-_INTERRUPTED = 130
+#: The exit status of a search that was told to stop, by Ctrl-C or by SIGTERM.
+_INTERRUPTED = (130, 143)
 
 #: How the last line of a failed command begins.
 _ERROR = "error: "
@@ -64,7 +64,7 @@ def keep_ending(directory: SweepDirectory, job: Job, status: int) -> None:
     """Keep how a search ended, by its exit status; one that was told to stop neither succeeded nor failed."""
     if status == 0:
         directory.succeed(job)
-    elif status != _INTERRUPTED:
+    elif status not in _INTERRUPTED:
         directory.fail(job, _reason(status, directory.log(job)))
 
 

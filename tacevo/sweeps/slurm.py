@@ -11,11 +11,14 @@ import os
 import subprocess
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import submitit
 from submitit.core.utils import UncompletedJobError
 from submitit.helpers import Checkpointable
+from submitit.local import local
 
 from tacevo.errors import RunError
 from tacevo.records import Json
@@ -102,12 +105,14 @@ def launch_on_cluster(
     show: Callable[[Job], None],
 ) -> None:
     """Submit jobs, and wait until the cluster is done with them; as `tacevo.sweeps.launch.launch`."""
-    executor = executor_of(cluster, options, directory.launch / "submitit")
+    folder = directory.launch / "submitit"
+    executor = executor_of(cluster, options, folder)
     search = SearchJob()  # type: ignore[no-untyped-call]  # submitit's
-    ended = _ended_on_slurm if _EXECUTORS[cluster] == "slurm" else _ended_here
+    is_slurm = _EXECUTORS[cluster] == "slurm"
+    ended = _ended_on_slurm if is_slurm else _ended_here
     tasks: list[_Task] = []
     try:
-        with _submitting(cluster):
+        with _submitting(cluster), contextlib.nullcontext() if is_slurm else _apart(folder / "controllers.log"):
             tasks += executor.map_array(search, [directory.path] * len(jobs), [job.name for job in jobs])
         of_task = {task.job_id: job for job, task in zip(jobs, tasks, strict=True)}
         while tasks:
@@ -120,7 +125,7 @@ def launch_on_cluster(
                     directory.fail(job, reason, by_scheduler=True)
                 show(job)
     finally:
-        _cancel(tasks, ended)
+        _cancel(tasks, _ended_on_slurm if is_slurm else _done_here)
 
 
 def _cancel(tasks: Sequence[_Task], ended: Callable[[Collection[_Task]], Mapping[str, str]]) -> None:
@@ -130,6 +135,11 @@ def _cancel(tasks: Sequence[_Task], ended: Callable[[Collection[_Task]], Mapping
     deadline = time.monotonic() + GRACE
     while len(ended(tasks)) < len(tasks) and time.monotonic() < deadline:
         time.sleep(_TICK)
+
+
+def _done_here(tasks: Collection[_Task]) -> dict[str, str]:
+    """Return the jobs that have ended, by their ids, without asking why: of a killed one, submitit waits for that."""
+    return {task.job_id: "" for task in tasks if task.done()}
 
 
 def _ended_here(tasks: Collection[_Task]) -> dict[str, str]:
@@ -157,6 +167,22 @@ def _last_line(log: Path) -> str:
     text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.startswith("srun: ")]
     return f" ({lines[-1]})" if lines else ""
+
+
+@contextlib.contextmanager
+def _apart(log: Path) -> Iterator[None]:
+    """Start submitit's own processes out of reach of a terminal's Ctrl-C, with their errors in a file.
+
+    They would stop before they had stopped their jobs, since `_cancel` interrupts them, too; and each time they print a
+    traceback.
+    """
+    with log.open("ab") as file:
+        started = partial(subprocess.Popen, start_new_session=True, stderr=file)
+        vars(local)["subprocess"] = SimpleNamespace(Popen=started)
+        try:
+            yield
+        finally:
+            vars(local)["subprocess"] = subprocess
 
 
 @contextlib.contextmanager

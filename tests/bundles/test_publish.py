@@ -70,7 +70,10 @@ def test_settings_of_one_machine_and_unfinished_studies_are_left_out(
     run["config"]["task"] |= {"baseline": "/home/secret-user/baseline.py"}
     (tmp_path / "run" / "run.json").write_text(json.dumps(run))
     assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip")]) == 0
-    assert f"study {study.name} is left out: it is not finished" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert f"study {study.name} is left out: it is not finished" in said.err
+    assert "author: anonymous" in said.out
+    assert "the labels of" not in said.out
     members = members_of(tmp_path / "x.zip")
     assert not [name for name in members if "studies" in name]
     assert [name for name, data in members.items() if b"secret" in data] == []
@@ -78,13 +81,17 @@ def test_settings_of_one_machine_and_unfinished_studies_are_left_out(
     assert main(["replay", str(tmp_path / "x.zip")]) == 0
 
 
-def test_run_of_another_release_is_published_with_todays_summary(published: Path, tmp_path: Path) -> None:
-    """Words and tables of one bundle are of one release, which its run.json names."""
+def test_run_of_another_release_is_published_with_todays_summary(
+    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Words and tables of one bundle are of one release, which its run.json names; its maker is told what is in it."""
     shutil.copytree(published / "run", tmp_path / "run")
     described = json.loads((tmp_path / "run" / "run.json").read_text())
     (tmp_path / "run" / "run.json").write_text(json.dumps({**described, "pages": described["pages"] - 1}))
     (tmp_path / "run" / "summary.md").write_text("As it was told then.\n")
     assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip"), "--author", "A. Nyone"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert {"licence: CC-BY-4.0", "author: A. Nyone", "the labels of 4 test images are in it"} <= {*said}
     found, own = members_of(tmp_path / "x.zip"), members_of(published / "run.zip")
     assert (found["run/summary.md"], found["run/run.json"]) == (own["run/summary.md"], own["run/run.json"])
 

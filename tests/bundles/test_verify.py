@@ -350,6 +350,6 @@ def test_interrupted_replay_leaves_nothing(published: Path, tmp_path: Path) -> N
         while not list((tmp_path / "temporary").glob("tacevo-*/store")) and process.poll() is None:
             time.sleep(0.001)
         process.send_signal(number)
-        assert process.wait() == 130
+        assert process.wait() == 128 + number
         process.communicate()
         assert list((tmp_path / "temporary").iterdir()) == []

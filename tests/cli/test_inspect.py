@@ -125,6 +125,22 @@ def test_file_that_is_not_an_answer_is_one_line(
     assert words in capsys.readouterr().err
 
 
+def test_file_that_cannot_be_read_stops_no_other(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Missing, a directory, not UTF-8, not a recording: each has its entry, and the status says that one failed."""
+    (place / "folder").mkdir()
+    (place / "latin.txt").write_bytes(b"class Caf\xe9")
+    (place / "x.json").write_bytes(b"{}")
+    (place / "good.py").write_text((conf_root() / "library" / "force" / "baseline.py").read_text())
+    unreadable = ["absent", "folder", "latin.txt", "x.json"]
+    assert main(["check", *unreadable[:2], "good.py", *unreadable[2:], "--image-size", "32", "--json"]) == 2
+    found = {entry["file"]: entry for entry in map(json.loads, capsys.readouterr().out.splitlines())}
+    assert list(found) == ["absent", "folder", "good.py", "latin.txt", "x.json"]
+    assert found["good.py"]["verdict"] == "admitted"
+    for name in unreadable:
+        assert (found[name]["verdict"], found[name]["stage"], found[name]["parameters"]) == ("unreadable", None, None)
+        assert found[name]["detail"].startswith(f"{name}: expected ")
+
+
 def test_doctor_names_a_baseline_that_the_gate_rejects(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search would have nothing to begin with."""
     config, task = task_without_data("force", 32)

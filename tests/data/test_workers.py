@@ -7,20 +7,22 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from tacevo.cli.edge import edge
 from tacevo.data.workers import FEW_PICTURES, mapper
 
 
-def test_ctrl_c_waits_until_the_workers_have_started() -> None:
+@pytest.mark.parametrize("signal_", [signal.SIGINT, signal.SIGTERM])
+def test_end_that_is_asked_for_waits_until_the_workers_have_started(signal_: signal.Signals) -> None:
     """It comes with the first picture that is handed out; all others are, and then it is raised."""
     given: list[int] = []
 
     def numbers() -> Iterator[int]:
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal_)
         for number in range(FEW_PICTURES + 1):
             given.append(number)
             yield number
 
-    with pytest.raises(KeyboardInterrupt), mapper(2, FEW_PICTURES + 1) as run:
+    with pytest.raises(KeyboardInterrupt), edge(), mapper(2, FEW_PICTURES + 1) as run:
         run(abs, numbers())
     assert len(given) == FEW_PICTURES + 1
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

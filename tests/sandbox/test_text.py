@@ -1,5 +1,6 @@
 """Promise: text that came from a candidate is one short printable line before anyone sees it."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,3 +44,10 @@ def test_exception_that_cannot_be_printed_is_described() -> None:
             raise RuntimeError
 
     assert describe(_MuteError()) == "_MuteError: (its message cannot be read)"
+
+
+def test_directories_of_modules_are_scrubbed() -> None:
+    """An error of an import says which file of which module, and not where this machine has it."""
+    with pytest.raises(ImportError) as raised:
+        exec("from numpy.linalg import nonexistent")
+    assert describe(raised.value).endswith("from 'numpy.linalg' (numpy/linalg/__init__.py)")

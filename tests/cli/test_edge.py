@@ -1,0 +1,145 @@
+"""Promise: however a command is started, with what around it, and however it is ended, a person reads one line."""
+
+import ast
+import io
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TextIO
+
+import pytest
+from checkout import ROOT
+from waiting import eventually
+
+from tacevo.cli import edge
+from tacevo.cli.app import main
+
+
+def python(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run Python with our packages on its path, and more variables of the environment."""
+    path = os.pathsep.join([environment.pop("PYTHONPATH", str(cwd)), *sys.path])
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": path, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_package_is_the_command(tmp_path: Path) -> None:
+    """`python -m tacevo` takes what `tacevo` takes."""
+    assert python("-m", "tacevo", "--version", cwd=tmp_path).stdout.startswith("tacevo ")
+    told = python("-m", "tacevo", "show", "nowhere", cwd=tmp_path)
+    assert (told.returncode, told.stderr[:15]) == (2, "error: nowhere:")
+
+
+@pytest.mark.parametrize(
+    ("name", "command"),
+    [("analysis.py", "show"), ("analysis/__init__.py", "replay"), ("analysis/__init__.py", "study")],
+)
+def test_package_of_the_same_name_is_named_and_not_run(name: str, command: str, bundle: Path, tmp_path: Path) -> None:
+    """Of any command that needs ours: one line with both places."""
+    strange = tmp_path / name
+    strange.parent.mkdir(exist_ok=True)
+    strange.write_text("raise SystemExit('I was run')\n")
+    told = python("-m", "tacevo", command, str(bundle), cwd=tmp_path)
+    assert told.returncode == 2
+    (line,) = [line for line in told.stderr.splitlines() if line.startswith("error: ")]
+    assert str(strange).removesuffix("/__init__.py") in line
+    assert str(ROOT / "analysis") in line
+    assert "I was run" not in told.stderr
+    assert "Traceback" not in told.stderr
+
+
+def test_directory_of_the_same_name_harms_nobody(tmp_path: Path) -> None:
+    """Without Python in it, it is no package, and ours is found; a search needs neither."""
+    (tmp_path / "analysis").mkdir()
+    told = python("-m", "tacevo", "show", "nowhere", cwd=tmp_path)
+    assert "nowhere: expected the directory of a run" in told.stderr
+    (tmp_path / "analysis" / "__init__.py").write_text("raise SystemExit('I was run')\n")
+    assert 'seed: expected an integer; got "x"' in python("-m", "tacevo", "search", "seed=x", cwd=tmp_path).stderr
+
+
+@pytest.mark.parametrize(
+    ("encoding", "shown"), [("ascii", rb"Gr\xf6\xdfe, \u89e6"), ("latin-1", b"Gr\xf6\xdfe, \\u89e6")]
+)
+def test_any_text_is_printed_in_any_encoding(
+    encoding: str, shown: bytes, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Letters that the encoding lacks are escaped, and so is a name that is not text."""
+    (run / "NOTE.md").write_text("Größe, 触覚", encoding="utf-8")
+    for stream in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, stream, io.TextIOWrapper(io.BytesIO(), encoding=encoding))
+    assert main(["show", str(run)]) == 0
+    assert main(["show", os.fsdecode(b"n\xf6")]) == 2
+    assert shown in written(sys.stdout)
+    assert written(sys.stderr).startswith(rb"error: n\udcf6: ")
+
+
+def written(stream: TextIO) -> bytes:
+    """Return what was written to a stream of `test_any_text_is_printed_in_any_encoding`."""
+    assert isinstance(stream, io.TextIOWrapper)
+    assert isinstance(stream.buffer, io.BytesIO)
+    stream.flush()
+    return stream.buffer.getvalue()
+
+
+def test_overrides_are_read_without_assertions(tmp_path: Path) -> None:
+    """Those of a sweep and of a group: Hydra reads functions and dictionaries by assertions."""
+    values = {
+        "seed=range(0,2)": ("seed=0", "seed=1"),
+        "ablation=glob(no_q*)": ("ablation=no_qd",),
+        "seed=sort(3,2)": ("seed=2", "seed=3"),
+        "search={initial: 3, candidates: 4}": ("search={initial: 3, candidates: 4}",),
+    }
+    code = f"from tacevo.config.compose import spread; print(spread({list(values)}))"
+    read = python("-c", code, cwd=tmp_path, PYTHONOPTIMIZE="1")
+    assert read.stderr == ""
+    assert ast.literal_eval(read.stdout) == tuple(values.values())
+
+
+def test_end_that_is_asked_for_in_a_destructor_comes(tmp_path: Path) -> None:
+    """Python ignores what a destructor raises; the command ends all the same, and says nothing of it."""
+    code = """
+import os, signal, time
+from tacevo.cli.edge import Terminated, edge
+
+class Late:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+try:
+    with edge():
+        Late()
+        time.sleep(60)
+except Terminated:
+    print("ended")
+"""
+    done = python("-c", code, cwd=tmp_path)
+    assert (done.stdout, done.stderr) == ("ended\n", "")
+
+
+def test_other_fault_of_a_destructor_is_still_told() -> None:
+    """What Python would print of it is printed."""
+    told: list[object] = []
+    error = ValueError("a fault")
+    edge._interrupt_again(told.append, ignored := type("Ignored", (), {"exc_value": error}))
+    assert told == [ignored]
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_command_that_is_ended_says_so(number: signal.Signals, status: int, bundle: Path, tmp_path: Path) -> None:
+    """While it draws a paper: one line, and the status that a shell gives for the signal."""
+    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "paper", str(bundle), "-o", "paper"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        assert eventually(lambda: any((tmp_path / "paper").glob("*/*")), seconds=300)
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == status
+    assert errors.splitlines()[-1].startswith("interrupted; ")
+    assert "Traceback" not in errors
