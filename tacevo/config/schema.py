@@ -168,6 +168,10 @@ class ArchiveConfig(Record):
         return int(round(self.reevaluated * candidates, 9))  # 0.29 x 100 is 28.999999999999996
 
 
+#: Stands for a model's name in an estimate of a search whose model is not chosen.
+UNCHOSEN = "a model of your choice"
+
+
 def deliveries(provider: Provider) -> tuple[Delivery, ...]:
     """Return the deliveries that a provider has."""
     return tuple(Delivery) if provider is Provider.anthropic else (Delivery.direct,)
