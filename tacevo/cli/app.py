@@ -65,8 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parsed(sys.argv[1:] if arguments is None else arguments)
         status: int = options.command(options)
         return status
-    except KeyboardInterrupt:
-        print(f"\ninterrupted; {options.interrupted}", file=sys.stderr)
+    except KeyboardInterrupt as interrupt:
+        print(f"\ninterrupted; {str(interrupt) or options.interrupted}", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         with contextlib.suppress(OSError):
@@ -111,7 +111,7 @@ def _parser(command: str | None) -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
-    parser.set_defaults(interrupted="what was computed is kept, and the same command continues")
+    parser.set_defaults(interrupted="nothing was finished, and the same command begins again")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, line) in COMMANDS.items():
         described = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.")

@@ -134,7 +134,6 @@ def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None
     parser.fromfile_prefix_chars = "@"
     settings = "KEY=VALUE, or @FILE with one of them a line; RUN stands for run=RUN"
     parser.add_argument("overrides", nargs="*", metavar="RUN or SETTING", help=settings)
-    parser.set_defaults(interrupted="the trainings that ended are kept, and the same command continues")
 
 
 def _runs(words: Sequence[str]) -> list[str]:

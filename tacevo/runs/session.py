@@ -14,7 +14,7 @@ from tacevo.config.tasks import load_task
 from tacevo.costs import Spending, spending_on, total
 from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
-from tacevo.errors import DivergenceError, RunError
+from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
 from tacevo.rules import CURRENT, PAGES
@@ -103,7 +103,7 @@ def record(
     header = run_header(config, task, facts, plan, eras[0].rules)
     decisive: list[Json] = [written(header), *length(config).values(), *map(written, eras[1:])]
     directory = RunDirectory(_run_path(config, decisive))
-    with directory.locked(), _opened(directory, begun) as ledger:
+    with directory.locked(), _opened(directory, begun) as ledger, telling(lambda: _has_candidates(ledger)):
         _commit_header(ledger, header, directory)
         directory.remove_leftovers()
         remove_leftovers_in_stores(Path(config.store.root))
@@ -198,6 +198,11 @@ def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> 
             expected="no run, or this one",
             remedy="choose another run.dir, or remove that directory",
         ) from error
+
+
+def _has_candidates(ledger: Ledger) -> bool:
+    """Return whether a candidate has its line, now or from before; the first line is the header."""
+    return max(ledger.committed, ledger.recorded) > 1
 
 
 def _stage(ledger: Ledger) -> str:
