@@ -215,7 +215,7 @@ def _noise(options: argparse.Namespace) -> int:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
-    if run.answered:
+    if run.answered and not run.shortfall:
         print(f"next:   {as_typed('tacevo')} study run={shlex.quote(str(run.path))} choose=reestimated")
     return _end(studied, "lower elites=")
 
