@@ -62,8 +62,9 @@ def in_short(
     candidates = _candidates(lines)
     parts = [_headline(run, config, candidates.values(), len(_generations(lines))), *_not_sent(candidates.values())]
     if found := _found(run, lines, elites):
-        parts += [found.shortfall] * bool(found.shortfall)
-        parts += [f"{'Lowest' if found.shortfall else 'Best'} {found.sentence} {_draws(config)}.", found.best]
+        told = [found.shortfall, f"Lowest {found.sentence}"]
+        parts += told if found.shortfall else [f"Best {found.sentence} {_draws(config)}."]
+        parts += [found.best]
         parts += ["\n".join([_rate(candidates.values()), *_paid(candidates, spent)])]
     return "\n\n".join(parts) + "\n"
 

@@ -10,12 +10,12 @@ MARGIN = 0.05
 
 #: What to raise where no network learned, and where none beat the baseline.
 _LEARN = (
-    "Raise training.epochs or the number of images, or try another training.learning_rate; search.candidates and "
-    "another llm.model help once networks learn."
+    "Raise training.epochs or the number of images, or try another training.learning_rate; then search.candidates or "
+    "llm.model."
 )
 _FIND = (
-    "Raise search.candidates or search.generations, or try another llm.model; training.epochs, the number of images "
-    "and training.learning_rate decide how well networks can be told apart."
+    "Raise search.candidates or search.generations, or try another llm.model; then training.epochs, the number of "
+    "images or training.learning_rate."
 )
 
 
@@ -27,11 +27,11 @@ def is_at_chance(best: float | None, trivial: float | None) -> bool:
     return best is not None and trivial is not None and best >= (1 - MARGIN) * trivial
 
 
-def chance_in_words(trivial: float, what: str = "network") -> str:
-    """Say that the losses of these are those of chance."""
+def chance_in_words(trivial: float) -> str:
+    """Say that no loss of some networks is below the trivial loss by the margin."""
     return (
-        f"At chance: no {what} is more than {100 * MARGIN:g} % below the trivial loss, {trivial:.4g}, which the same "
-        "answer to every image can have."
+        f"At chance: no network is more than {100 * MARGIN:g} % below the trivial loss, {trivial:.4g} (the same answer "
+        "to every image)."
     )
 
 
