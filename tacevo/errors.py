@@ -17,6 +17,9 @@
 A candidate that fails is a value, `tacevo.records.Rejection`, and never an exception.
 """
 
+import contextlib
+from collections.abc import Callable, Iterator
+
 
 class TacevoError(Exception):
     """Anything tacevo raises on purpose.
@@ -90,3 +93,13 @@ class TransportError(LLMError):
 
 class SandboxError(TacevoError):
     """The sandbox could not do its work; no verdict about any candidate follows from this."""
+
+
+@contextlib.contextmanager
+def telling(is_kept: Callable[[], bool]) -> Iterator[None]:
+    """Let an interrupt say whether something is kept by then; the command prints its words."""
+    try:
+        yield
+    except KeyboardInterrupt as interrupt:
+        words = "what was computed is kept" if is_kept() else "nothing is finished yet"
+        raise KeyboardInterrupt(f"{words}, and the same command continues") from interrupt

@@ -21,10 +21,10 @@ def first_line(error: BaseException) -> str:
     return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)
 
 
-def nearest(name: str, names: Iterable[str], otherwise: str) -> str:
-    """Ask whether the closest of these names was meant; where none is close, say something else."""
+def nearest(name: str, names: Iterable[str], otherwise: str, *, before: str = "") -> str:
+    """Ask whether the closest of these names was meant, written behind `before`; where none is, say something else."""
     close = difflib.get_close_matches(name, list(names), n=1)
-    return f"did you mean {close[0]}?" if close else otherwise
+    return f"did you mean {before}{close[0]}?" if close else otherwise
 
 
 def drawn(seeds: int, *, or_more: bool = False) -> str:

@@ -11,7 +11,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from analysis.statistics.effects import Effects, effects
+from analysis.statistics.effects import Effects, Interval, effects
 from analysis.statistics.equivalence import Equivalence, equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
@@ -149,9 +149,7 @@ def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Var
             effects=sizes[at],
             equivalence=equivalences[at],
             equivalence_p_holm=equal[at],
-            verdict=_verdict(
-                sizes[at].a12.estimate, lower=lower, differs=differ[at] <= alpha, equals=equal[at] <= alpha
-            ),
+            verdict=_verdict(sizes[at].a12, lower=lower, differs=differ[at] <= alpha, equals=equal[at] <= alpha),
             cautions=cautions(*samples[at], least_p=least[at], alpha=alpha),
         )
         for at, (metric, name) in enumerate(pairs)
@@ -160,10 +158,13 @@ def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[Var
     return [tuple(found[first : first + variants]) for first in range(0, len(found), variants)]
 
 
-def _verdict(dominance: float, *, lower: bool, differs: bool, equals: bool) -> Verdict:
-    """Return the word for a variant whose values lie above the baseline's with this probability."""
-    if differs:
-        return Verdict.better if (dominance < 0.5) == lower else Verdict.worse
+def _verdict(a12: Interval, *, lower: bool, differs: bool, equals: bool) -> Verdict:
+    """Return the word for a variant whose values lie above the baseline's with this probability.
+
+    Where values tie, the test can be significant while the interval holds a half; then no difference was shown.
+    """
+    if differs and not a12.low <= 0.5 <= a12.high:
+        return Verdict.better if (a12.estimate < 0.5) == lower else Verdict.worse
     return Verdict.equivalent if equals else Verdict.undecided
 
 

@@ -7,7 +7,7 @@ the same images.
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,10 +30,17 @@ from analysis.statistics.images import (
 from analysis.statistics.tests import holm
 from analysis.studies.comparison import Verdict
 from analysis.studies.predictions import Predictions
-from analysis.studies.scores import Study
+from analysis.studies.scores import LOWER_IS_BETTER, Study
 from tacevo.randomness import stream
 from tacevo.records import Kind
 from tacevo.rounding import rounded
+from tacevo.studies.terms import fewest_seeds
+
+#: The trivial predictor, among the names of networks, of which none is empty.
+_TRIVIAL = ""
+
+#: Returns the difference of two networks, the last of its arguments, with its interval over seeds and images.
+Differ = Callable[..., Interval]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,8 +64,12 @@ class Pair:
     test: Paired
     #: After Holm's correction over the family of the pair.
     p_holm: float
-    #: Of the first against the second; never `equivalent`, for which there is no test here.
-    verdict: Verdict
+    #: Mean metric of the first's seeds less the second's, over seeds and images.
+    difference: Interval
+    #: Of the first against the second; never `equivalent`, for which there is no test here. `better` and `worse` take
+    #: the test and the interval, so that neither stands beside an interval that holds 0. None of fewer seeds than a
+    #: comparison takes.
+    verdict: Verdict | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +78,11 @@ class OutputPair:
 
     output: str
     pair: Pair
-    #: Mean squared error of the variant's seeds less the baseline's on that output, over seeds and images.
-    difference: Interval
+
+    @property
+    def difference(self) -> Interval:
+        """Mean squared error of the variant's seeds less the baseline's on that output, over seeds and images."""
+        return self.pair.difference
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,13 +149,18 @@ def _of_classes(study: Study, predictions: Predictions, seed: int) -> ImageFindi
     chances = {name: [probabilities(one) for one in each] for name, each in predictions.of.items()}
     ensembles = {name: average(each) for name, each in chances.items()}
     hits = {name: predicted(mean) == labels for name, mean in ensembles.items()}
-    differences = _differences(study, right, seed, "accuracy")
     frequencies = np.bincount(labels, minlength=len(study.names)) / len(labels)
-    majority = labels == frequencies.argmax()
+    hits[_TRIVIAL] = labels == frequencies.argmax()
+    right[_TRIVIAL] = hits[_TRIVIAL][None].astype(np.float64)
+    differ = _differences(right, seed, "accuracy")
+
+    def test(one: str, other: str) -> Paired:
+        return mcnemar(hits[one], hits[other])
+
     return ImageFindings(
-        ensembles=_ensembles({name: int(each.sum()) / len(each) for name, each in hits.items()}, differences),
-        pairs=_pairs(study, [(one, other, mcnemar(hits[one], hits[other])) for one, other in _of_two(study)]),
-        against_trivial=_pairs(study, [(name, "trivial", mcnemar(hits[name], majority)) for name in hits]),
+        ensembles=_ensembles(study, {name: int(hits[name].sum()) / len(labels) for name in ensembles}, differ),
+        pairs=_pairs(study, _of_two(study), test, differ),
+        against_trivial=_pairs(study, _with_trivial(study), test, differ),
         outputs=(),
         calibrations=tuple(
             Calibrated(
@@ -162,17 +181,22 @@ def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindin
     errors = {name: np.stack([squared_errors(one, labels) for one in each]) for name, each in predictions.of.items()}
     ensembles = {name: average(list(each)) for name, each in predictions.of.items()}
     means = {name: squared_errors(mean, labels) for name, mean in ensembles.items()}
-    differences = _differences(study, errors, seed, "mse")
-    mean = squared_errors(np.tile([_mean(column) for column in labels.T], (len(labels), 1)), labels)
+    means[_TRIVIAL] = squared_errors(np.tile([_mean(column) for column in labels.T], (len(labels), 1)), labels)
+    errors[_TRIVIAL] = means[_TRIVIAL][None]
+    differ = _differences(errors, seed, "mse")
+
+    def test(one: str, other: str) -> Paired:
+        return signed_rank(means[one], means[other])
+
     residuals = [
         _residuals(output, name, predictions.of[name][:, :, at], ensembles[name][:, at], labels[:, at])
         for at, output in enumerate(study.names)
         for name in predictions.of
     ]
     return ImageFindings(
-        ensembles=_ensembles({name: _mean(each) for name, each in means.items()}, differences),
-        pairs=_pairs(study, [(one, other, signed_rank(means[one], means[other])) for one, other in _of_two(study)]),
-        against_trivial=_pairs(study, [(name, "trivial", signed_rank(means[name], mean)) for name in means]),
+        ensembles=_ensembles(study, {name: _mean(means[name]) for name in ensembles}, differ),
+        pairs=_pairs(study, _of_two(study), test, differ),
+        against_trivial=_pairs(study, _with_trivial(study), test, differ),
         outputs=_outputs(study, predictions, ensembles, seed) if len(study.names) > 1 else (),
         calibrations=(),
         residuals=tuple(residuals),
@@ -186,40 +210,40 @@ def _outputs(
 ) -> tuple[OutputPair, ...]:
     """Compare every variant with the baseline on each output; all of these are one family."""
     baseline, *variants = (network.name for network in study.networks)
-    differences: list[Interval] = []
-    tests = []
+    means: dict[str, dict[str, Floats]] = {}
+    found: dict[str, Differ] = {}
     for at, output in enumerate(study.names):
         labels = predictions.labels[:, at : at + 1]
         errors = {
             name: np.stack([squared_errors(one[:, at : at + 1], labels) for one in each])
             for name, each in predictions.of.items()
         }
-        found = _differences(study, errors, seed, f"mse_{output}")
-        means = {name: squared_errors(mean[:, at : at + 1], labels) for name, mean in ensembles.items()}
-        differences += [found[name] for name in variants]
-        tests += [(name, baseline, signed_rank(means[name], means[baseline])) for name in variants]
-    names = [output for output in study.names for _ in variants]
-    judged = zip(names, _pairs(study, tests), differences, strict=True)
-    return tuple(OutputPair(output=output, pair=pair, difference=difference) for output, pair, difference in judged)
+        found[output] = _differences(errors, seed, f"mse_{output}")
+        means[output] = {name: squared_errors(mean[:, at : at + 1], labels) for name, mean in ensembles.items()}
+    each = [(output, name, baseline) for output in study.names for name in variants]
+    pairs = _pairs(
+        study,
+        each,
+        lambda output, one, other: signed_rank(means[output][one], means[output][other]),
+        lambda output, one, other: found[output](one, other),
+    )
+    return tuple(OutputPair(output=output, pair=pair) for (output, _, _), pair in zip(each, pairs, strict=True))
 
 
-def _differences(study: Study, scores: Mapping[str, Floats], seed: int, metric: str) -> dict[str, Interval]:
-    """Return each variant's mean score less the baseline's, with its interval over seeds and images."""
-    baseline = study.networks[0].name
-    weights = image_weights(scores[baseline].shape[1], rng=stream(seed, "images"))
+def _differences(scores: Mapping[str, Floats], seed: int, metric: str) -> Differ:
+    """Return what gives the mean score of a network less another's, with its interval over seeds and images."""
+    weights = image_weights(next(iter(scores.values())).shape[1], rng=stream(seed, "images"))
     drawn = {
         name: resampled_means(each, weights, rng=stream(seed, "seeds", name, metric)) for name, each in scores.items()
     }
-    return {
-        name: mean_difference(each, scores[baseline], drawn[name], drawn[baseline])
-        for name, each in scores.items()
-        if name != baseline
-    }
+    return lambda one, other: mean_difference(scores[one], scores[other], drawn[one], drawn[other])
 
 
-def _ensembles(scores: Mapping[str, float], differences: Mapping[str, Interval]) -> tuple[Ensemble, ...]:
+def _ensembles(study: Study, scores: Mapping[str, float], differ: Differ) -> tuple[Ensemble, ...]:
+    baseline = study.networks[0].name
     return tuple(
-        Ensemble(network=name, score=rounded(score), difference=differences.get(name)) for name, score in scores.items()
+        Ensemble(network=name, score=rounded(score), difference=None if name == baseline else differ(name, baseline))
+        for name, score in scores.items()
     )
 
 
@@ -229,21 +253,39 @@ def _of_two(study: Study) -> list[tuple[str, str]]:
     return [(later, earlier) for earlier, later in itertools.combinations(names, 2)]
 
 
-def _pairs(study: Study, tests: Sequence[tuple[str, str, Paired]]) -> tuple[Pair, ...]:
-    """Correct the tests of one family, and judge the first of each pair."""
-    if not tests:
+def _with_trivial(study: Study) -> list[tuple[str, str]]:
+    return [(network.name, _TRIVIAL) for network in study.networks]
+
+
+def _pairs(
+    study: Study, names: Sequence[tuple[str, ...]], test: Callable[..., Paired], differ: Differ
+) -> tuple[Pair, ...]:
+    """Test the pairs of one family, correct, and judge the first of each; names end in those of the pair."""
+    if not names:
         return ()
-    corrected = holm([test.p for _, _, test in tests])
+    tests = [test(*pair) for pair in names]
     return tuple(
-        Pair(first=first, second=second, test=test, p_holm=p, verdict=_verdict(test, p <= study.terms.alpha))
-        for (first, second, test), p in zip(tests, corrected, strict=True)
+        Pair(
+            first=pair[-2],
+            second=pair[-1] or "trivial",
+            test=tested,
+            p_holm=p,
+            difference=(difference := differ(*pair)),
+            verdict=_verdict(study, tested, difference, is_shown=p <= study.terms.alpha),
+        )
+        for pair, tested, p in zip(names, tests, holm([one.p for one in tests]), strict=True)
     )
 
 
-def _verdict(test: Paired, differs: bool) -> Verdict:
-    if not differs:
+def _verdict(study: Study, test: Paired, difference: Interval, *, is_shown: bool) -> Verdict | None:
+    """Return the word for the first of a pair; `is_shown` says whether its test is significant after Holm."""
+    if study.seeds < fewest_seeds(study.terms.alpha):
+        return None
+    leads = test.lead > 0
+    is_below = leads == LOWER_IS_BETTER[study.primary]
+    if not is_shown or not (difference.high < 0 if is_below else difference.low > 0):
         return Verdict.undecided
-    return Verdict.better if test.lead > 0 else Verdict.worse
+    return Verdict.better if leads else Verdict.worse
 
 
 def _residuals(output: str, network: str, each: NDArray[Any], mean: Floats, labels: Floats) -> Residuals:

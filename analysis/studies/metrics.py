@@ -1,6 +1,7 @@
 """Metrics as a reader knows them: their names, their units, and the order in which they are shown."""
 
 from analysis.studies.scores import Study
+from tacevo.data.labels import plain_name
 from tacevo.records import Kind
 
 #: In the order of docs/study.md; what follows an underscore is an output, as in `mse_Fx`.
@@ -13,10 +14,30 @@ SHARES = frozenset({"accuracy", "macro_f1"})
 
 _RECORDED = "recorded_"
 
+#: Stands for a unit that the recording does not state.
+_UNKNOWN = "as recorded"
+
 
 def metric_name(metric: str) -> str:
     """Name a metric of a whole task: `mse` is MSE."""
     return (_OF_VALUES | _OF_CLASSES)[metric]
+
+
+def recorded_scale(study: Study) -> dict[str, float]:
+    """Return the units of the recording for one unit of training, by regressed value."""
+    return dict(zip(study.names, study.scale or [1.0] * len(study.names), strict=True))
+
+
+def recorded_unit(study: Study, power: str = "") -> str:
+    """Name the unit of errors of each regressed value, for the head of a column: `N`, or `depth mm, roll deg`.
+
+    `power` is written behind a unit that is known, as `²`.
+    """
+    units = [f"{unit}{power}" if unit else _UNKNOWN for unit in study.units or [""] * len(study.names)]
+    if len(set(units)) == 1:
+        return units[0]
+    plain = map(plain_name, study.names, study.units)
+    return ", ".join(f"{name} {unit}" for name, unit in zip(plain, units, strict=True))
 
 
 def named_metrics(study: Study) -> tuple[tuple[str, str], ...]:
@@ -35,7 +56,7 @@ def named_metrics(study: Study) -> tuple[tuple[str, str], ...]:
         named |= {f"{metric}_{output}": f"{name} {output}" for metric, name in _OF_VALUES.items()}
     for output, unit in zip(study.names, study.units or [""] * len(study.names), strict=True):
         named |= {
-            f"{_RECORDED}{metric}_{output}": f"{_OF_VALUES[metric]} {output} ({unit or 'as recorded'})"
+            f"{_RECORDED}{metric}_{output}": f"{_OF_VALUES[metric]} {output} ({unit or _UNKNOWN})"
             for metric in ("mae", "rmse")
         }
     return tuple((metric, name) for metric, name in named.items() if metric in measured)

@@ -35,13 +35,15 @@ def as_study(finished: FinishedStudy) -> Study:
     found, facts = scores.header, scores.header.data
     if found.terms is None:
         raise RunError("a noise run, which has none", place=str(path), expected="a study with test scores")
-    if len(record.units) not in {0, len(facts.names)}:
-        raise RunError(
-            listed(record.units), place=f"{path}/study.json, units", expected=f"one for each of {listed(facts.names)}"
-        )
+    for name in ("units", "scale"):
+        given: tuple[object, ...] = getattr(record, name)
+        if len(given) not in {0, len(facts.names)}:
+            expected = f"one for each of {listed(facts.names)}"
+            raise RunError(listed(map(str, given)), place=f"{path}/study.json, {name}", expected=expected)
     study = Study(
         **{field.name: getattr(found, field.name) for field in fields(Design)},
         units=record.units,
+        scale=record.scale,
         scores=tuple(row for row in scores.rows if isinstance(row, ScoreLine)),
     )
     check_study(study)

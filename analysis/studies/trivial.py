@@ -11,6 +11,7 @@ from statistics import fmean
 from analysis.studies.scores import Study
 from tacevo.rounding import rounded
 from tacevo.studies.lines import ScoreLine
+from tacevo.training.losses import entropy
 from tacevo.training.metrics import Confusion, macro_f1
 
 
@@ -44,8 +45,7 @@ def _of_classes(confusion: Confusion) -> dict[str, float]:
     classes = [sum(row) for row in confusion]
     majority, total = classes.index(max(classes)), sum(classes)
     always = tuple(tuple(count if place == majority else 0 for place in range(len(classes))) for count in classes)
-    entropy = -math.fsum(count * math.log(count / total) for count in classes if count) / total
-    return {"accuracy": max(classes) / total, "macro_f1": macro_f1(always), "cross_entropy": entropy}
+    return {"accuracy": max(classes) / total, "macro_f1": macro_f1(always), "cross_entropy": entropy(classes)}
 
 
 def _of_outputs(scores: Sequence[ScoreLine], names: Sequence[str]) -> dict[str, float]:

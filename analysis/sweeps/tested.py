@@ -71,7 +71,7 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
             f"{len(set(sound))} with different scores" if sound else "none of its settings",
             place=f"{run.path}/studies",
             expected="one finished study with the settings that the sweep states",
-            remedy="delete all but one" if sound else "`tacevo study sweep=` makes it",
+            remedy="delete all but one" if sound else f"`tacevo study sweep={run.path.parent}` makes it",
         )
     return sound[0]
 

@@ -342,7 +342,8 @@ def _primary_note(sweep: Sweep, found: Ablation) -> list[str]:
     notes = [f"Primary metric: {found.primary.value}, as the sweep stated {when}; all others are secondary."]
     stated = sweep.terms.retraining
     if found.primary in TESTS.values() and stated is None:
-        notes.append(f"No job has a {found.primary.value} yet: `tacevo study sweep=` trains and tests what they found.")
+        words = "tacevo study sweep=DIR, with the directory of the sweep, trains and tests what they found."
+        notes.append(f"No job has a {found.primary.value} yet: {words}")
     if stated is not None:
         notes.append(
             f"Tested: the network with the best {_CHOSEN[stated.choose]}, trained for "

@@ -11,7 +11,7 @@ from analysis.statistics.power import detectable
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import Comparisons, VariantComparison
-from analysis.studies.metrics import SHARES, metric_name, named_metrics
+from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.trivial import trivial_metrics, trivial_score
 from analysis.studies.warnings import caution_notes
@@ -184,7 +184,7 @@ def outputs_table(study: Study, found: Comparisons) -> Table:
         name=f"outputs_{study.task}",
         caption=f"The variants of {study.task} against the baseline on each output, test {metric}.",
         columns=(
-            *("output", "network", "median", "A12", "U", "p", "p, Holm"),
+            *("output", "network", f"median ({metric}, {recorded_unit(study, '²')})", "A12", "U", "p", "p, Holm"),
             *("p, equivalence", "p, equivalence, Holm", "verdict"),
         ),
         rows=tuple(row for name in found.outputs for row in _output_rows(study, found, name)),
@@ -203,20 +203,21 @@ def outputs_table(study: Study, found: Comparisons) -> Table:
 
 
 def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell, ...]]:
-    baseline = study.networks[0].name
+    baseline, squared = study.networks[0].name, recorded_scale(study)[name] ** 2
     median = _spread(study.values(baseline, f"{found.metric}_{name}"))[0]
     trivial = trivial_metrics(study).get(f"{found.metric}_{name}")
     return [
-        (name, baseline, median, *(None,) * 7),
+        (name, baseline, rounded(squared * median), *(None,) * 7),
         *(
             (
-                *(name, variant.network, variant.median, between(variant.effects.a12), Halves(variant.test.u)),
+                *(name, variant.network, rounded(squared * variant.median)),
+                *(between(variant.effects.a12), Halves(variant.test.u)),
                 *(PValue(variant.test.p), PValue(variant.p_holm)),
                 *(PValue(variant.equivalence.p), PValue(variant.equivalence_p_holm), variant.verdict.value),
             )
             for variant in found.outputs[name]
         ),
-        *(((name, "trivial", trivial, *(None,) * 7),) if trivial is not None else ()),
+        *(((name, "trivial", rounded(squared * trivial), *(None,) * 7),) if trivial is not None else ()),
     ]
 
 
@@ -284,7 +285,7 @@ def _median(study: Study, network: Network, metric: str) -> Cell:
     return shape(*_spread(study.values(network.name, metric))[:3])
 
 
-def between(interval: Interval, factor: int = 1) -> Between:
+def between(interval: Interval, factor: float = 1) -> Between:
     """Return the cell of an interval, multiplied by a factor."""
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
 
@@ -310,8 +311,8 @@ def _method_notes(found: Comparisons) -> tuple[str, ...]:
         f"alpha {found.terms.alpha:g}; corrected over {counted(len(found.variants), 'variant')} after Holm.",
         f"p, equivalence: two one-sided Mann-Whitney tests against a margin of {_margin(found)}, as the study's "
         "header states it.",
-        "Better and worse: p after Holm is at most alpha. Equivalent: it is not, and p of equivalence after Holm is. "
-        "Undecided: neither.",
+        "Better and worse: p after Holm is at most alpha, and the interval of A12 does not hold 0.5. Equivalent: that "
+        "is not so, and p of equivalence after Holm is at most alpha. Undecided: neither.",
     )
 
 

@@ -1,5 +1,6 @@
 """The tables of a study's test images: ensembles, pairs of networks, outputs, calibration or residuals."""
 
+from collections.abc import Sequence
 from statistics import fmean
 
 import numpy as np
@@ -8,7 +9,7 @@ from analysis.statistics.calibration import BINS, Calibration
 from analysis.statistics.effects import LEVEL, Interval
 from analysis.statistics.images import IMAGE_RESAMPLES
 from analysis.studies.images import Calibrated, ImageFindings, Pair, Residuals
-from analysis.studies.metrics import SHARES, metric_name
+from analysis.studies.metrics import SHARES, metric_name, recorded_scale, recorded_unit
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.trivial import trivial_score
 from analysis.table import Between, Cell, Percent, PValue, Table
@@ -16,7 +17,17 @@ from analysis.tables.comparison import between
 from tacevo.records import Kind
 from tacevo.rounding import rounded
 from tacevo.rules import KEPT_SINCE
+from tacevo.studies.terms import fewest_seeds
 from tacevo.text import counted
+
+_DIFFERENCE = (
+    f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the percentiles of "
+    f"{IMAGE_RESAMPLES:,} bootstrap resamples of test images and seeds together: where it holds 0, other images and "
+    "other seeds may turn it."
+)
+
+#: The columns of a test of two ensembles, and the word for it.
+_TESTED = ("better on", "worse on", "p", "p, Holm", "verdict")
 
 
 def image_tables(study: Study, found: ImageFindings | None) -> tuple[Table, ...]:
@@ -51,15 +62,7 @@ def ensembles_table(study: Study, found: ImageFindings) -> Table:
         ),
         notes=(
             f"Ensemble: the mean of the seeds' {_what(study)}. Trivial: looks at no image.",
-            *(
-                (
-                    f"Difference: of the means of the seeds, in brackets its {100 * LEVEL:g} % interval by the "
-                    f"percentiles of {IMAGE_RESAMPLES:,} bootstrap resamples of test images and seeds together: where "
-                    "it holds 0, other images and other seeds may turn it.",
-                )
-                if found.pairs
-                else ()
-            ),
+            *((_DIFFERENCE,) if found.pairs else ()),
         ),
     )
 
@@ -70,10 +73,14 @@ def pairs_table(study: Study, found: ImageFindings) -> Table:
     return Table(
         name=f"pairs_{study.task}",
         caption=f"The ensembles of {study.task} by pairs, on the same {study.data.counts[2]} test images.",
-        columns=("network", "against", "better on", "worse on", "p", "p, Holm", "verdict"),
-        rows=tuple((pair.first, pair.second, *_tested(pair)) for pair in (*found.pairs, *found.against_trivial)),
+        columns=("network", "against", f"difference ({_unit(study.primary)})", *_TESTED),
+        rows=tuple(
+            (pair.first, pair.second, _difference(pair.difference, study.primary), *_tested(pair))
+            for pair in (*found.pairs, *found.against_trivial)
+        ),
         notes=(
             *_test_notes(study),
+            _DIFFERENCE,
             f"Corrected after Holm at alpha {study.terms.alpha:g}, {of_networks}over those with the trivial predictor, "
             f"a family of their own: it looks at no image, and always predicts their {_always(study)}.",
         ),
@@ -82,11 +89,15 @@ def pairs_table(study: Study, found: ImageFindings) -> Table:
 
 def image_outputs_table(study: Study, found: ImageFindings) -> Table:
     """Show every variant against the baseline on each output, image by image."""
+    scale = recorded_scale(study)
     return Table(
         name=f"image_outputs_{study.task}",
         caption=f"The variants of {study.task} against the baseline on each output, image by image.",
-        columns=("output", "network", "difference (MSE)", "better on", "worse on", "p", "p, Holm", "verdict"),
-        rows=tuple((one.output, one.pair.first, between(one.difference), *_tested(one.pair)) for one in found.outputs),
+        columns=("output", "network", f"difference (MSE, {recorded_unit(study, '²')})", *_TESTED),
+        rows=tuple(
+            (one.output, one.pair.first, between(one.difference, scale[one.output] ** 2), *_tested(one.pair))
+            for one in found.outputs
+        ),
         notes=(
             "Difference: as in the table of ensembles, over images and seeds.",
             *_test_notes(study),
@@ -118,21 +129,22 @@ def calibration_table(study: Study, found: ImageFindings) -> Table:
 
 
 def residuals_table(study: Study, found: ImageFindings) -> Table:
-    """Show what each network's predictions of each output are off by."""
+    """Show what each network's predictions of each output are off by, in the units of the recording."""
+    unit, scale = recorded_unit(study), recorded_scale(study)
+    heads = ("bias", "spread", "bias, ensemble", "spread, ensemble")
     return Table(
         name=f"residuals_{study.task}",
         caption=f"What the predictions of {study.task} are off by on the test images, by output.",
-        columns=("output", "network", "bias", "spread", "bias, ensemble", "spread, ensemble"),
+        columns=("output", "network", *(f"{head} ({unit})" for head in heads)),
         rows=tuple(
             row
             for output in study.names
             for row in (
-                *(_residual_row(one) for one in found.residuals if one.output == output),
-                (output, "trivial", 0, found.spreads[output], None, None),
+                *(_residual_row(one, scale[output]) for one in found.residuals if one.output == output),
+                (output, "trivial", 0, rounded(scale[output] * found.spreads[output]), None, None),
             )
         ),
         notes=(
-            "Errors are in the scaled units of training.",
             "Bias: mean of prediction less label; spread: standard deviation of the same over the images. Median of "
             "the seeds, with their lower and upper quartile in brackets.",
             "Trivial: looks at no image, and always predicts the mean of the test images.",
@@ -170,7 +182,7 @@ def _value(metric: str, value: float) -> Cell:
 
 
 def _unit(metric: str) -> str:
-    return "percentage points" if metric in SHARES else metric_name(metric)
+    return "percentage points" if metric in SHARES else f"{metric_name(metric)}, scaled"
 
 
 def _difference(interval: Interval | None, metric: str) -> Cell:
@@ -178,7 +190,13 @@ def _difference(interval: Interval | None, metric: str) -> Cell:
 
 
 def _tested(pair: Pair) -> tuple[Cell, ...]:
-    return pair.test.first, pair.test.second, PValue(pair.test.p), PValue(pair.p_holm), pair.verdict.value
+    return (
+        pair.test.first,
+        pair.test.second,
+        PValue(pair.test.p),
+        PValue(pair.p_holm),
+        pair.verdict and pair.verdict.value,
+    )
 
 
 def _test_notes(study: Study) -> tuple[str, ...]:
@@ -189,6 +207,18 @@ def _test_notes(study: Study) -> tuple[str, ...]:
     return (
         f"{test}, two-sided.",
         "It asks whether these two ensembles differ on other images of the kind; not whether other seeds would.",
+        _verdict_note(study),
+    )
+
+
+def _verdict_note(study: Study) -> str:
+    """Say what a verdict rests on, or why there is none."""
+    alpha, needed = study.terms.alpha, fewest_seeds(study.terms.alpha)
+    if study.seeds < needed:
+        return f"No verdicts: {counted(study.seeds, 'seed')}, and it takes {needed} at alpha {alpha:g}."
+    return (
+        f"Better and worse: p after Holm is at most {alpha:g}, and the interval of the difference, over images and "
+        "seeds, does not hold 0. Undecided: all others."
     )
 
 
@@ -206,10 +236,11 @@ def _calibrated(one: Calibration) -> tuple[Cell, ...]:
     return one.ece, None, one.brier, None, one.cross_entropy, None
 
 
-def _residual_row(one: Residuals) -> tuple[Cell, ...]:
-    return one.output, one.network, _quartiles(one.biases), _quartiles(one.spreads), one.bias, one.spread
+def _residual_row(one: Residuals, scale: float) -> tuple[Cell, ...]:
+    seeds = (_quartiles([scale * value for value in each]) for each in (one.biases, one.spreads))
+    return (one.output, one.network, *seeds, rounded(scale * one.bias), rounded(scale * one.spread))
 
 
-def _quartiles(values: list[float] | tuple[float, ...]) -> Between:
+def _quartiles(values: Sequence[float]) -> Between:
     low, middle, high = (rounded(float(value)) for value in np.quantile(values, [0.25, 0.5, 0.75]))
     return Between(middle, low, high)

@@ -88,5 +88,5 @@ def _fitness_note(metric: Measure) -> tuple[str, ...]:
         return ()
     return (
         "The values are the best fitnesses of searches, since not every job of the pilot has a test score "
-        "(tacevo study sweep=); the primary metric of a sweep, a test score, may spread otherwise.",
+        "(tacevo study sweep=DIR); the primary metric of a sweep, a test score, may spread otherwise.",
     )

@@ -4,6 +4,7 @@ import argparse
 import base64
 import contextlib
 import itertools
+import shlex
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -23,8 +24,9 @@ from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
+from analysis.sweeps.metrics import TESTS
 from tacevo.bundles.open import Opened, opened
-from tacevo.cli.common import DONE, RUN, Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.common import DONE, RUN, Parser, as_typed, existing_store, output_directory, place_of_results
 from tacevo.cli.tables import Gathered, finish, gather, place_of, read_gathered, say, show, with_published
 from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.runs.data_check import samples_of_run
@@ -204,6 +206,8 @@ def _ablations(options: argparse.Namespace) -> int:
     write_pictures(pictures.values(), directory, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
     say(f"missing: {missing.job.name}: {missing.reason}" for missing in found.sweep.missing)
     say(f"without a test score: {missing.job.name}: {missing.reason}" for missing in found.sweep.untested)
+    if found.found.primary in TESTS.values() and found.sweep.terms.retraining is None:
+        print(f"next:   {as_typed('tacevo')} study sweep={shlex.quote(options.sweep)}")
     print(f"tables and figures: {directory}")
     return DONE
 

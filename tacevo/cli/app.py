@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 signal.signal(
                     signal.SIGINT, signal.SIG_DFL
                 )  # Python, as it ends, would print where a second one struck
-            print(f"\ninterrupted; {options.interrupted}", file=sys.stderr)
+            print(f"\ninterrupted; {str(interruption) or options.interrupted}", file=sys.stderr)
             return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
         except BrokenPipeError:
             with contextlib.suppress(OSError):
@@ -110,7 +110,7 @@ def _parser(command: str | None) -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
-    parser.set_defaults(interrupted="what was computed is kept, and the same command continues")
+    parser.set_defaults(interrupted="nothing was finished, and the same command begins again")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, line) in COMMANDS.items():
         described = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tacevo.choices import Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
-from tacevo.config.compose import compose
+from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.folder import groups
 from tacevo.config.plain import to_plain
 from tacevo.records import Mode
@@ -66,10 +66,10 @@ def _search(options: argparse.Namespace) -> int:
         options.parser.error("--into names the directory of a sweep, so it needs -m; for one search, set run.dir=DIR")
     if says_terms(options):
         options.parser.error("--reference, --primary, --vary and --plan are terms of a sweep, so they need -m")
-    config = compose(options.overrides)
     if options.estimate:
-        print(describe_estimate(config))
+        print(describe_estimate(compose_estimate(options.overrides)))
         return DONE
+    config = compose(options.overrides)
     check_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
     with Progress() as view:
         result = search(config, view)
@@ -91,7 +91,8 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     print(f"verify: {tacevo} replay {run}")
     for remark in remarks:
         print(remark)
-    print(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
+    if result.succeeded:
+        print(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
     print(f"digest: {result.digest}")
 
 

@@ -134,7 +134,6 @@ def _finish(parser: Parser, described: Mapping[str, str], examples: str) -> None
     parser.fromfile_prefix_chars = "@"
     settings = "KEY=VALUE, or @FILE with one of them a line; RUN stands for run=RUN"
     parser.add_argument("overrides", nargs="*", metavar="RUN or SETTING", help=settings)
-    parser.set_defaults(interrupted="the trainings that ended are kept, and the same command continues")
 
 
 def _runs(words: Sequence[str]) -> list[str]:
@@ -216,7 +215,7 @@ def _noise(options: argparse.Namespace) -> int:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
-    if run.answered:
+    if run.answered and not run.shortfall:
         print(f"next:   {as_typed('tacevo')} study run={shlex.quote(str(run.path))} choose=reestimated")
     return _end(studied, "lower elites=")
 

@@ -21,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.plain import converted, from_plain, near, to_plain
-from tacevo.config.schema import RunConfig, keys
+from tacevo.config.schema import UNCHOSEN, RunConfig, keys
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
@@ -49,6 +49,22 @@ def compose(overrides: Sequence[str]) -> RunConfig:
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
         plain = _plain(composed)
     return from_plain(plain)
+
+
+def compose_estimate(overrides: Sequence[str]) -> RunConfig:
+    """Compose what an estimate is of, as `compose`; a model that is not chosen is called `UNCHOSEN`.
+
+    Raises:
+        ConfigError: as `compose`, but for a missing model.
+    """
+    chosen = {override.partition("=")[0] for override in overrides}
+    try:
+        return compose(overrides)
+    except ConfigError as error:
+        if error.place not in {"llm", "llm.model"} - chosen:
+            raise
+    missing = {"llm": "openai", "llm.model": f"'{UNCHOSEN}'"}
+    return compose([*overrides, *(f"{key}={value}" for key, value in missing.items() if key not in chosen)])
 
 
 def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConfig:
@@ -227,6 +243,7 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
         experiment = dict(override.split("=", 1) for override in overrides).get("experiment")
         return ConfigError(
             f"experiment={experiment} leaves the choice of the model to you",
+            place="llm",
             remedy="add llm=anthropic (Claude), llm=openai llm.model=NAME (a server of yours), or llm=grammar (a "
             "control without a language model, whose results are not a reproduction of the paper's)",
         )

@@ -7,7 +7,7 @@ from tacevo.config.checks import check_together
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
-from tacevo.text import nearest
+from tacevo.text import listed, nearest
 from tacevo.typed import convert
 
 T = TypeVar("T")
@@ -54,5 +54,13 @@ def converted(kind: type[T], plain: Json) -> T:
 
 
 def near(name: str, names: Sequence[str], command: str = "search") -> str:
-    """Return the remedy for a name that is not one of these: the closest, or else the help of a command."""
-    return nearest(name, names, f"`tacevo {command} --help` lists the settings")
+    """Return the remedy for a name that is not one of these: the closest one, or else the help of a command.
+
+    Within a group that is the closest of its settings, or else all of them.
+    """
+    group, _, setting = name.rpartition(".")
+    within = [key.removeprefix(f"{group}.") for key in names if group and key.rpartition(".")[0] == group]
+    if not within:
+        return nearest(name, names, f"`tacevo {command} --help` lists the settings")
+    every = listed(f"{group}.{key}" for key in within)
+    return nearest(setting, within, f"the settings of {group} are {every}", before=f"{group}.")

@@ -77,6 +77,8 @@ class SearchConfig(Record):
     #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.lines.training_flops`) is the
     #: last; null for `generations` alone.
     training_flops: Positive | None = None
+    #: Generations in a row without one usable answer after which the search stops; null for never.
+    stop_after_unusable: Count | None = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,6 +168,10 @@ class ArchiveConfig(Record):
         if self.kind is not ArchiveKind.extract:
             return 0
         return int(round(self.reevaluated * candidates, 9))  # 0.29 x 100 is 28.999999999999996
+
+
+#: Stands for a model's name in an estimate of a search whose model is not chosen.
+UNCHOSEN = "a model of your choice"
 
 
 def deliveries(provider: Provider) -> tuple[Delivery, ...]:

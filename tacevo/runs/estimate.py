@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ExecutorKind
-from tacevo.config.schema import RunConfig, deliveries
+from tacevo.config.schema import UNCHOSEN, RunConfig, deliveries
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.data.simulator.tasks import Simulated
@@ -175,7 +175,9 @@ def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:
 def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:
     """Return the date of the prices, the delivery and budget of this run, and when the model is retired."""
     price = prices.price(config.llm.model, Delivery.direct)
-    known = f"prices of {price.dated}" if price is not None else f"{config.llm.prices} lacks the price of this model"
+    known = f"{config.llm.prices} lacks the price of this model" if price is None else f"prices of {price.dated}"
+    if config.llm.model == UNCHOSEN:
+        known = "the cost is that of the model: add llm=anthropic, or llm=openai llm.model=NAME"
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
     retired = prices.retirement(config.llm.model)
     gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]

@@ -18,7 +18,7 @@ from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import deviations, machine, versions
-from tacevo.errors import DivergenceError, RunError
+from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Limits, Mode, Rejection, Training
 from tacevo.rules import CURRENT, STUDY
@@ -161,7 +161,8 @@ def _carry_out(
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)
-        verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
+        with telling(lambda: any(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)):
+            verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
         digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))

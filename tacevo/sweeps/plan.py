@@ -19,7 +19,7 @@ from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.environment import usable_cores
-from tacevo.errors import ConfigError, RunError
+from tacevo.errors import ConfigError, RunError, telling
 from tacevo.redaction import check_address, secret_variables
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
@@ -151,7 +151,10 @@ def _run(
         view.say(f"{job.name}: {status.standing}, {found} ({finished} of {len(statuses)} jobs finished)")
         view.advance("jobs", finished, len(statuses))
 
-    run(directory, left, chosen, show)
+    with telling(
+        lambda: any(status_of(directory, job).standing is not Standing.waiting for job in left) or finished > 0
+    ):
+        run(directory, left, chosen, show)
 
 
 def part(settings: Sequence[str], begun: Collection[str]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -58,6 +59,12 @@ def edit_run(sweep: Path, name: str, **fields: Json) -> None:
     path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
 
 
+def edit_sweep(sweep: Path, **fields: Json) -> None:
+    """Change fields of sweep.json."""
+    path = sweep / "sweep.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
+
+
 def rows(sweep: Path, table: str) -> list[dict[str, str]]:
     """Read a table as its CSV has it."""
     with (sweep / "ablations" / f"{table}.csv").open(encoding="utf-8", newline="") as file:
@@ -80,6 +87,14 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     assert told.err == ""
     assert main(["ablations", "sweep"]) == 0
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
+
+
+def test_sweep_without_test_scores_says_what_to_type(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With the path as it was given, which no table can have: a published one is compared wherever it lies."""
+    edit_sweep(sweep, terms={"primary": "test_score"})
+    assert main(["ablations", "sweep"]) == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("next:"))
+    assert shlex.split(line)[-2:] == ["study", "sweep=sweep"]
 
 
 def test_arm_without_prompt_archive_is_identical(sweep: Path) -> None:

@@ -228,6 +228,16 @@ def test_wrong_override_is_refused_as_the_user_wrote_it(override: str, place: st
         ("serch.generations=3", "serch.generations", "did you mean search.generations?"),
         ("data={sed:1}", "data.sed", "did you mean data.seed?"),
         ("seed.x=1", "seed.x", "did you mean seed?"),
+        ("search.candidate=1", "search.candidate", "did you mean search.candidates?"),
+        *(
+            (f"{key}=1", key, f"the settings of {key.partition('.')[0]} are {one}")
+            for key, one in [
+                ("search.batch", "search.generations, search.candidates, "),
+                ("data.cache", "data.source, "),
+                ("training.lr", "training.epochs, training.batch_size, "),
+                ("run.name", "run.dir"),
+            ]
+        ),
         ("quux=1", "quux", "`tacevo search --help` lists the settings"),
     ],
 )

@@ -145,7 +145,7 @@ def test_study_of_a_paper_experiment_is_what_is_written_here() -> None:
     assert margins == [(0.1, "relative"), (0.01, "absolute")]
 
 
-@pytest.mark.parametrize("options", [[], ["--estimate"], ["-m", "seed=0,1"], ["ablation=llm_vs_grammar"]])
+@pytest.mark.parametrize("options", [[], ["-m", "seed=0,1"], ["ablation=llm_vs_grammar"]])
 @pytest.mark.parametrize("task", ["force", "grating"])
 def test_paper_experiment_without_a_model_says_what_to_add(
     task: str, options: list[str], place: Path, capsys: pytest.CaptureFixture[str]

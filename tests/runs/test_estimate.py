@@ -12,7 +12,7 @@ from refusals import refused
 
 from tacevo.choices import Device, ExecutorKind
 from tacevo.cli.app import main
-from tacevo.config.compose import compose
+from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars
@@ -83,6 +83,24 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     assert "llm.budget_usd: no limit" in out
     assert re.search(r"hours: about [\d.]+ for 25 trainings of 5 epochs of 480 images of 32 px, with", out)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("chosen", [[], ["llm=openai"], ["llm.model=claude-opus-5"]])
+def test_estimate_needs_no_choice_of_a_model(chosen: list[str], tmp_path: Path) -> None:
+    """Of an experiment that leaves it to the user, nor of a server's model; requests and tokens do not depend on it."""
+    paper = ["experiment=paper_force", "data.image_size=32", f"store.root={tmp_path}"]
+    found, named = (estimate(compose_estimate([*paper, *more])) for more in (chosen, ["llm=anthropic"]))
+    assert found == named
+    told = described(compose_estimate([*paper, *chosen]))
+    assert "llm=anthropic" in told or "llm.model=claude-opus-5" in chosen
+    assert "1010 requests to" in told
+
+
+@pytest.mark.parametrize("wrong", ["llm=opnai", "llm.model="])
+def test_wrong_choice_of_a_model_is_not_taken_for_none(wrong: str) -> None:
+    """It is refused as by a search."""
+    with refused(ConfigError, place=wrong.partition("=")[0]):
+        compose_estimate(["experiment=paper_force", wrong])
 
 
 def test_requests_are_those_of_the_search(overrides: Estimating) -> None:

@@ -3,7 +3,7 @@
 import json
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -12,10 +12,12 @@ from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
+from tacevo.config.tasks import load_task
+from tacevo.errors import RunError, telling
 from tacevo.records import written
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
-from tacevo.runs.session import Walls
+from tacevo.runs.session import Walls, record
 from tacevo.sandbox.confinement import available, in_force
 from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
@@ -34,6 +36,31 @@ TINY = [
 
 #: What `published` asks for: with its stores, nothing is trained.
 RECORDED = ["search", *SMALLEST, UNTRACKED, "search.generations=0", "search.candidates=3", "search.initial=2"]
+
+
+def test_interrupt_says_that_something_is_kept_once_it_is(place: Path) -> None:
+    """Not before the first candidate is in the ledger; from then on also where it comes before the next one."""
+
+    def stop(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    config = compose(TINY)
+    data = load_data(config, Progress())
+    task = load_task(config, data.facts)
+    with pytest.raises(KeyboardInterrupt, match=r"^nothing is finished yet, and the same command continues$"):
+        record(config, task, data, Progress(), run=stop)
+    assert main(["search", *TINY, "search.generations=0"]) == 0
+    with pytest.raises(KeyboardInterrupt, match=r"^what was computed is kept, and the same command continues$"):
+        record(config, task, data, Progress(), run=stop)
+
+
+@pytest.mark.parametrize(("is_kept", "words"), [(True, "what was computed is kept"), (False, "nothing is finished")])
+def test_interrupt_is_told_in_its_words(is_kept: bool, words: str) -> None:
+    """Of a search, a study and a sweep; other errors pass as they are."""
+    with pytest.raises(KeyboardInterrupt, match=words), telling(lambda: is_kept):
+        raise KeyboardInterrupt
+    with pytest.raises(RunError, match=r"^damaged$"), telling(lambda: is_kept):
+        raise RunError("damaged")
 
 
 @pytest.mark.slow

@@ -216,7 +216,7 @@ def test_stopped_study_goes_on_to_the_same_bytes(number: signal.Signals, folder:
     _, errors = study.communicate(timeout=60)
     assert "Traceback" not in errors
     assert study.returncode == (130 if number == signal.SIGINT else -signal.SIGKILL)
-    assert ("the trainings that ended are kept, and the same command continues" in errors) == (number == signal.SIGINT)
+    assert ("what was computed is kept, and the same command continues" in errors) == (number == signal.SIGINT)
     assert 1 <= trainings(folder) < 4
     assert json.loads(files(folder)["study.json"])["digest"] is None
     assert main(["replay", "run"]) == 0

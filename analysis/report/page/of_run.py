@@ -103,7 +103,7 @@ def run_contents(given: RunMaterial) -> RunContents:
     return RunContents(
         name=run.name,
         headlines=_headlines(found),
-        remarks=(*given.remarks, *sourceless),
+        remarks=(*([run.shortfall] * bool(run.shortfall)), *given.remarks, *sourceless),
         axes=tuple(axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
         cells=_cells(found.niches.networks),
         places=run.places,
@@ -156,6 +156,8 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
     baseline = run.fitness.get(run.baseline.id)
     if losses and baseline is not None:
         losses += f", the baseline's {shown(baseline)} ({run.record})"
+    if losses and run.trivial is not None:
+        losses += f", the trivial loss {shown(run.trivial)}"
     again = reestimated(run, found.reestimates)
     if again is not None:
         words, reference, median = again

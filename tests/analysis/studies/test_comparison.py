@@ -186,3 +186,15 @@ def test_margin_relative_to_nothing_is_refused() -> None:
     """A tenth of an error of 0 is not a margin."""
     with refused(RunError, place="the baseline's median mse", got="0", remedy="margins.KIND.kind=absolute"):
         compare(study_of({"baseline": [0.0] * 5, "variant 1": [0.0, 0.1, 0.2, 0.3, 0.4]}))
+
+
+def test_verdict_does_not_contradict_the_interval_of_its_effect() -> None:
+    """Accuracies of few images tie, and then the exact test can be significant where the interval of A12 holds 0.5."""
+    low, high = [0, 0, 0, 0, 1, 1, 2, 3], [1, 1, 1, 2, 2, 3, 3, 3]
+    study = study_of(
+        {"baseline": [one / 4 for one in low], "variant 1": [one / 4 for one in high]}, kind=Kind.classification
+    )
+    (variant,) = compare(study).variants
+    assert variant.p_holm <= 0.05
+    assert variant.effects.a12.low < 0.5
+    assert variant.verdict is Verdict.undecided

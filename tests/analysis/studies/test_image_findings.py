@@ -1,6 +1,8 @@
 """Promise: what a study says of its test images follows from the predictions that it keeps, and from nothing else."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +14,12 @@ from studies import study_of
 
 from analysis.statistics.images import mcnemar, signed_rank
 from analysis.studies.images import ImageFindings, image_findings
-from analysis.studies.predictions import load_predictions
+from analysis.studies.predictions import Predictions, load_predictions
+from analysis.studies.scores import Study
 from analysis.table import Between, Cell, Percent
 from analysis.tables.images import image_tables
 from tacevo.errors import CacheMissError, RunError
+from tacevo.records import Kind
 from tacevo.rules import FIRST_STUDY
 
 FORCES, FORCE_PREDICTIONS = forces()
@@ -132,6 +136,54 @@ def test_outputs_are_judged_apart() -> None:
     assert first.difference.high < 0
 
 
+def opposed(seeds: int, images: int = 60) -> tuple[Study, Predictions]:
+    """Make a regression whose variant has seeds that err much, each the other way: their ensemble errs little."""
+    rng = np.random.default_rng(1)
+    labels = rng.normal(size=(images, 2)).astype(np.float32)
+    signs = np.array([1.0, -1.0] * seeds)[:seeds, None, None]
+    around = {"baseline": 0.4 * rng.normal(size=(1, images, 2)), "variant 1": signs * np.array([0.5, 0.3])}
+    noise = {name: 0.05 * rng.normal(size=(seeds, images, 2)) for name in around}
+    return study_with(labels, {name: (labels + around[name] + noise[name]).astype(np.float32) for name in around})
+
+
+@pytest.mark.parametrize("made", [forces, gratings, partial(opposed, 4), partial(opposed, 6)])
+def test_no_verdict_contradicts_the_interval_beside_it(made: Callable[[], tuple[Study, Predictions]]) -> None:
+    """Better and worse stand where the interval lies on that side of 0, in every table that has both."""
+    study, predictions = made()
+    found = image_findings(study, predictions)
+    judged = [*found.pairs, *found.against_trivial, *(one.pair for one in found.outputs)]
+    sign = -1 if study.kind is Kind.regression else 1
+    for pair in judged:
+        ends = (sign * pair.difference.low, sign * pair.difference.high)
+        assert pair.verdict != "better" or min(ends) > 0
+        assert pair.verdict != "worse" or max(ends) < 0
+
+
+def test_ensemble_that_is_better_by_its_seeds_luck_is_undecided() -> None:
+    """Its test alone is significant; the means of the seeds say nothing, or the opposite."""
+    (pair,) = image_findings(*opposed(6)).pairs
+    assert pair.test.lead > 0
+    assert pair.p_holm < 0.001
+    assert pair.difference.low <= 0 <= pair.difference.high or pair.difference.low > 0
+    assert pair.verdict == "undecided"
+
+
+@pytest.mark.parametrize(("seeds", "has_verdicts"), [(1, False), (3, False), (4, True)])
+@pytest.mark.parametrize("made", [forces, gratings])
+def test_no_verdict_below_the_seeds_of_a_comparison(
+    made: Callable[..., tuple[Study, Predictions]], seeds: int, has_verdicts: bool
+) -> None:
+    """No outcome of three seeds is significant at 0.05, and no table of the same study may say otherwise."""
+    study, predictions = made(seeds=seeds)
+    found = image_findings(study, predictions)
+    judged = [*found.pairs, *found.against_trivial, *(one.pair for one in found.outputs)]
+    assert {pair.verdict is not None for pair in judged} == {has_verdicts}
+    for table in image_tables(study, found):
+        if "verdict" in table.columns:
+            assert {row[-1] is not None for row in table.rows} == {has_verdicts}
+            assert any("No verdicts: " in note for note in table.notes) is not has_verdicts
+
+
 def test_another_variant_changes_no_interval() -> None:
     """Nor a p before its correction."""
     names = ("baseline", "variant 1")
@@ -150,6 +202,39 @@ def test_residuals_are_mean_and_deviation() -> None:
     assert first.spreads == pytest.approx(errors.std(axis=1), rel=1e-5)
     assert (first.bias, first.spread) == pytest.approx((errors.mean(), errors.mean(axis=0).std()), rel=1e-5)
     assert OF_FORCES.spreads["Fy"] == pytest.approx(FORCE_PREDICTIONS.labels[:, 1].std(), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("units", "head", "squared"),
+    [
+        (("N", "N"), "N", "N²"),
+        (("N", "mm"), "Fx N, Fy mm", "Fx N², Fy mm²"),
+        (("N", ""), "Fx N, Fy as recorded", "Fx N², Fy as recorded"),
+        ((), "as recorded", "as recorded"),
+    ],
+)
+def test_errors_of_an_output_are_in_recorded_units(units: tuple[str, ...], head: str, squared: str) -> None:
+    """With the unit in the head of each column, by the scale of the labels; squared errors by its square."""
+    scaled, recorded = (replace(FORCES, units=units, scale=scale) for scale in ((1.0, 1.0), (2.0, 10.0)))
+    before, after = (image_tables(study, OF_FORCES)[2:] for study in (scaled, recorded))
+    assert after[0].columns[2] == f"difference (MSE, {squared})"
+    heads = ("bias", "spread", "bias, ensemble", "spread, ensemble")
+    assert after[1].columns[2:] == tuple(f"{one} ({head})" for one in heads)
+    for table, factors in zip(range(2), ({"Fx": 4, "Fy": 100}, {"Fx": 2, "Fy": 10}), strict=True):
+        for was, now in zip(before[table].rows, after[table].rows, strict=True):
+            values = [numbers(row[2 if table == 0 else slice(2, None)]) for row in (was, now)]
+            assert values[1] == pytest.approx([factors[str(was[0])] * value for value in values[0]], rel=1e-6)
+
+
+def numbers(cells: Cell | tuple[Cell, ...]) -> list[float]:
+    """List the numbers of cells."""
+    found: list[float] = []
+    for cell in cells if isinstance(cells, tuple) else (cells,):
+        if isinstance(cell, Between):
+            found += [cell.estimate, cell.low, cell.high]
+        elif isinstance(cell, int | float):
+            found.append(cell)
+    return found
 
 
 def test_trivial_classifier_is_calibrated() -> None:

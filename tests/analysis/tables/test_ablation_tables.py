@@ -14,6 +14,7 @@ from analysis.sweeps.tested import JobScore
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
 from analysis.tables.archives_of_arms import common_note, extents_note
+from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
 from tacevo.storage.plan import Measure
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
@@ -154,7 +155,10 @@ def test_primary_metric_without_values_is_missed() -> None:
     """A sweep that stated a test score, and whose jobs were not tested, does not hide it."""
     sweep = replace(SWEEP, terms=replace(STATED, retraining=None))
     notes = arms_table(sweep, replace(FOUND, primary=Metric.test_mse), "n").notes
-    assert any(note.startswith("No job has a test MSE yet") for note in notes)
+    (note,) = (note for note in notes if note.startswith("No job has a test MSE yet"))
+    assert "tacevo study sweep=DIR" in note
+    tables = ablation_tables(sweep, replace(FOUND, primary=Metric.test_mse), "n")
+    assert [table.name for table in tables if "`" in as_markdown(table)] == []  # Markdown's escapes would be typed, too
     untested = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r"),))
     assert "Without a test score, 1 job: none-seed0." in best(untested).notes
     table = metric_table(untested, FOUND, Metric.test_mse, ARCHIVE)

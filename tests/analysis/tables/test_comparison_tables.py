@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 from checkout import GOLDEN
 from studies import FOUR, around, in_text, study_of, study_of_outputs
 
@@ -97,6 +98,20 @@ def test_outputs_have_a_table() -> None:
     assert study_tables(study, found)[-1] == table
     assert any("mean over the outputs" in note for note in verdicts_table(study, found).notes)
     assert "outputs_force" not in [table.name for table in study_tables(STUDY, compare(STUDY))]
+
+
+def test_errors_of_outputs_are_in_recorded_units() -> None:
+    """Squared, as the column says; the comparison does not depend on the unit."""
+    near, far = around(0.02, step=0.0001), around(0.03, step=0.0001)
+    study = study_of_outputs({name: {"baseline": near, "variant 1": far} for name in ("Fx", "yaw_deg")})
+    units = replace(study, units=("N", "deg"), scale=(10.0, 3.0))
+    plain, table = (outputs_table(one, compare(one)) for one in (study, units))
+    assert table.columns[2] == "median (MSE, Fx N², yaw deg²)"
+    factors = [{"Fx": 100, "yaw_deg": 9}[str(row[0])] for row in plain.rows]
+    assert [row[2] for row in table.rows] == pytest.approx(
+        [factor * float(str(row[2])) for factor, row in zip(factors, plain.rows, strict=True)]
+    )
+    assert [row[3:] for row in table.rows] == [row[3:] for row in plain.rows]
 
 
 def test_output_that_is_not_compared_is_named() -> None:
