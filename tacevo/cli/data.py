@@ -12,7 +12,7 @@ from tacevo.runs.data_report import describe, report
 _EPILOG = """\
 examples:
   tacevo data check task=force
-  tacevo data check task=force data=tacverse data.root=DIR
+  tacevo data check experiment=published_force data=tacverse data.root=DIR
   tacevo data show task=grating -o gratings.pdf
   tacevo data simulate task=force n=3000 out=simulated
 """

@@ -9,6 +9,7 @@ from tacevo.cli.common import DONE, Parser, as_typed
 from tacevo.config.folder import conf_root
 from tacevo.config.new_task import write_task
 from tacevo.config.schema import TaskConfig
+from tacevo.config.tasks import left_of_others
 from tacevo.records import Kind
 
 #: The small experiment for labels of each kind.
@@ -32,18 +33,21 @@ def _init(options: argparse.Namespace) -> int:
         f"task/{task.name}.yaml": "outputs and their names",
         task.system: "what the images show",
         task.instructions: "what a mutation does",
-        task.baseline: "where a search starts",
+        task.baseline: f"where a search starts; its {task.output_argument}={task.outputs} is that of outputs, too",
     }
     places = {name: os.path.relpath(conf_root() / name) for name in files}
     for name, what in files.items():
         print(f"wrote:  {places[name]} (to edit: {what})")
+    for words in left_of_others(task):
+        print(f"edit:   {words}")
     tacevo, own = as_typed("tacevo"), f"task={task.name} {_images(task)}"
     print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {task.name}")
     if options.like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
         lent = f"task={task.name} task.name={options.like}"
         print(f"try:    {tacevo} search experiment=demo {lent}  # before the edit, on simulated images")
-    print(f"look:   {tacevo} data check {own}")
-    print(f"next:   {tacevo} search experiment={_SMALL[task.kind]} {own}")
+    own = f"experiment={_SMALL[task.kind]} {own}"
+    print(f"look:   {tacevo} data check {own}  # says what is still the other task's")
+    print(f"next:   {tacevo} search {own}")
     return DONE
 
 

@@ -134,12 +134,20 @@ class _Recording:
 
 def _recorded(path: Path, text: str) -> tuple[str, str]:
     """Return the answer and the stop reason of a JSON recording."""
-    recording = parse(_Recording, text, place=str(path), error=ConfigError)
+    recording = parse(_Recording, _whole(text), place=str(path), error=ConfigError)
     answer = recording.source if recording.response is None else recording.response
     if answer is None:
         keys = listed(sorted(json.loads(text)), "no field")
         raise ConfigError(keys, place=str(path), expected="a field `response` or `source` with a text")
     return answer, recording.stop_reason
+
+
+def _whole(text: str) -> str:
+    r"""Replace the lone surrogates of JSON, such as `\ud83d`, by question marks, as in an answer from a server."""
+    if "\\ud" in text.lower():
+        with contextlib.suppress(ValueError, RecursionError):  # which `parse` names
+            return json.dumps(json.loads(text), ensure_ascii=False).encode(errors="replace").decode()
+    return text
 
 
 def _judged(file: str, admission: Admitted | Rejection) -> dict[str, Json]:

@@ -4,7 +4,7 @@ import contextlib
 import inspect
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
 from typing import TypeVar, cast
 
@@ -22,6 +22,7 @@ from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.folder import conf_root, groups
 from tacevo.config.plain import converted, from_plain, near, to_plain
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
+from tacevo.config.sources import check_used, unused
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
@@ -36,8 +37,9 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     `ablation=no_prompt_archive prompts=curiosity`, and the arm would silently be another one.
 
     Raises:
-        ConfigError: an unknown key, a value of the wrong type or range, or an unknown choice; the error's place is the
-            key as the user wrote it. Or the chosen arm changes nothing.
+        ConfigError: an unknown key, a value of the wrong type or range, an unknown choice, or a setting of data that
+            the source does not use; the error's place is the key as the user wrote it. Or the chosen arm changes
+            nothing.
     """
     _check_settings(overrides)
     choice, others = split_arm(overrides)
@@ -47,8 +49,12 @@ def compose(overrides: Sequence[str]) -> RunConfig:
         if arm:
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
-        plain = _plain(composed)
-    return from_plain(plain)
+        config = from_plain(_plain(composed))
+        without = [each for each in others if not _names_any(each, unused(config))]
+        if len(without) < len(others) or "data" in arm:
+            usual = hydra_compose("config", overrides=without)
+            check_used(config, _plain(composed.data), _plain(usual.data))
+    return config
 
 
 def compose_estimate(overrides: Sequence[str]) -> RunConfig:
@@ -118,6 +124,7 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
     own = {key: laid[key] for key in brought | named}
     found = from_plain({**to_plain(config), "data": {**to_json(config.data), **own}})
+    check_used(found, {**chosen, **{key: laid[key] for key in named}}, chosen)
     if found.data.image_size != config.data.image_size:
         raise ConfigError(
             str(found.data.image_size),
@@ -165,6 +172,14 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     with _hydra([], overrides):
         parser = overrides_parser.OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
         return tuple(_values(override) for override in parser.parse_overrides(list(overrides)))
+
+
+def _names_any(override: str, settings: Collection[str]) -> bool:
+    """Answer whether an override sets one of these settings of data, or all of them at once."""
+    key, _, value = override.partition("=")
+    if key == "data":
+        return value.lstrip().startswith("{")
+    return key.startswith("data.") and key.removeprefix("data.") in settings
 
 
 def _plain(composed: DictConfig) -> dict[str, Json]:

@@ -53,6 +53,14 @@ def is_a(words: str, holds: Callable[[Any], object]) -> AfterValidator:
     return AfterValidator(check)
 
 
+def _is_pattern(text: str) -> bool:
+    """Answer whether this is a regular expression that is not empty."""
+    try:
+        return bool(re.compile(text).pattern)
+    except (re.error, OverflowError, RecursionError):
+        return False
+
+
 # The kinds of values; an error names a kind in the words that stand here.
 Natural = Annotated[int, Ge(0)]
 Count = Annotated[int, Ge(1)]
@@ -63,6 +71,7 @@ Part = Annotated[float, Gt(0), Lt(1)]
 Text = Annotated[str, is_a("text that is not empty", bool)]
 Name = Annotated[str, is_a("letters, digits, _ and -", re.compile(r"[\w-]+").fullmatch)]
 Identifier = Annotated[str, is_a("a name that Python allows", str.isidentifier)]
+Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +143,12 @@ class DataConfig(Record):
     #: With `split=random`: the parts of all images that are for validation and for the test; the others train.
     validation_part: Part = 0.1
     test_part: Part = 0.1
+    #: Recorded: the stored value that becomes 255; null for the largest that the files can hold.
+    white_point: Positive | None = None
+    #: What images of one press share, which a random split keeps in one part: a value in a column of the table, or what
+    #: a regular expression finds in an image's path.
+    group_column: Text | None = None
+    group_pattern: Pattern | None = None
 
     @property
     def held_out(self) -> tuple[float, float]:

@@ -30,6 +30,10 @@ CACHE_SCHEMA = 2
 
 MINIMUM_IMAGES = 10
 
+#: How often groups that a setting names are dealt out, for the split that is nearest to the wanted sizes. Groups that a
+#: source itself has are dealt out once: their splits are older than this, and stay.
+TRIES = 100
+
 WAITING = "data: another process makes this data set; waiting for it"
 
 
@@ -104,7 +108,15 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple
     """
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
     if rule is SplitRule.random:
-        parts = random_split(len(catalogue.labels), seed, held_out=held_out, groups=catalogue.groups, classes=classes)
+        groups, chosen_by = catalogue.groups, catalogue.groups_chosen_by
+        if groups is not None and chosen_by is not None and (found := len(np.unique(groups))) < 3:
+            expected = "at least 3 groups of images, one for each part of the split"
+            remedy = "record more presses, or let this setting name smaller groups"
+            raise DataError(str(found), place=chosen_by, expected=expected, remedy=remedy)
+        tries = 1 if chosen_by is None else TRIES
+        parts = random_split(
+            len(catalogue.labels), seed, held_out=held_out, groups=groups, classes=classes, tries=tries
+        )
     elif catalogue.release is not None:
         parts = catalogue.release
     else:
@@ -205,7 +217,9 @@ def make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progre
             faults.extend(f"{_place(catalogue, row)} ({fault})" for row, fault in found)
             if progress is not None and not faults:  # "all images made" must be true
                 progress(min(done * CHUNK, len(pictures)), len(pictures))
-    check_no_faults("some images cannot be read", faults, "repair or remove them")
+    beyond = bool(faults) and all("data.white_point" in fault for fault in faults)
+    remedy = "set a larger data.white_point" if beyond else "repair or remove them"
+    check_no_faults("some images cannot be read", faults, remedy)
     return path
 
 

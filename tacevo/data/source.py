@@ -43,6 +43,8 @@ class Catalogue:
     names_chosen_by: str | None = None
     #: int64 (N,): rows with the same number were recorded together and share a part of a random split; None: no two.
     groups: npt.NDArray[np.int64] | None = None
+    #: The setting that names the groups; None where the source itself has them.
+    groups_chosen_by: str | None = None
     #: The split that the authors of the recording name; None where they do not name one.
     release: Split | None = None
     #: Width and height of the images before they are resized, in pixels; None where they are drawn to size.
@@ -51,6 +53,10 @@ class Catalogue:
     files: Sequence[Path] | None = None
     #: What a message calls each picture, e.g. `line 3 'a.png'`; None: its row.
     places: Sequence[str] | None = None
+    #: The bits that each file has for a value; empty where the pictures come from no files of their own.
+    depths: Sequence[int] = ()
+    #: One call per picture: its largest stored value, and the value that becomes 255. Empty where pictures are drawn.
+    extents: Sequence[Callable[[], tuple[float, float]]] = ()
     #: How many labelled rows were left out because their image is missing.
     skipped: int = 0
     #: Files that lie among the images and are not part of the data set.

@@ -42,6 +42,7 @@ def random_split(
     held_out: tuple[float, float] = TENTHS,
     groups: npt.NDArray[np.int64] | None = None,
     classes: npt.NDArray[np.int64] | None = None,
+    tries: int = 1,
 ) -> Split:
     """Split rows at random into training, validation and test; no group is ever torn.
 
@@ -49,7 +50,9 @@ def random_split(
     nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where rows share groups, whole groups
     are dealt out, and the parts end at the group ends nearest to those numbers. Where no two rows share one, nothing is
     kept together, and rows are dealt out alone. Each class is dealt out evenly; a group counts as one of its first
-    row's class. Groups and class numbers are of shape (count,). The seed is the split's own, apart from the run's.
+    row's class. Of several tries, which matter to groups of different sizes alone, the first counts that lacks the
+    fewest classes in its parts and comes nearest to the numbers. Groups and class numbers are of shape (count,). The
+    seed is the split's own, apart from the run's.
 
     Raises:
         DataError: a part would be empty; or rows share groups, and there are fewer than three groups.
@@ -70,10 +73,21 @@ def random_split(
     if len(sizes) < 3:
         expected = "at least 3 groups, one for each part of the split"
         raise DataError(str(len(sizes)), place="the data set", expected=expected)
-    order = _spread(rng.permutation(len(sizes)), None if classes is None else classes[first])
-    place_of_group = np.argsort(order)
-    rows = np.argsort(place_of_group[members], kind="stable")
-    return _split_at(rows, _group_ends(np.cumsum(sizes[order]), ends))
+
+    def dealt() -> Split:
+        order = _spread(rng.permutation(len(sizes)), None if classes is None else classes[first])
+        place_of_group = np.argsort(order)
+        rows = np.argsort(place_of_group[members], kind="stable")
+        return _split_at(rows, _group_ends(np.cumsum(sizes[order]), ends))
+
+    return min((dealt() for _ in range(tries)), key=lambda split: _misfit(split, (train, validation, test), classes))
+
+
+def _misfit(split: Split, wanted: tuple[int, int, int], classes: npt.NDArray[np.int64] | None) -> tuple[int, int]:
+    """Count the classes that parts lack, and the rows that parts have beyond what is wanted or lack to it."""
+    parts = (split.train, split.validation, split.test)
+    held = 0 if classes is None else sum(len(np.unique(classes[part])) for part in parts)
+    return -held, sum(abs(len(part) - size) for part, size in zip(parts, wanted, strict=True))
 
 
 def _group_ends(sums: npt.NDArray[np.int64], ends: tuple[int, int]) -> tuple[int, int]:

@@ -15,13 +15,16 @@ from tacevo.config.tasks import load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.figures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.labels import units_of
+from tacevo.data.likeness import nearly_equal
 from tacevo.data.simulator.export import export, overrides_for
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
 from tacevo.data.survey import survey
 from tacevo.errors import ConfigError
+from tacevo.records import Task
 from tacevo.runs.data_report import Inspection
 from tacevo.runs.datasets import load_data, load_same, source_of
+from tacevo.runs.doubts import doubts_of, told
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 
@@ -38,14 +41,23 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
     """
     sheet = None if output is None else _writable(output)
-    config, catalogue, dataset = _loaded(overrides, console)
+    config, catalogue, dataset, task = _loaded(overrides, console)
     units = units_of(catalogue)
     path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
     counts = " / ".join(map(str, dataset.facts.counts))
     title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {dataset.facts.fingerprint[:8]}"
     save(contact_sheet(dataset, units=units, title=title), path)
-    counted = survey(dataset, units)
-    return Inspection(config=config, dataset=dataset, survey=counted, catalogue=catalogue, sheet=path)
+    return Inspection(
+        config=config,
+        dataset=dataset,
+        survey=survey(dataset, units),
+        alike=nearly_equal(dataset) if catalogue.recorded_size is not None else (),
+        catalogue=catalogue,
+        sheet=path,
+        told=told(task),
+        doubts=tuple(doubts_of(config, task, dataset, catalogue)),
+        is_sized=any(override.startswith(("experiment=", "data.image_size=")) for override in overrides),
+    )
 
 
 def show(overrides: Sequence[str], output: str, width: str, console: Console) -> Path:
@@ -55,7 +67,7 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
         TacevoError: as `inspect_data`.
     """
     path = _writable(output)
-    _, catalogue, dataset = _loaded(overrides, console)
+    _, catalogue, dataset, _ = _loaded(overrides, console)
     save(sample_figure(dataset, units=units_of(catalogue), width=width), path)
     return path
 
@@ -104,14 +116,13 @@ def simulate(settings: Sequence[str], console: Console, tacevo: str) -> str:
     return f"{count} images and their labels: {out}\nread them: {tacevo} data check {command}"
 
 
-def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset]:
+def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset, Task]:
     """Load a data set, and check that it suits its task, as a search does."""
     config = compose([_NO_MODEL, *overrides])
     catalogue = source_of(config).catalogue()
     with Progress(console) as view:
         dataset = load_data(config, view, catalogue=catalogue)
-    load_task(config, dataset.facts)
-    return config, catalogue, dataset
+    return config, catalogue, dataset, load_task(config, dataset.facts)
 
 
 def _writable(name: str) -> Path:

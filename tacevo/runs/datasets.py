@@ -91,9 +91,17 @@ def source_of(config: RunConfig) -> Source:
                 target_columns=tuple(data.target_columns),
                 image_size=data.image_size,
                 skip_missing=data.skip_missing,
+                white_point=data.white_point,
+                group_column=data.group_column,
+                group_pattern=data.group_pattern,
             )
         case DataSource.folder:
-            return Folder(root=root, image_size=data.image_size)
+            return Folder(
+                root=root,
+                image_size=data.image_size,
+                white_point=data.white_point,
+                group_pattern=data.group_pattern,
+            )
         case DataSource.tacverse:
             return TacVerse(
                 root=root,
@@ -102,9 +110,10 @@ def source_of(config: RunConfig) -> Source:
                 pattern=data.pattern,
                 image_size=data.image_size,
                 skip_missing=data.skip_missing,
+                white_point=data.white_point,
             )
         case DataSource.numpy:
-            return Arrays(root=root, image_size=data.image_size)
+            return Arrays(root=root, image_size=data.image_size, white_point=data.white_point)
 
 
 def _sensor_task(config: RunConfig) -> SensorTask:

@@ -19,6 +19,7 @@ from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
+from tacevo.runs.doubts import doubts_of
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
@@ -67,7 +68,10 @@ def search(config: RunConfig, view: Progress) -> Result:
     llm = needed_llm(config)
     with start_zygote(config) as zygote:
         data = load_data(config, view)
-        return record(config, load_task(config, data.facts), data, view, zygote=zygote, llm=llm)
+        task = load_task(config, data.facts)
+        for doubt in doubts_of(config, task, data):
+            view.say(f"warning: {doubt}")
+        return record(config, task, data, view, zygote=zygote, llm=llm)
 
 
 def needed_llm(config: RunConfig) -> LLM:

@@ -14,7 +14,7 @@ from tacevo.cli.app import main
 from tacevo.config import folder
 from tacevo.config.compose import compose
 from tacevo.config.new_task import write_task
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.tasks import facts_without_data, left_of_others, load_task
 from tacevo.errors import ConfigError
 from tacevo.runs.datasets import source_of
 
@@ -121,3 +121,58 @@ def test_directory_that_cannot_be_written_is_named(protected: str, conf: Path) -
     ):
         write_task("shear", "force")
     assert contents(conf) == before
+
+
+def test_a_check_and_the_search_after_it_take_the_same_images(conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The size that was looked at is the size that is trained with."""
+    for name, like in (("shear", "force"), ("ridges", "grating")):
+        assert main(["init", name, "--like", like]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        commands = {line.split(":")[0]: shlex.split(line, comments=True)[2:] for line in lines}
+        look, following = compose(commands["look"][2:]), compose(commands["next"][1:])
+        assert look.data == following.data
+        assert look.data.image_size < 256
+
+
+def test_what_is_left_of_the_other_task_is_named_until_it_is_gone(
+    conf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The lines whose words are another task's, then what was edited in one file alone; of a sound task, nothing."""
+    assert main(["init", "shear", "--like", "force"]) == 0
+    out = capsys.readouterr().out
+    assert "conf/library/shear/system.md tells the model of another task: 'force' in line 6" in out
+    assert left_of_others(compose(["task=force"]).task) == []
+    own = conf / "library" / "shear"
+    for name in ("system.md", "instructions.yaml", "baseline.py"):
+        text = (own / name).read_text()
+        (own / name).write_text("".join(line.replace("force", "slip") for line in text.splitlines(keepends=True)))
+    assert left_of_others(compose(["task=shear"]).task) == []
+    (own / "system.md").write_text((own / "system.md").read_text() + "Grooves help.\n")
+    two = compose(["task=shear", "task.outputs=2", "task.output_names=[a,b,c]"]).task
+    names, number, words = left_of_others(two)
+    assert "task.outputs=2, and task.output_names=a, b, c" in names
+    assert "num_outputs=3 in conf/library/shear/baseline.py" in number
+    assert words.startswith("conf/library/shear/system.md")
+    assert "'Grooves' in line" in words
+    baseline = (own / "baseline.py").read_text()
+    (own / "baseline.py").write_text(baseline.replace("num_outputs=3", "*, num_outputs=2"))
+    assert left_of_others(replace(two, output_names=("a", "b")))[:-1] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "names", "kept"),
+    [("shear_force", "[a,b,c]", set()), ("shear", "[force_x,force_y,force_z]", set()), ("shear", "[a,b,c]", {"force"})],
+)
+def test_words_of_the_tasks_own_names_are_no_trap(name: str, names: str, kept: set[str], conf: Path) -> None:
+    """A task may well be about a force, under another name."""
+    write_task(name, "force")
+    said = " ".join(left_of_others(compose([f"task={name}", f"task.output_names={names}"]).task))
+    assert {word for word in ("force", "grating", "hard") if f"'{word}" in said} == kept
+
+
+@pytest.mark.parametrize("baseline", ["(", "x = 1\n", "class ImageRegressionCNN:\n    pass\n"])
+def test_baseline_without_a_default_is_for_the_gate_to_judge(baseline: str, conf: Path) -> None:
+    """What is no class with such a default is not compared."""
+    write_task("shear", "force")
+    (conf / "library" / "shear" / "baseline.py").write_text(baseline)
+    assert not any("num_outputs" in words for words in left_of_others(compose(["task=shear", "task.outputs=2"]).task))

@@ -84,6 +84,25 @@ def test_setting_of_a_run_that_is_wrong_names_its_file(shown: Path) -> None:
         show_run(shown)
 
 
+def test_half_an_emoji_of_a_recording_is_judged_as_from_a_server(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A server's answer has a question mark there when it is kept; so has a recording, in every field that is read."""
+    baseline = task_without_data("force", 32)[1].baseline
+    recording = json.dumps({"response": f"caf\ud83d ```python\n{baseline}```", "stop_reason": "end\udc00"})
+    assert r"\ud83d" in recording
+    for name, text in {"low.json": recording, "high.json": recording.replace(r"\ud83d", r"\uD83D")}.items():
+        (place / name).write_text(text)
+    (place / "asked.json").write_text(recording.replace(r"\ud83d", "?").replace(r"\udc00", "?"))
+    (place / "deep.json").write_text('{"response": "\\ud83d", "x": ' + "[" * 10_000)
+    assert main(["check", "low.json", "high.json", "asked.json", "--image-size", "32"]) == 0
+    verdicts = {line.partition(": ")[2] for line in capsys.readouterr().out.splitlines()}
+    assert len(verdicts) == 1
+    assert verdicts.pop().startswith("admitted")
+    assert main(["check", "deep.json", "--image-size", "32"]) == 2
+    assert "deep.json: expected JSON" in capsys.readouterr().err
+
+
 def test_words_say_what_json_says(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line a file: a source in a recording that is admitted, and an answer that was cut off."""
     baseline = (conf_root() / "library" / "force" / "baseline.py").read_text()

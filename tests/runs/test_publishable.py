@@ -9,14 +9,11 @@ from tacevo.errors import ConfigError
 from tacevo.runs.publishable import published_config, published_overrides
 from tacevo.storage.canonical import value_at
 
-#: Settings that are paths, in every form.
-PATHS = [
-    "data=csv",
-    "data.target_columns=[fx]",
+#: Settings that are paths, in every form; those of a release after those of a table.
+OF_TABLE = ["data=csv", "data.target_columns=[fx]", "data.table=/home/secret/labels.csv"]
+OF_RELEASE = ["data=tacverse", "task=grating", "data.sensor=/home/secret/gelsight", "data.pattern=/home/secret/pattern"]
+OF_BOTH = [
     "data.root=/home/secret/images",
-    "data.table=/home/secret/labels.csv",
-    "data.sensor=/home/secret/gelsight",
-    "data.pattern=/home/secret/pattern",
     "llm.prices=/home/secret/prices.yaml",
     "task.baseline=/home/secret/baseline.py",
     "task.instructions=/home/secret/instructions.yaml",
@@ -28,13 +25,17 @@ PATHS = [
 ]
 
 
-def test_no_path_and_no_address_is_left() -> None:
+@pytest.mark.parametrize(
+    ("paths", "left"),
+    [(OF_TABLE, {"table": "labels.csv"}), (OF_RELEASE, {"sensor": "gelsight", "pattern": "pattern"})],
+    ids=["table", "release"],
+)
+def test_no_path_and_no_address_is_left(paths: list[str], left: dict[str, str]) -> None:
     """Each keeps its last part, or goes."""
-    published = published_config(to_plain(compose(PATHS)))
+    published = published_config(to_plain(compose([*paths, *OF_BOTH])))
     assert "secret" not in str(published)
-    assert value_at(published, ("data", "root")) == "images"
-    assert value_at(published, ("data", "table")) == "labels.csv"
-    assert [value_at(published, ("data", name)) for name in ("sensor", "pattern")] == ["gelsight", "pattern"]
+    for name, value in {"root": "images", **left}.items():
+        assert value_at(published, ("data", name)) == value
 
 
 @pytest.mark.parametrize("root", [".", "..", "/", "images/.."])
@@ -52,11 +53,13 @@ def test_relative_files_stay() -> None:
     assert published_config(config)["task"] == config["task"]
 
 
-def test_overrides_give_the_published_configuration() -> None:
+@pytest.mark.parametrize("paths", [OF_TABLE, OF_RELEASE], ids=["table", "release"])
+def test_overrides_give_the_published_configuration(paths: list[str]) -> None:
     """What is left of the command composes to what is left of the settings."""
-    published = published_config(to_plain(compose([*PATHS, "seed=4"])))
-    composed = to_plain(compose(published_overrides([*PATHS, "seed=4"])))
-    assert "secret" not in str(published_overrides(PATHS))
+    command = [*paths, *OF_BOTH, "seed=4"]
+    published = published_config(to_plain(compose(command)))
+    composed = to_plain(compose(published_overrides(command)))
+    assert "secret" not in str(published_overrides(command))
     for group in ("seed", "data", "task", "search", "archive"):
         assert composed[group] == published[group]
 
@@ -71,7 +74,7 @@ def test_quoted_override_stays_quoted() -> None:
 
 def test_original_is_left_as_it_is() -> None:
     """Publishing changes nothing of the run."""
-    config = to_plain(compose(PATHS))
+    config = to_plain(compose([*OF_TABLE, *OF_BOTH]))
     before = str(config)
     published_config(config)
     assert str(config) == before

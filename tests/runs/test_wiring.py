@@ -18,7 +18,7 @@ from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Completion, Mode, Request, to_json
 from tacevo.rules import CURRENT
-from tacevo.runs.datasets import load_data
+from tacevo.runs.datasets import load_data, source_of
 from tacevo.runs.pace import noise
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature, provider_settings
@@ -79,11 +79,12 @@ def test_archive_is_loaded(tmp_path: Path) -> None:
     assert load(tmp_path, "data=numpy").facts.counts == (10, 1, 1)
 
 
-@pytest.mark.parametrize("source", ["simulated", "tacverse"])
-def test_task_that_a_source_does_not_know_is_refused(tmp_path: Path, source: str) -> None:
+@pytest.mark.parametrize("overrides", [["data=simulated"], ["data=tacverse", "data.root=recording"]])
+def test_task_that_a_source_does_not_know_is_refused(overrides: list[str]) -> None:
     """The message lists the tasks that it knows."""
-    with refused(ConfigError, place=f"data={source}", expected="one of force, grating, hardness", got="pose"):
-        load(tmp_path, f"data={source}", "task.name=pose")
+    place, expected = overrides[0], "one of force, grating, hardness"
+    with refused(ConfigError, place=place, expected=expected, got="pose"):
+        source_of(compose([*overrides, "task.name=pose"]))
 
 
 def cut_all_images(folder: Path) -> None:

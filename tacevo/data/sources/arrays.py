@@ -1,6 +1,7 @@
 """A NumPy archive (`.npz`) as a source: images and labels as arrays, made by a lab's own script.
 
-    images   uint8, (N, H, W), (N, H, W, 1) or (N, H, W, 3) in the order red, green, blue
+    images   uint8, (N, H, W), (N, H, W, 1) or (N, H, W, 3) in the order red, green, blue; with data.white_point any
+             numbers
     labels   floats (N,) or (N, K): regression; integers (N,) from 0 to K - 1: classification
     names    text (K,), may be absent: names of the outputs or classes
     groups   integers (N,), may be absent: equal for rows that were recorded together
@@ -12,16 +13,16 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
 
 from tacevo.data.source import Catalogue, Picture, check_no_faults
 from tacevo.data.sources.hints import check_file
-from tacevo.data.sources.images import DECODING, files_hash, square
+from tacevo.data.sources.images import DECODING, extent, files_hash, square, to_8_bits
+from tacevo.data.sources.names import is_passed_over
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -40,6 +41,8 @@ class Arrays:
     root: Path
     #: Height and width that images are resized to, in pixels.
     image_size: int
+    #: The stored value that becomes 255; None for images of 8 bits as they are.
+    white_point: float | None = None
 
     def describe(self) -> Json:
         """Name the content: the bytes of the archive, not where it lies.
@@ -49,7 +52,10 @@ class Arrays:
         """
         check_file(self.root, "data.root", _ARCHIVE)
         content = files_hash([self.root])
-        return {"source": "numpy", "decoding": DECODING, "archive": content, "image_size": self.image_size}
+        described: dict[str, Json] = {"source": "numpy", "decoding": DECODING, "archive": content}
+        if self.white_point is not None:  # which was not a setting at first
+            described["white_point"] = self.white_point
+        return {**described, "image_size": self.image_size}
 
     def catalogue(self) -> Catalogue:
         """List labels and images in the order of the arrays.
@@ -59,7 +65,7 @@ class Arrays:
         """
         arrays = _read(self.root)
         images, labels = arrays["images"], _in_64_bits(arrays["labels"])
-        _check_images(images)
+        _check_images(images, self.white_point)
         count = len(images)
         _check_length("labels", labels, count)
         classified = labels.dtype.kind in "iu"
@@ -69,20 +75,24 @@ class Arrays:
             names=_names(arrays.get("names"), outputs, "{}" if classified else "label {}"),
             labels=labels.astype(np.int64) if classified else labels.astype(np.float64).reshape(count, outputs),
             image_size=self.image_size,
-            pictures=tuple(partial(resized, image, self.image_size) for image in images),
+            pictures=tuple(partial(resized, image, self.image_size, self.white_point) for image in images),
+            extents=tuple(partial(extent, image, self.white_point) for image in images),
             groups=_groups(arrays.get("groups"), count),
             recorded_size=(images.shape[2], images.shape[1]),
         )
 
 
-def resized(image: npt.NDArray[np.uint8], image_size: int) -> Picture:
-    """Resize one image as files are resized.
+def resized(image: npt.NDArray[Any], image_size: int, white_point: float | None = None) -> Picture:
+    """Scale and resize one image as files are.
 
     Returns:
         uint8, shape (3, image_size, image_size).
+
+    Raises:
+        DataError: a value is negative or beyond the white point.
     """
     flat = image[:, :, 0] if image.shape[2:] == (1,) else image
-    return square(Image.fromarray(flat).convert("RGB"), image_size)
+    return square(to_8_bits(flat, white_point), image_size)
 
 
 def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
@@ -97,8 +107,9 @@ def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
         except Exception as error:  # zipfile, zlib and NumPy raise a dozen classes for a damaged file
             raise DataError("a damaged list of arrays", place=str(path), remedy=_REMEDY) from error
         with archive:
-            _check_keys(path, archive)
-            return {name: _array(path, archive, name) for name in archive.files}
+            names = [name for name in archive.files if not is_passed_over(PurePath(name))]
+            _check_keys(path, frozenset(names))
+            return {name: _array(path, archive, name) for name in names}
 
 
 def _begins_as_array(path: Path) -> bool:
@@ -121,21 +132,26 @@ def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any
     return array
 
 
-def _check_keys(path: Path, archive: Mapping[str, Any]) -> None:
+def _check_keys(path: Path, names: frozenset[str]) -> None:
     """Refuse an archive that lacks an array, or has an unknown one: a misspelt `groups` would leak."""
-    names = set(archive)
     check_no_faults(f"{path.name} lacks arrays", sorted(REQUIRED - names), f"it has {sorted(names)}")
     unknown = sorted(names - REQUIRED - OPTIONAL)
     check_no_faults(f"{path.name} has unknown arrays", unknown, f"remove them; known are {sorted(REQUIRED | OPTIONAL)}")
 
 
-def _check_images(images: npt.NDArray[Any]) -> None:
+def _check_images(images: npt.NDArray[Any], white_point: float | None) -> None:
     if images.ndim > 2 and 0 in images.shape:
         raise DataError(f"shape {images.shape}", place="images", expected="at least 10 images")
     shaped = images.ndim == 3 or (images.ndim == 4 and images.shape[3] in (1, 3))
-    if images.dtype != np.uint8 or not shaped:
-        expected = "uint8 of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3)"
-        raise DataError(f"{images.dtype} of shape {images.shape}", place="images", expected=expected)
+    known = images.dtype == np.uint8 or (white_point is not None and images.dtype.kind in "uif")
+    if not (known and shaped):
+        number = "uint8" if white_point is None else "numbers"
+        expected = f"{number} of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3)"
+        remedy = "set data.white_point to the value that is white" if shaped and images.dtype.kind in "uif" else ""
+        raise DataError(f"{images.dtype} of shape {images.shape}", place="images", expected=expected, remedy=remedy)
+    if white_point is not None and images.dtype == np.uint8 and white_point > 255:
+        expected = "at most 255 for images of 8 bits"
+        raise DataError(f"{white_point:g}", place="data.white_point", expected=expected)
 
 
 def _check_length(name: str, array: npt.NDArray[Any], count: int) -> None:

@@ -1,4 +1,4 @@
-"""Classification from a directory of directories: `<root>/<class>/**/*.png` (or any other of `images.SUFFIXES`).
+"""Classification from a directory of directories: `<root>/<class>/**/*.png` (or any other of `names.SUFFIXES`).
 
 Files with other endings, and files beside the class directories, are not part of the data set; the catalogue lists
 them.
@@ -10,10 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
+from tacevo.data.sources.groups import groups_in
 from tacevo.data.sources.hints import check_directory, content, directories, number_in
-from tacevo.data.sources.images import DECODING, SUFFIXES, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.names import SUFFIXES, folded
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
+
+#: What the parts of a split are called, in lower case: a root whose directories are these holds no classes.
+_PARTS = frozenset({"train", "training", "val", "valid", "validation", "test", "testing"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,6 +28,10 @@ class Folder:
     root: Path
     #: Height and width that images are resized to, in pixels.
     image_size: int
+    #: The stored value that becomes 255; None for the full range of the files.
+    white_point: float | None = None
+    #: A regular expression that finds in an image's path what images of one press share; None: unknown.
+    group_pattern: str | None = None
 
     def describe(self) -> Json:
         """Name the content: class names, and the name and bytes of every image, not where they lie.
@@ -32,7 +41,9 @@ class Folder:
         """
         classes = _classes(self.root)
         images = [path for paths in classes.values() for path in paths]
+        chosen = {"white_point": self.white_point, "group_pattern": self.group_pattern}
         return {
+            **{name: value for name, value in chosen.items() if value is not None},  # which were no settings at first
             "source": "folder",
             "decoding": DECODING,
             "classes": {name: len(paths) for name, paths in classes.items()},
@@ -51,10 +62,15 @@ class Folder:
         classes = _classes(self.root)
         counts = [len(paths) for paths in classes.values()]
         images = [path for paths in classes.values() for path in paths]
+        names = [path.relative_to(self.root).as_posix() for path in images]
+        pattern = self.group_pattern
         return file_catalogue(
             images,
-            [path.relative_to(self.root).as_posix() for path in images],
+            names,
             self.image_size,
+            self.white_point,
+            groups=None if pattern is None else groups_in(names, pattern),
+            groups_chosen_by=None if pattern is None else "data.group_pattern",
             kind=Kind.classification,
             names=tuple(classes),
             labels=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
@@ -72,6 +88,7 @@ def _classes(root: Path) -> dict[str, list[Path]]:
     alike = repeats((name, _key(name)) for name in _ordered(names))
     check_no_faults(f"classes in {root} are there twice", alike, "join or rename them: 0.5 is 0.50, and Wood is wood")
     classes = {name: _images(root / name) for name in _ordered(names)}
+    _check_parts(root, [name for name, paths in classes.items() if paths])
     empty = [name for name, paths in classes.items() if not paths]
     check_no_faults(
         f"{root}, where directories have no images",
@@ -83,6 +100,23 @@ def _classes(root: Path) -> dict[str, list[Path]]:
     return classes
 
 
+def _check_parts(root: Path, names: list[str]) -> None:
+    """Refuse the parts of somebody's split where the classes should be: each part has all classes within."""
+    if not names or not {name.casefold() for name in names} <= _PARTS:
+        return
+    holding = sorted(names, key=lambda name: (not name.casefold().startswith("train"), name))
+    roots = [root / name for name in holding if directories(root / name)]
+    remedy = "put the images of each class into one directory, whatever part they were in: tacevo splits them itself"
+    if roots:
+        remedy = f"set data.root={roots[0]} to use that part alone, which tacevo splits itself; or {remedy}"
+    raise DataError(
+        f"{root}, which holds {listed(names)}: the parts of a split",
+        place="data.root",
+        expected="the directory that has one directory per class",
+        remedy=remedy,
+    )
+
+
 def _ordered(names: list[str]) -> list[str]:
     """Sort class names, as numbers where all are numbers, so that 2 comes before 10."""
     keys = {name: _key(name) for name in names}
@@ -92,17 +126,17 @@ def _ordered(names: list[str]) -> list[str]:
 
 
 def _key(name: str) -> float | str:
-    """Return what two names of one class have in common: a finite number, or the text without its case."""
+    """Return what two names of one class have in common: a finite number, or the text without case and Unicode form."""
     number = number_in(name)
-    return name.casefold() if number is None else number
+    return folded(name) if number is None else number
 
 
 def _images(directory: Path) -> list[Path]:
     """Find the images below a class directory, sorted by path."""
     paths = image_files(directory, "**/*")
     names = [path.relative_to(directory).as_posix() for path in paths]
-    twice = repeats((name, name.casefold()) for name in names)
-    check_no_faults(
-        f"images of class {directory.name} differ in the case of their names only", twice, "rename or remove them"
-    )
+    twice = repeats((name, folded(name)) for name in names)
+    form = "" if twice == repeats((name, name.casefold()) for name in names) else " or Unicode form"
+    problem = f"images of class {directory.name} differ in the case{form} of their names only"
+    check_no_faults(problem, twice, "rename or remove them")
     return paths

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from tacevo.data.source import listed
+from tacevo.data.sources.names import difference, folded, is_passed_over
 from tacevo.errors import DataError
 
 
@@ -32,9 +33,11 @@ def content(directory: Path, name: str = "") -> str:
         names = directories(directory) + [path.name for path in _visible(directory) if not path.is_dir()]
     except OSError as error:
         return f"{directory} cannot be listed ({error.strerror})"
-    folded = {candidate.casefold(): candidate for candidate in names}
-    close = difflib.get_close_matches(name.casefold(), folded, n=1)
-    meant = f"; did you mean {directory / folded[close[0]]}?" if close else ""
+    candidates = {folded(candidate): candidate for candidate in names}
+    close = difflib.get_close_matches(folded(name), candidates, n=1)
+    own = candidates[close[0]] if close else ""
+    why = f" ({difference(name, own)})" if folded(own) == folded(name) != "" else ""
+    meant = f"; did you mean {directory / own}?{why}" if close else ""
     return f"{directory} holds: {listed(names) or 'nothing'}{meant}"
 
 
@@ -44,7 +47,7 @@ def directories(directory: Path) -> list[str]:
 
 
 def _visible(directory: Path) -> list[Path]:
-    return sorted(path for path in directory.iterdir() if not path.name.startswith("."))
+    return sorted(path for path in directory.iterdir() if not is_passed_over(Path(path.name)))
 
 
 def _misplaced(path: Path, place: str, expected: str) -> DataError:

@@ -7,20 +7,18 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tacevo.data.source import Catalogue, Picture, check_no_faults
+from tacevo.data.sources.names import SUFFIXES, is_passed_over
 from tacevo.errors import DataError
 
 #: Changes when the same file would be decoded to other pixels.
 DECODING = "pillow-rgb-bilinear-2"
-
-#: Endings of the image files that are looked for in directories, in lower case.
-SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 
 #: The EXIF tag of the camera's orientation, and its values that exchange width and height.
 ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
@@ -32,31 +30,29 @@ STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 #: What is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything.
 _FLOATING = "holds floating-point values, whose full range is unknown"
 
+#: The largest value of 16 bits.
+_WORD = 65_535.0
+
 
 def image_files(directory: Path, pattern: str) -> list[Path]:
-    """Find the images of a directory, sorted by path.
-
-    Hidden files and directories are left out: editors and systems put copies and stubs there, such as
-    `.ipynb_checkpoints/1-checkpoint.png` and `._1.png`.
+    """Find the images of a directory, sorted by path; hidden ones are left out (`is_passed_over`).
 
     The pattern is `*`, or `**/*` for all directories below too.
     """
     images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
-    return sorted(path for path in images if not _hidden(path.relative_to(directory)))
+    return sorted(path for path in images if not is_passed_over(path.relative_to(directory)))
 
 
 def other_files(directory: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
     """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder."""
     known = set(used)
     files = (path for path in directory.glob(pattern) if path not in known and path.is_file())
-    return sorted(path for path in files if not _hidden(path.relative_to(directory)))
+    return sorted(path for path in files if not is_passed_over(path.relative_to(directory)))
 
 
-def _hidden(path: Path) -> bool:
-    return any(part.startswith(".") for part in path.parts)
-
-
-def file_catalogue(files: Sequence[Path], places: Sequence[str], image_size: int, **fields: Any) -> Catalogue:
+def file_catalogue(
+    files: Sequence[Path], places: Sequence[str], image_size: int, white_point: float | None, **fields: Any
+) -> Catalogue:
     """List image files, at least one, which are decoded when their picture is made.
 
     Places are what messages call them, and `fields` the other fields of the catalogue.
@@ -64,20 +60,23 @@ def file_catalogue(files: Sequence[Path], places: Sequence[str], image_size: int
     Raises:
         DataError: as `common_size`.
     """
+    size, depths = common_size(list(zip(places, files, strict=True)), white_point)
     return Catalogue(
         image_size=image_size,
-        pictures=tuple(partial(decode, path, image_size) for path in files),
-        recorded_size=common_size(list(zip(places, files, strict=True))),
+        pictures=tuple(partial(decode, path, image_size, white_point) for path in files),
+        recorded_size=size,
         files=files,
         places=places,
+        depths=depths,
+        extents=tuple(partial(_extent, path, white_point) for path in files),
         **fields,
     )
 
 
-def decode(path: Path, image_size: int) -> Picture:
+def decode(path: Path, image_size: int, white_point: float | None = None) -> Picture:
     """Decode one image file to a square RGB picture.
 
-    The camera's orientation note (EXIF) is obeyed; then 8 bits are kept of every channel (`_to_rgb`), and the image
+    The camera's orientation note (EXIF) is obeyed; then 8 bits are kept of every channel (`to_8_bits`), and the image
     is resized by `square`.
 
     Returns:
@@ -87,9 +86,11 @@ def decode(path: Path, image_size: int) -> Picture:
         DataError: the file cannot be read, has transparent pixels, or values of an unknown range; the
             message names the fault alone, because the caller knows what the user calls this image.
     """
-    with _opened(path) as file:
-        upright = ImageOps.exif_transpose(file)
-    return square(_to_rgb(upright), image_size)
+    return square(to_8_bits(_stored(path), white_point), image_size)
+
+
+def _extent(path: Path, white_point: float | None) -> tuple[float, float]:
+    return extent(_stored(path), white_point)
 
 
 @contextmanager
@@ -124,71 +125,125 @@ def _fault(path: Path, error: Exception) -> str:
     return "is damaged or cut off"
 
 
-def square(image: Image.Image, image_size: int) -> Picture:
-    """Resize an RGB image with Pillow's bilinear filter.
+def square(values: npt.NDArray[np.uint8], image_size: int) -> Picture:
+    """Resize grey values, shape (H, W), or colours, (H, W, 3), with Pillow's bilinear filter; grey is repeated.
 
     The filter averages over all source pixels when it makes an image smaller. A change of aspect is accepted.
 
     Returns:
         uint8, shape (3, image_size, image_size).
     """
+    image = Image.fromarray(values).convert("RGB")
     resized = image.resize((image_size, image_size), Image.Resampling.BILINEAR)
     return np.ascontiguousarray(np.asarray(resized, dtype=np.uint8).transpose(2, 0, 1))
 
 
-def _to_rgb(image: Image.Image) -> Image.Image:
-    """Convert any image to RGB of 8 bits: grey is repeated, a palette looked up, 16-bit grey divided by 257.
+def _stored(path: Path) -> npt.NDArray[Any]:
+    """Read the values of an upright image: grey beyond 8 bits as it is, shape (H, W), all else as RGB, (H, W, 3).
 
-    Of RGB with 16 bits per channel Pillow itself keeps the high byte, which is at most one step darker.
+    A palette is looked up. Of RGB with 16 bits per channel Pillow itself keeps the high byte, which is at most one step
+    darker.
     """
+    with _opened(path) as file:
+        image = ImageOps.exif_transpose(file)
     if image.mode.startswith(("I", "F")):
-        return Image.fromarray(_to_8_bits(np.asarray(image))).convert("RGB")
+        return np.asarray(image)
     if image.has_transparency_data:
         image = image.convert("RGBA")
         if image.getchannel("A").getextrema()[0] != 255:
             raise DataError("has transparent pixels")
-    return image.convert("RGB")
+    return np.asarray(image.convert("RGB"))
 
 
-def _to_8_bits(grey: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    """Scale whole numbers of 16 bits by their full range: round(value * 255 / 65535), shape unchanged."""
-    if grey.dtype.kind == "f":
+def to_8_bits(values: npt.NDArray[Any], white_point: float | None) -> npt.NDArray[np.uint8]:
+    """Scale values so that the white point becomes 255: round(value * 255 / white), shape unchanged.
+
+    Without a white point, bytes stay as they are and other whole numbers are scaled by the full range of 16 bits.
+
+    Raises:
+        DataError: the range is unknown, or a value is outside it.
+    """
+    if white_point is None and values.dtype == np.uint8:
+        return values
+    if white_point is None and values.dtype.kind == "f":
         raise DataError(_FLOATING)
-    if grey.min() < 0 or grey.max() > 65_535:
-        raise DataError("holds values beyond 16 bits")
-    return ((grey.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    white = _WORD if white_point is None else white_point
+    low, high = float(values.min()), float(values.max())
+    if not (low >= 0 and high <= white):  # which NaN is not, either
+        beyond = (
+            "beyond 16 bits" if white_point is None else f"from {low:g} to {high:g}, beyond data.white_point={white:g}"
+        )
+        raise DataError(f"holds values {beyond}")
+    return np.floor(values.astype(np.float64) * 255 / white + 0.5).astype(np.uint8)
 
 
-def common_size(files: Sequence[tuple[str, Path]]) -> tuple[int, int]:
-    """Find the one size that all images have once they are upright; only their headers are read.
+def extent(values: npt.NDArray[Any], white_point: float | None) -> tuple[float, float]:
+    """Return the largest stored value of an image, and the value that becomes 255."""
+    full = 255.0 if values.dtype == np.uint8 else _WORD
+    return float(values.max()), full if white_point is None else white_point
+
+
+def common_size(
+    files: Sequence[tuple[str, Path]], white_point: float | None = None
+) -> tuple[tuple[int, int], tuple[int, ...]]:
+    """Find the one size that all images have once they are upright, and the depth of each; only headers are read.
 
     A data set of mixed sizes is refused, because resizing would stretch each size by another factor. An orientation
     note behind the pixels of a PNG file is not looked for. Each file, of at least one, comes with what the user knows
-    it by, e.g. `line 3 'a.png'`; the size is width and height in pixels.
+    it by, e.g. `line 3 'a.png'`.
+
+    Returns:
+        Width and height in pixels; the bits that each file has for a value.
 
     Raises:
-        DataError: files cannot be read, hold several or floating-point values, or differ in size.
+        DataError: files cannot be read, hold several or floating-point values, differ in size, or hold no value as
+            large as the white point.
     """
-    sizes: list[tuple[str, tuple[int, int]]] = []
+    headers: list[tuple[str, _Header]] = []
     unreadable = []
     for name, path in files:
         try:
-            sizes.append((name, _upright_size(path)))
+            headers.append((name, _header(path, white_point)))
         except DataError as error:
             unreadable.append(f"{name} ({error})")
-    check_no_faults("some images cannot be read", unreadable, "repair or remove them")
-    (width, height), images = Counter(size for _, size in sizes).most_common(1)[0]
-    others = [f"{name} {size[0]}x{size[1]}" for name, size in sizes if size != (width, height)]
+    choice = ", or set data.white_point" if any(_FLOATING in fault for fault in unreadable) else ""
+    check_no_faults("some images cannot be read", unreadable, f"repair or remove them{choice}")
+    (width, height), images = Counter(header.size for _, header in headers).most_common(1)[0]
+    others = [f"{name} {head.size[0]}x{head.size[1]}" for name, head in headers if head.size != (width, height)]
     check_no_faults(
         f"images have several sizes; {images} have {width}x{height} pixels (width x height), others not",
         others,
         "crop or remove the others",
     )
-    return width, height
+    if white_point is not None:
+        _check_white_point(headers, white_point)
+    return (width, height), tuple(header.depth for _, header in headers)
 
 
-def _upright_size(path: Path) -> tuple[int, int]:
-    """Read width and height from a header, as they are after the orientation note is obeyed.
+class _Header(NamedTuple):
+    """What is read of a file before its pixels are."""
+
+    #: Width and height, in pixels, as they are after the orientation note is obeyed.
+    size: tuple[int, int]
+    #: Bits of a value in the file.
+    depth: int
+    #: The bits that Pillow gives of them.
+    read: int
+
+
+def _check_white_point(headers: Sequence[tuple[str, _Header]], white_point: float) -> None:
+    """Refuse a white point that files cannot reach, or whose low bits Pillow does not give."""
+    cut = [name for name, header in headers if header.read < header.depth]
+    remedy = "save these images in grey, or with 8 bits a channel"
+    got = "images in colour of 16 bits a channel, of which the high byte alone is read,"
+    check_no_faults(got, cut, remedy, place="data.white_point", expected="null, or images in grey")
+    short = [f"{name} has {header.depth}" for name, header in headers if white_point > 2**header.depth - 1]
+    got = f"{white_point:g}, which is beyond the bits of files"
+    check_no_faults(got, short, "lower it", place="data.white_point", expected="a value that all files can hold")
+
+
+def _header(path: Path, white_point: float | None) -> _Header:
+    """Read size and depth from a header.
 
     Raises:
         DataError: the header shows that the image cannot be used.
@@ -196,14 +251,17 @@ def _upright_size(path: Path) -> tuple[int, int]:
     with _opened(path) as file:
         stacked = file.format in STACKS and getattr(file, "n_frames", 1) > 1
         (width, height), mode = file.size, file.mode
+        coded = str(getattr(file, "tile", ""))  # 'I;16B', 'RGB;16L': how the pixels are stored
         # The base class's method: that of PNG files decodes all pixels to look behind them. Pillow gives the size of
         # TIFF files upright.
         lying = file.format != "TIFF" and Image.Image.getexif(file).get(ORIENTATION) in LYING
     if stacked:
         raise DataError("holds several images")
-    if mode.startswith("F"):
+    if mode.startswith("F") and white_point is None:
         raise DataError(_FLOATING)
-    return (height, width) if lying else (width, height)
+    wide = mode.startswith(("I", "F"))
+    depth = 16 if ";16" in mode + coded else 32 if wide else 8
+    return _Header(size=(height, width) if lying else (width, height), depth=depth, read=depth if wide else 8)
 
 
 def files_hash(paths: Iterable[Path]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats, shortened
 from tacevo.data.sources.hints import number_in
 from tacevo.data.sources.images import file_catalogue, image_files
+from tacevo.data.sources.names import folded, own_names
 from tacevo.errors import DataError
 from tacevo.records import Kind
 
@@ -31,6 +32,8 @@ class Row:
     is_there: bool
     #: The text of each target column, in their order.
     texts: tuple[str, ...]
+    #: That of the column that names the groups; empty where none does.
+    group: str
 
     @property
     def place(self) -> str:
@@ -43,12 +46,15 @@ class Row:
         return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
 
 
-def row_catalogue(rows: Sequence[Row], skipped: int, image_size: int, **fields: Any) -> Catalogue:
+def row_catalogue(
+    rows: Sequence[Row], skipped: int, image_size: int, white_point: float | None, **fields: Any
+) -> Catalogue:
     """List the images and values of a table's rows; `fields` are the other fields of the catalogue."""
     return file_catalogue(
         [row.path for row in rows],
         [row.place for row in rows],
         image_size,
+        white_point,
         kind=Kind.regression,
         labels=np.array([row.labels for row in rows], dtype=np.float64),
         skipped=skipped,
@@ -78,13 +84,15 @@ def read_rows(
     remedy: str,
     directories: Sequence[Path],
     skip_missing: bool,
+    group_column: str | None = None,
 ) -> tuple[list[Row], int]:
     """Read and check a whole table.
 
     It is a CSV table in UTF-8 with a header. Outer spaces of column names do not matter, nor does their case where no
     column has exactly the asked name. The image column holds each image's path, relative to one of the directories,
-    which are looked through in order. `asked_by` names the settings of image and target columns, for messages, and
-    `remedy` what the user can do where one is absent. With `skip_missing`, rows without their image are left out.
+    which are looked through in order. The group column, where one is asked for, holds what images of one press share.
+    `asked_by` names the settings of image and target columns, for messages, and `remedy` what the user can do where one
+    is absent. With `skip_missing`, rows without their image are left out.
 
     Returns:
         The rows in the order of the table, of which every image exists and every label is finite; and how many were
@@ -94,18 +102,19 @@ def read_rows(
         DataError: the table cannot be used, or a row is faulty: all rows with the same fault are named at once.
     """
     asked = [(image_column, asked_by[0]), *((name, asked_by[1]) for name in target_columns)]
-    rows = list(_rows(table, asked, remedy, directories))
+    asked += [] if group_column is None else [(group_column, "data.group_column")]
+    rows = list(_rows(table, asked, remedy, directories, len(target_columns)))
     if not rows:
         raise DataError("a header without rows", place=table.name, expected="a row for each image")
     present = [row for row in rows if row.is_there]
     if not (present and skip_missing):
-        _check_images_exist(table, rows, directories[0], skippable=bool(present))
+        _check_images_exist(table, rows, directories, skippable=bool(present))
     # An image listed twice could stand in two parts of the split.
-    twice = repeats((row.place, str(row.path).casefold()) for row in present)
+    twice = repeats((row.place, folded(str(row.path))) for row in present)
     check_no_faults(
         f"{table.name} lists images more than once",
         twice,
-        "keep one line per image; names that differ in case alone are equal",
+        "keep one line per image; names that differ in case or Unicode form alone are equal",
     )
     wrong = [
         f"line {row.line} {column} = {shortened(text)}"
@@ -118,21 +127,32 @@ def read_rows(
         wrong,
         "correct them, written as 12, -0.5 or 1.5e-3, or remove these lines",
     )
+    if group_column is not None:
+        empty = [row.place for row in present if not row.group]
+        remedy = "write there what the images of one press share"
+        check_no_faults(f"{table.name} has rows without a value in {group_column}", empty, remedy)
     return present, len(rows) - len(present)
 
 
-def _check_images_exist(table: Path, rows: Sequence[Row], directory: Path, *, skippable: bool) -> None:
+def _check_images_exist(table: Path, rows: Sequence[Row], directories: Sequence[Path], *, skippable: bool) -> None:
     """Check that the image of each row exists; the remedy fits the names."""
     missing = [row for row in rows if not row.is_there]
+    own = own_names([row.name for row in missing], directories)
+    faults = [f"{row.place} (there is {own[row.name]})" if row.name in own else row.place for row in missing]
     choice = ", or leave them out with data.skip_missing=true" if skippable else ""
     remedy = f"restore them or remove these lines{choice}"
     if all("\\" in row.name for row in missing):
         remedy = "write their paths with / instead of \\"
-    check_no_faults(f"{table.name} names images that are not in {directory}", [row.place for row in missing], remedy)
+    elif own:
+        rest = f"; as for others, {remedy}" if len(own) < len({row.name for row in missing}) else ""
+        remedy = f"write the names of files as they are on disk{rest}"
+    check_no_faults(f"{table.name} names images that are not in {directories[0]}", faults, remedy)
 
 
-def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, directories: Sequence[Path]) -> Iterator[Row]:
-    """Read the rows of a table, with the asked columns only, the image's first."""
+def _rows(
+    table: Path, asked: Sequence[tuple[str, str]], remedy: str, directories: Sequence[Path], targets: int
+) -> Iterator[Row]:
+    """Read the rows of a table, with the asked columns only: the image's, so many targets, and perhaps the group's."""
     lines = _lines(table)
     _, header = next(lines, (1, []))
     numbers = _columns(table, header, asked, remedy)
@@ -143,7 +163,15 @@ def _rows(table: Path, asked: Sequence[tuple[str, str]], remedy: str, directorie
             continue
         name, *texts = (values[number] if number < len(values) else "" for number in numbers)
         path, directory, is_there = _find(name.strip(), directories)
-        yield Row(line=line, name=name.strip(), path=path, directory=directory, is_there=is_there, texts=tuple(texts))
+        yield Row(
+            line=line,
+            name=name.strip(),
+            path=path,
+            directory=directory,
+            is_there=is_there,
+            texts=tuple(texts[:targets]),
+            group="".join(texts[targets:]).strip(),
+        )
     check_no_faults(
         f"{table.name} has lines with more values than its {len(header)} columns", long, "quote or correct them"
     )

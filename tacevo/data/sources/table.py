@@ -1,9 +1,10 @@
 """Regression from a CSV table: one row per image, with columns of measured values."""
 
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from tacevo.data.source import Catalogue
+from tacevo.data.sources.groups import groups_in, numbered
 from tacevo.data.sources.hints import check_directory, check_file
 from tacevo.data.sources.images import DECODING, files_hash
 from tacevo.data.sources.rows import Row, read_rows, row_catalogue
@@ -25,6 +26,11 @@ class Table:
     image_size: int
     #: Leave out rows whose image is missing, instead of refusing the table.
     skip_missing: bool = False
+    #: The stored value that becomes 255; None for the full range of the files.
+    white_point: float | None = None
+    #: What images of one press share: a column's value, or what an expression finds in an image's path; None: unknown.
+    group_column: str | None = None
+    group_pattern: str | None = None
 
     def describe(self) -> Json:
         """Name the content: the bytes of the table and of every image, not where they lie.
@@ -33,7 +39,9 @@ class Table:
             DataError: the directory, the table or an image is missing, or the table is broken.
         """
         rows, _ = self._read()
+        chosen = {name: getattr(self, name) for name in ("white_point", "group_column", "group_pattern")}
         return {
+            **{name: value for name, value in chosen.items() if value is not None},  # which were no settings at first
             "source": "table",
             "decoding": DECODING,
             "table": files_hash([self.root / self.table]),
@@ -52,8 +60,21 @@ class Table:
                 the table is broken.
         """
         rows, skipped = self._read()
+        groups, chosen_by = None, None
+        if self.group_column is not None:
+            groups, chosen_by = numbered([row.group for row in rows]), "data.group_column"
+        elif self.group_pattern is not None:
+            names = [PurePath(row.name).as_posix() for row in rows]
+            groups, chosen_by = groups_in(names, self.group_pattern), "data.group_pattern"
         return row_catalogue(
-            rows, skipped, self.image_size, names=self.target_columns, names_chosen_by="data.target_columns"
+            rows,
+            skipped,
+            self.image_size,
+            self.white_point,
+            names=self.target_columns,
+            names_chosen_by="data.target_columns",
+            groups=groups,
+            groups_chosen_by=chosen_by,
         )
 
     def _read(self) -> tuple[list[Row], int]:
@@ -68,4 +89,5 @@ class Table:
             remedy="set the names that are here, or rename a column",
             directories=(self.root, table.parent),
             skip_missing=self.skip_missing,
+            group_column=self.group_column,
         )

@@ -20,7 +20,8 @@ import numpy.typing as npt
 from tacevo.choices import SensorTask
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.hints import check_directory, check_file, content
-from tacevo.data.sources.images import DECODING, SUFFIXES, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.names import SUFFIXES
 from tacevo.data.sources.rows import Row, read_rows, row_catalogue
 from tacevo.data.splitting import Split, ordered_split
 from tacevo.errors import DataError
@@ -71,6 +72,8 @@ class TacVerse:
     image_size: int
     #: Tables: leave out rows whose image is missing, as the release's own code does, instead of refusing the table.
     skip_missing: bool = False
+    #: The stored value that becomes 255; None for the full range of the files.
+    white_point: float | None = None
 
     def describe(self) -> Json:
         """Name the content: labels, and the bytes of every image, not where they lie.
@@ -80,6 +83,8 @@ class TacVerse:
         """
         described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
         described["image_size"] = self.image_size
+        if self.white_point is not None:  # which was not a setting at first
+            described["white_point"] = self.white_point
         if self.task is SensorTask.grating:
             frames = self._frames()
             presses: Json = [list(frame[:3]) for frame in frames]
@@ -102,6 +107,7 @@ class TacVerse:
             rows,
             skipped,
             self.image_size,
+            self.white_point,
             names=OUTPUTS[self.task],
             units=UNITS[self.task] if self._is_simulated() else None,
             release=ordered_split(np.arange(len(rows))) if self.task is SensorTask.force else None,
@@ -129,6 +135,7 @@ class TacVerse:
             files,
             [path.name for path in files],
             self.image_size,
+            self.white_point,
             kind=Kind.classification,
             names=tuple(f"{size:g} mm" for size in sizes),
             labels=np.array([sizes.index(frame.size) for frame in frames], dtype=np.int64),

@@ -120,3 +120,38 @@ def test_files_that_are_no_images_of_a_class_are_told(tmp_path: Path) -> None:
     source = save_folder(tmp_path, "a/1.png", "b/deep/2.png", "beside.png", "a/3.bmp", ".hidden/4.png")
     ignored = [path.relative_to(tmp_path).as_posix() for path in source.catalogue().ignored]
     assert ignored == ["a/3.bmp", "beside.png"]
+
+
+@pytest.mark.parametrize(
+    ("parts", "inner"),
+    [
+        (("train", "val", "test"), "train"),
+        (("Train", "Test"), "Train"),
+        (("training", "VALIDATION"), "training"),
+        (("valid", "test"), "test"),
+        (("train",), "train"),
+    ],
+)
+def test_parts_of_a_split_are_no_classes(tmp_path: Path, parts: tuple[str, ...], inner: str) -> None:
+    """A network would learn who was in which part; the message has a root whose directories are classes."""
+    source = save_folder(tmp_path, *(f"{part}/{name}/1.png" for part in parts for name in ("fine", "coarse")))
+    (tmp_path / "annotations").mkdir()
+    with refused(
+        DataError, place="data.root", got="the parts of a split", remedy=f"data.root={tmp_path / inner} "
+    ) as caught:
+        source.describe()
+    assert str(tmp_path) in caught.value.got
+    assert Folder(root=tmp_path / inner, image_size=16).catalogue().names == ("coarse", "fine")
+
+
+def test_parts_without_classes_have_no_right_root(tmp_path: Path) -> None:
+    """Their images lie side by side, so no directory has one directory per class."""
+    with refused(DataError, place="data.root", got="the parts of a split") as caught:
+        save_folder(tmp_path, "train/1.png", "test/1.png").describe()
+    assert "data.root=" not in caught.value.remedy
+
+
+@pytest.mark.parametrize("names", [("test", "wood"), ("train", "car"), ("trains", "tests")])
+def test_a_class_may_have_the_name_of_a_part(tmp_path: Path, names: tuple[str, ...]) -> None:
+    """Beside other classes it is one of them."""
+    assert save_folder(tmp_path, *(f"{name}/1.png" for name in names)).catalogue().names == tuple(sorted(names))

@@ -1,5 +1,7 @@
 """Small recordings in every form that a loader reads, written for a test."""
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -78,3 +80,14 @@ def save_arrays(path: Path, **arrays: object) -> Arrays:
     chosen = {name: array for name, array in {**sound, **arrays}.items() if array is not None}
     np.savez(path, **chosen)  # type: ignore[arg-type]
     return Arrays(root=path, image_size=16)
+
+
+def save_deep_colour(path: Path, value: int, size: int = 8) -> None:
+    """Save a PNG file in colour of 16 bits a channel, which Pillow cannot write; every channel has the value."""
+    rows = b"".join(b"\0" + struct.pack(">H", value) * 3 * size for _ in range(size))
+    header = struct.pack(">IIBBBBB", size, size, 16, 2, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(rows)), (b"IEND", b"")]
+    parts = [
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in chunks
+    ]
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(parts))

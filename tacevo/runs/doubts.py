@@ -1,0 +1,51 @@
+"""What is probably wrong with a data set, or with a task for it: said, and never a reason to stop."""
+
+from collections.abc import Sequence
+
+from tacevo.choices import DataSource, SensorTask
+from tacevo.config.schema import RunConfig, TaskConfig
+from tacevo.config.tasks import left_of_others
+from tacevo.data.dataset import Dataset
+from tacevo.data.doubts import doubtful_images
+from tacevo.data.source import Catalogue, listed
+from tacevo.records import Kind, Task
+from tacevo.runs.datasets import source_of
+
+#: The heading below which a task's system prompt says what the images show.
+_HEADING = "## The task\n"
+
+
+def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalogue | None = None) -> list[str]:
+    """Say what is probably wrong, a sentence each; the catalogue is listed where the caller does not have it.
+
+    Raises:
+        DataError: the recording cannot be read any more.
+        ConfigError: nor can the files of the task.
+    """
+    found = left_of_others(config.task)
+    names = dataset.facts.names
+    if not _suit(config.task, names):
+        outputs = listed(config.task.output_names) or "gratings"
+        found.append(
+            f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
+            f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
+        )
+    if config.data.source is not DataSource.simulated:
+        found += doubtful_images(source_of(config).catalogue() if catalogue is None else catalogue, dataset)
+    return found
+
+
+def told(task: Task) -> str:
+    """Return what the prompt tells the model of the images and of what a network makes of them, in one line."""
+    _, _, rest = task.system.partition(_HEADING)
+    return " ".join((rest or task.system).partition("\n\n")[0].split())
+
+
+def _suit(task: TaskConfig, names: Sequence[str]) -> bool:
+    """Answer whether labels of these names are what a task says they are; a unit may follow a name, as in `fx_N`."""
+    if task.output_names:
+        own = [name.casefold() for name in task.output_names]
+        found = [name.casefold() for name in names]
+        return all(any(name == each or name.startswith(f"{each}_") for each in own) for name in found)
+    is_sizes = all(any(letter.isdigit() for letter in name) for name in names)
+    return task.kind is Kind.regression or is_sizes or task.name != SensorTask.grating

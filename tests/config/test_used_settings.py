@@ -1,0 +1,154 @@
+"""Promise: a setting of data that the chosen source does not use is refused where a user sets it, and only there."""
+
+import json
+from dataclasses import fields
+
+import pytest
+from refusals import refused
+
+from tacevo.choices import DataSource
+from tacevo.config import ablation
+from tacevo.config.compose import compose, compose_data
+from tacevo.config.schema import DataConfig
+from tacevo.config.sources import USED, check_used
+from tacevo.errors import ConfigError
+from tacevo.records import Json, to_json
+
+#: What each source cannot do without.
+NEEDED = {
+    "simulated": [],
+    "csv": ["data.root=mine", "data.target_columns=[a,b,c]"],
+    "folder": ["data.root=mine"],
+    "tacverse": ["data.root=mine"],
+    "numpy": ["data.root=mine.npz"],
+}
+
+#: Another value of every setting than its default for any source.
+OTHER: dict[str, Json] = {
+    "image_size": 64,
+    "images": 77,
+    "seed": 5,
+    "sensor_seed": 5,
+    "light": "dim",
+    "spacings_mm": [1.0, 2.0],
+    "root": "other",
+    "table": "other.csv",
+    "image_column": "path",
+    "target_columns": ["x"],
+    "sensor": "TacTip",
+    "pattern": "Blackdot",
+    "skip_missing": True,
+    "split_seed": 5,
+    "normalisation": "unit",
+    "validation_part": 0.2,
+    "test_part": 0.2,
+    "white_point": 4095.0,
+    "group_column": "press",
+    "group_pattern": "press",
+}
+
+#: The settings that depend on the task or on the split beside the source, and where each has no effect.
+BUT = {
+    "spacings_mm": ["task=force", "task=hardness"],
+    "pattern": ["task=force", "task=hardness"],
+    "skip_missing": ["task=grating"],
+    **{name: ["data.split=release"] for name in ("split_seed", "validation_part", "test_part")},
+}
+
+
+def written(name: str) -> str:
+    """Write an override of a setting with its other value."""
+    return f"data.{name}={json.dumps(OTHER[name])}"
+
+
+def test_every_setting_and_source_is_in_the_table() -> None:
+    """None was forgotten, and none is used by no source."""
+    names = {field.name for field in fields(DataConfig)}
+    assert OTHER.keys() == names - {"source", "split"}
+    assert USED.keys() == set(DataSource)
+    assert frozenset[str]().union(*USED.values()) == names
+
+
+def command(source: str, *names: str) -> list[str]:
+    """Return overrides that choose a source and set some settings of data to other values."""
+    task = "force" if "skip_missing" in names else "grating"
+    return [f"task={task}", f"data={source}", *NEEDED[source], "data.split=random", *map(written, names)]
+
+
+@pytest.mark.parametrize("source", DataSource)
+def test_what_a_source_uses_can_be_set(source: DataSource) -> None:
+    """All of it at once, but for what excludes another."""
+    names = [name for name in OTHER if name in USED[source]]
+    for others in ({"pattern", "spacings_mm", "group_pattern"}, {"skip_missing", "group_column"}):
+        chosen = [name for name in names if name not in others]
+        data = to_json(compose(command(source, *chosen)).data)
+        assert {name: data[name] for name in chosen} == {name: OTHER[name] for name in chosen}
+
+
+@pytest.mark.parametrize("source", DataSource)
+def test_what_a_source_does_not_use_is_refused(source: DataSource) -> None:
+    """Every setting of every source; the message names the setting and its value."""
+    config = compose(command(source))
+    usual = to_json(config.data)
+    names = OTHER.keys() - USED[source]
+    assert names
+    for name in names:
+        got = json.dumps(OTHER[name], separators=(",", ":"))
+        with refused(ConfigError, place=f"data.{name}", expected="no value without", got=got, remedy="remove it"):
+            check_used(config, {**usual, name: OTHER[name]}, usual)
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        ("simulated", "root"),
+        ("csv", "images"),
+        ("folder", "group_column"),
+        ("tacverse", "spacings_mm"),
+        ("numpy", "target_columns"),
+    ],
+)
+def test_command_with_such_a_setting_is_refused(source: str, name: str) -> None:
+    """As the user wrote it, before any file is looked at."""
+    with refused(ConfigError, place=f"data.{name}", expected="no value without"):
+        compose(command(source, name))
+
+
+@pytest.mark.parametrize(("name", "where"), [(name, where) for name, each in BUT.items() for where in each])
+def test_setting_that_needs_a_task_or_a_split_is_refused_without(name: str, where: str) -> None:
+    """A pattern of force images, or the seed of a split that the release names."""
+    source = "simulated" if name == "spacings_mm" else "tacverse"
+    with refused(ConfigError, place=f"data.{name}", expected="no value without"):
+        compose([f"data={source}", *NEEDED[source], where, written(name)])
+
+
+def test_what_is_as_it_would_be_is_no_mistake() -> None:
+    """Defaults, also where they are written out, and what an experiment sets for other data."""
+    for source, needed in NEEDED.items():
+        compose(["experiment=published_force", f"data={source}", *needed])
+    compose(["data=csv", *NEEDED["csv"], "data.light=standard", "data.pattern=null", "data.images=3000"])
+
+
+def test_group_set_whole_is_looked_into() -> None:
+    """The setting is the same one, however it is written."""
+    with refused(ConfigError, place="data.light"):
+        compose(["data=numpy", "data.root=mine.npz", "data={light:dim}"])
+
+
+def test_arm_is_looked_into(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm that changes what has no effect is a copy of the search without it."""
+    monkeypatch.setattr(
+        "tacevo.config.compose.read_arm", lambda choice: ablation.parse_arm(choice, "data: {light: dim}")
+    )
+    assert compose(["ablation=dim"]).data.light == "dim"
+    with refused(ConfigError, place="data.light"):
+        compose(["ablation=dim", "data=numpy", "data.root=mine.npz"])
+
+
+def test_study_on_other_data_is_looked_into() -> None:
+    """What a study sets must matter to its data, those of the run or others."""
+    run = compose(["experiment=demo"])
+    assert compose_data(run, ["data=numpy", "data.root=mine.npz"]).data.root == "mine.npz"
+    for overrides in (["data.table=a.csv"], ["data=numpy", "data.root=mine.npz", "data.sensor_seed=3"]):
+        with refused(ConfigError, place=overrides[-1].partition("=")[0], expected="no value without"):
+            compose_data(run, overrides)
