@@ -2,6 +2,7 @@
 
 import ast
 import difflib
+import re
 import threading
 import warnings
 from collections.abc import Collection, Iterable, Sequence
@@ -9,6 +10,9 @@ from collections.abc import Collection, Iterable, Sequence
 #: Filters of warnings belong to all threads; and so does, in CPython up to 3.11, the depth that its parser counts (its
 #: issue 106905): two threads that parse at once can end in a SystemError.
 _PARSER = threading.Lock()
+
+#: Words that Hydra does not read as texts.
+_NOT_TEXTS = frozenset({"null", "true", "false", "nan", "inf"})
 
 
 def counted(number: int, noun: str) -> str:
@@ -50,6 +54,15 @@ def printable(text: str) -> str:
         letter if letter.isprintable() or letter in "\n\t" else letter.encode("unicode_escape").decode("ascii")
         for letter in text
     )
+
+
+def as_override(key: str, value: str) -> str:
+    """Write a text as the value of a setting, as Hydra reads it: in quotes where it would be read as something else."""
+    if re.fullmatch(r"[A-Za-z_/][\w/.-]*", value, re.ASCII) and value.lower() not in _NOT_TEXTS:
+        return f"{key}={value}"
+    plain = re.sub(r"(\\*)(\$\{)", r"\1\1\\\2", value)
+    escaped = re.sub(r"(\\*)('|$)", lambda found: found[1] * 2 + found[2].replace("'", "\\'"), plain)
+    return f"{key}='{escaped}'"
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> str:

@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import date
@@ -204,7 +205,7 @@ def _origin(run: RecordedRun, folder: str) -> str:
         settings = [f"task={run.record.task.name}", *given]
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"
-            f"    tacevo data simulate {' '.join(settings)} out=DIR"
+            f"    tacevo data simulate {shlex.join(settings)} out=DIR"
         )
     return (
         f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{data.root}` "

@@ -177,7 +177,7 @@ def _status(options: argparse.Namespace) -> int:
     directory = SweepDirectory(Path(options.sweep))
     record = directory.read()
     statuses = [status_of(directory, job) for job in record.jobs]
-    print(f"sweep over {' '.join(record.overrides) or 'the defaults'}: {describe_jobs(statuses)}")
+    print(f"sweep over {shlex.join(record.overrides) or 'the defaults'}: {describe_jobs(statuses)}")
     if record.terms != UNSTATED:
         print(f"\n{describe_terms(record.terms)}")
     return DONE

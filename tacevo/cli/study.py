@@ -36,7 +36,7 @@ from tacevo.studies.directory import studies_of
 from tacevo.studies.given import record_given
 from tacevo.studies.of_sweep import StudiedSweep, estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
-from tacevo.text import counted, listed
+from tacevo.text import as_override, counted, listed
 
 Configured = TypeVar("Configured", bound=StudyConfig | NoiseConfig)
 
@@ -157,7 +157,8 @@ def _composed(compose: Callable[[Sequence[str]], Configured], words: Sequence[st
             raise ConfigError(listed([runs[0], *named]), place="run", expected="one run, as RUN or run=RUN")
         config = replace(compose([*settings, "run=RUN"]), run=runs[0])
     if config.run is not None and SweepDirectory(Path(config.run)).is_one:
-        remedy = f"name the run of a job, {config.run}/JOB; sweep={config.run} takes all jobs"
+        every = shlex.quote(as_override("sweep", config.run))
+        remedy = f"name the run of a job, {config.run}/JOB; {every} takes all jobs"
         raise ConfigError(f"the sweep {config.run}", place="run", expected="the directory of one run", remedy=remedy)
     return config
 
@@ -216,7 +217,7 @@ def _noise(options: argparse.Namespace) -> int:
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
     if run.answered and not run.shortfall:
-        print(f"next:   {as_typed('tacevo')} study run={shlex.quote(str(run.path))} choose=reestimated")
+        print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('run', str(run.path)))} choose=reestimated")
     return _end(studied, "lower elites=")
 
 
@@ -346,7 +347,8 @@ def _finished_studies(path: Path, open_bundles: contextlib.ExitStack) -> Iterato
                 found += 1
                 yield run, load_study(directory.path)
     if not found:
-        remedy = f"`tacevo study run={path}` makes one; a few seeds will do for a pilot"
+        named = shlex.quote(as_override("run", str(path)))
+        remedy = f"`tacevo study {named}` makes one; a few seeds will do for a pilot"
         raise RunError("none", place=str(path), expected="at least one finished study", remedy=remedy)
 
 

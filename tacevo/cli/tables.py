@@ -6,6 +6,7 @@ draws at import: Matplotlib takes a second.
 
 import argparse
 import contextlib
+import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -30,7 +31,7 @@ from tacevo.config.recorded import RecordedRun
 from tacevo.errors import CacheMissError, ConfigError, IncomparableError, RunError
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.text import printable
+from tacevo.text import as_override, printable
 
 #: The remedy where one run is needed and a sweep was named.
 _ONE = "compare its arms by `tacevo ablations`, or name one of its jobs, SWEEP/JOB"
@@ -52,7 +53,8 @@ class Gathered:
         remarks = [*self.found.run.not_sent.values(), *(f"left out: {reason}" for reason in self.found.left_out)]
         remarks += self.found.remarks
         if not self.found.studies and not self.found.left_out:
-            make = f"`tacevo study run={self.found.run.path}` makes one, with its tables and figures"
+            run = shlex.quote(as_override("run", str(self.found.run.path)))
+            make = f"`tacevo study {run}` makes one, with its tables and figures"
             remarks.append(
                 "no study: it was published without one" if self.is_bundle else f"no finished study yet: {make}"
             )

@@ -1,5 +1,6 @@
 """The finished noise runs of a run: which one elites are chosen by, and what it says of them."""
 
+import shlex
 from pathlib import Path
 
 from tacevo.config.recorded import RecordedRun
@@ -23,7 +24,7 @@ def noise_digest(run: RecordedRun) -> str:
             "a run without a finished noise run",
             place=str(path),
             expected="one to choose the elites by",
-            remedy=f"run `tacevo noise {path}`",
+            remedy=f"run `tacevo noise {shlex.quote(str(path))}`",
         )
     return max(found)[-1]
 

@@ -9,6 +9,7 @@ import hashlib
 import itertools
 import os
 import re
+import shlex
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -263,7 +264,7 @@ def _check_one_sweep(
         except ConfigError:
             same = False
         if not same:
-            began, now = (" ".join(words) or "the defaults" for words in (directory.read().overrides, shared))
+            began, now = (shlex.join(words) or "the defaults" for words in (directory.read().overrides, shared))
             raise RunError(
                 f"{now}, under which {job.name} would be another search",
                 place=str(directory.path),

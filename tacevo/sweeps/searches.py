@@ -15,6 +15,7 @@ from pathlib import Path
 
 from tacevo.sandbox.kernel import end_with
 from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
+from tacevo.text import as_override
 
 #: Seconds that a search has to stop.
 GRACE = 60.0
@@ -34,8 +35,7 @@ def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
 
 def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
     """Start the search of a job; it ends with this process."""
-    place = str(directory.run(job).path).replace("'", "\\'")
-    overrides = [*overrides_of(directory, job), f"run.dir='{place}'"]
+    overrides = [*overrides_of(directory, job), as_override("run.dir", str(directory.run(job).path))]
     with directory.log(job).open("wb") as output:
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *overrides],

@@ -1,6 +1,7 @@
 """What MLflow shows of a run: pure functions from its configuration and ledger lines to params and metrics."""
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Self
@@ -124,13 +125,18 @@ def shown_address(uri: str) -> str:
     return uri or f"${URI_VARIABLE}"
 
 
+def quoted_address(uri: str) -> str:
+    """Return a tracking URI, or the variable that holds it, as a word of a command."""
+    return shlex.quote(uri) if uri else f'"${URI_VARIABLE}"'
+
+
 def viewing(uri: str, mlflow: str) -> str:
     """Return how to look at a store: a server's own page, or a command that serves one.
 
     An empty URI is the one in MLFLOW_TRACKING_URI; `mlflow` is how that command is spelt here.
     """
     is_page = uri.startswith(("http://", "https://"))
-    return uri if is_page else f"{mlflow} ui --backend-store-uri {shown_address(uri)}"
+    return uri if is_page else f"{mlflow} ui --backend-store-uri {quoted_address(uri)}"
 
 
 def _text(value: Json) -> str:

@@ -6,6 +6,7 @@ A mirror outlives a killed search by the time that it takes to write what was co
 
 import gc
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -70,7 +71,7 @@ class Mirror:
     def _warning(self, reason: str) -> str:
         return (
             f"the MLflow mirror to {shown_address(self._uri)} failed: {reason}; the run itself is not affected; "
-            f"see {self._log}, then `tacevo track {self._run_dir}` writes what is missing"
+            f"see {self._log}, then `tacevo track {shlex.quote(str(self._run_dir))}` writes what is missing"
         )
 
     def _last_line(self) -> str:

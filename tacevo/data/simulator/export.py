@@ -22,6 +22,7 @@ from tacevo.data.source import Catalogue, Picture
 from tacevo.data.sources.tacverse import COLUMNS, DIRECTORIES, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import ConfigError, DataError
+from tacevo.text import as_override
 
 #: What the directory of the gratings' specimens is called.
 PATTERN = "Ridges"
@@ -76,7 +77,7 @@ def overrides_for(source: Simulated, out: Path) -> list[str]:
     return [
         f"task={source.task}",
         "data=tacverse",
-        f"data.root={out}",
+        as_override("data.root", str(out)),
         f"data.sensor={SIMULATED_SENSOR}",
         *(gratings if source.task is SensorTask.grating else []),
         "data.split=random",
