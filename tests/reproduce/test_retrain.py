@@ -90,7 +90,7 @@ def test_changed_trivial_loss_is_found(folder: Path) -> None:
     directory = RunDirectory(folder / "run")
     run = directory.read_run()
     directory.write_run(replace(run, trivial=None))
-    assert again(1).trained + again(1).rejected == 1
+    assert again(1).trained > 0
     directory.write_run(replace(run, trivial=99.0))
     with refused(DivergenceError, place="run.json, trivial", got="99.0", expected=f"{run.trivial}, by the validation"):
         again(1)
