@@ -5,6 +5,7 @@ is rounded to 9 significant digits, because `exp` and `log` of the C library may
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,25 @@ def validation_loss(loss: Loss, predictions: NDArray[np.float32], targets: NDArr
     return rounded(exact(predictions, targets))
 
 
-def mean_squared_error(predictions: NDArray[np.float32], targets: NDArray[np.float32]) -> float:
+def trivial_loss(loss: Loss, targets: NDArray[Any]) -> float:
+    """Return the lowest task loss that one and the same answer to every image can have, rounded as `validation_loss`.
+
+    That answer is the mean of these very targets, whose loss is their variance, the mean over the outputs; or their
+    class frequencies, whose loss is their entropy in nats. Targets are as of `validation_loss`.
+    """
+    if loss is Loss.cross_entropy:
+        return rounded(entropy(np.bincount(targets).tolist()))
+    means = [math.fsum(column) / len(column) for column in targets.T.tolist()]
+    return rounded(mean_squared_error(np.tile(means, (len(targets), 1)), targets))
+
+
+def entropy(counts: Sequence[int]) -> float:
+    """Return the entropy in nats of classes that so many images have; a class without an image adds nothing."""
+    total = sum(counts)
+    return -math.fsum(count * math.log(count / total) for count in counts if count) / total + 0.0
+
+
+def mean_squared_error(predictions: NDArray[np.floating], targets: NDArray[np.float32]) -> float:
     """Average the squared error over all values of shape (n, K)."""
     errors = predictions.astype(np.float64) - targets.astype(np.float64)
     return math.fsum((errors * errors).ravel().tolist()) / errors.size

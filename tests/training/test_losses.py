@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from torch.nn import functional
 
 from tacevo.records import Loss
-from tacevo.training.losses import cross_entropy, mean_squared_error, validation_loss
+from tacevo.training.losses import cross_entropy, mean_squared_error, trivial_loss, validation_loss
 
 VALUES = arrays(np.float32, (6, 3), elements=st.floats(-50, 50, width=32))
 CLASSES = arrays(np.int64, (6,), elements=st.integers(0, 2))
@@ -30,6 +30,36 @@ def test_cross_entropy_by_hand() -> None:
     logits[1, 0] = np.float32(math.log(3))
     expected = (math.log(2) + math.log(4 / 3)) / 2
     assert cross_entropy(logits, np.array([1, 0])) == pytest.approx(expected, rel=1e-6)
+
+
+@given(targets=VALUES, constant=st.lists(st.floats(-50, 50, width=32), min_size=3, max_size=3))
+def test_no_constant_is_better_than_the_trivial_loss(
+    targets: np.ndarray[tuple[int, int], np.dtype[np.float32]], constant: list[float]
+) -> None:
+    """The mean of the targets has it, and every other value, the same for every image, has more."""
+    found = trivial_loss(Loss.mse, targets)
+    assert found == pytest.approx(targets.astype(np.float64).var(axis=0).mean(), rel=1e-6, abs=1e-9)
+    same = np.tile(np.array(constant, np.float32), (len(targets), 1))
+    assert validation_loss(Loss.mse, same, targets) >= found * (1 - 1e-6)
+
+
+@given(classes=CLASSES, logits=arrays(np.float32, (3,), elements=st.floats(-9, 9, width=32)))
+def test_no_constant_guess_is_better_than_the_trivial_loss(
+    classes: np.ndarray[tuple[int], np.dtype[np.int64]], logits: np.ndarray[tuple[int], np.dtype[np.float32]]
+) -> None:
+    """The class frequencies have it; a class that no image has costs nothing."""
+    found = trivial_loss(Loss.cross_entropy, classes)
+    shares = np.bincount(classes, minlength=3) / len(classes)
+    best = np.log(np.maximum(shares, 1e-30)).astype(np.float32)
+    assert found == pytest.approx(validation_loss(Loss.cross_entropy, np.tile(best, (6, 1)), classes), abs=1e-6)
+    assert validation_loss(Loss.cross_entropy, np.tile(logits, (6, 1)), classes) >= found - 1e-6
+
+
+def test_trivial_loss_of_equal_classes_is_the_logarithm_of_their_number() -> None:
+    """Ten materials: ln 10; one class alone: nothing."""
+    assert trivial_loss(Loss.cross_entropy, np.arange(10).repeat(3)) == pytest.approx(math.log(10))
+    assert math.copysign(1, trivial_loss(Loss.cross_entropy, np.zeros(4, np.int64))) == 1
+    assert trivial_loss(Loss.cross_entropy, np.zeros(4, np.int64)) == 0
 
 
 @given(predictions=VALUES, targets=VALUES)

@@ -1,0 +1,53 @@
+"""Whether anything was learned: losses beside the trivial loss, that of the best answer that looks at no image.
+
+One and the same answer to every image reaches it (`tacevo.training.losses.trivial_loss`): the mean of the labels, or
+the frequencies of the classes, of the very images that losses are measured on.
+"""
+
+#: The part of the trivial loss by which a loss must lie below it; nearer ones are chance. Of the many losses of a
+#: search on some fifty validation images, one or two lie a few per cent below it, though nothing was learned.
+MARGIN = 0.05
+
+#: What to raise where no network learned, and where none beat the baseline.
+_LEARN = (
+    "Raise training.epochs or the number of images, or try another training.learning_rate; then search.candidates or "
+    "llm.model."
+)
+_FIND = (
+    "Raise search.candidates or search.generations, or try another llm.model; then training.epochs, the number of "
+    "images or training.learning_rate."
+)
+
+
+def is_at_chance(best: float | None, trivial: float | None) -> bool:
+    """Return whether the lowest of some losses is not below the trivial loss by more than `MARGIN` of it.
+
+    False where either is not known, as in runs of earlier releases.
+    """
+    return best is not None and trivial is not None and best >= (1 - MARGIN) * trivial
+
+
+def chance_in_words(trivial: float) -> str:
+    """Say that no loss of some networks is below the trivial loss by the margin."""
+    return (
+        f"At chance: no network is more than {100 * MARGIN:g} % below the trivial loss, {trivial:.4g} (the same answer "
+        "to every image)."
+    )
+
+
+def shortfall(*, best: float, baseline: float | None, trivial: float | None, asked: bool) -> str:
+    """Say that a search learned nothing, or found nothing, and what to raise; empty where it did.
+
+    Args:
+        best: the lowest loss.
+        baseline: that of the baseline; None where it is not known.
+        trivial: the trivial loss; None where it is not known.
+        asked: whether a model was asked for networks.
+    """
+    by_chance, is_beaten = is_at_chance(best, trivial), baseline is None or not best >= baseline
+    sentences = [chance_in_words(trivial)] if by_chance and trivial is not None else []
+    if asked and not is_beaten:
+        sentences.append("Nothing beat the baseline.")
+    if asked and sentences:
+        sentences.append(_LEARN if by_chance else _FIND)
+    return " ".join(sentences)
