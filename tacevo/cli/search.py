@@ -91,7 +91,8 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     print(f"verify: {tacevo} replay {run}")
     for remark in remarks:
         print(remark)
-    print(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
+    if result.succeeded:
+        print(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
     print(f"digest: {result.digest}")
 
 

@@ -77,6 +77,8 @@ class SearchConfig(Record):
     #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.lines.training_flops`) is the
     #: last; null for `generations` alone.
     training_flops: Positive | None = None
+    #: Generations in a row without one usable answer after which the search stops; null for never.
+    stop_after_unusable: Count | None = 2
 
 
 @dataclass(frozen=True, kw_only=True)

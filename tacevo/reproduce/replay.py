@@ -68,7 +68,7 @@ def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
 
     ledger = Ledger(run.ledger)
     ledger.commit(run_header(config, task, facts, plan, run.eras[0].rules))
-    verifier = _Verifier(run.directory, plan, view)
+    verifier = _Verifier(run.directory, plan, view, run.record.trivial)
     with Workbench(config, task, facts, Mode.replay, seen=seen) as bench:
         state = run_eras(plan, run.eras, bench.effects, ledger, verifier)
     if ledger.committed != ledger.recorded:
@@ -96,8 +96,8 @@ def _compare_archives(run: RecordedRun, plan: Plan, state: SearchState) -> None:
 class _Verifier(Watcher):
     """Compares every candidate's file with the replay."""
 
-    def __init__(self, directory: RunDirectory, plan: Plan, view: Progress) -> None:
-        super().__init__(plan, view)
+    def __init__(self, directory: RunDirectory, plan: Plan, view: Progress, trivial: float | None) -> None:
+        super().__init__(plan, view, trivial)
         self._directory = directory
         #: What each candidate's answers cost.
         self.spending: dict[str, Spending] = {}

@@ -22,6 +22,7 @@ from tacevo.sandbox.confinement import check_confinement
 from tacevo.search.files import by_rules
 from tacevo.search.lines import TrainedLine, with_training
 from tacevo.storage.run_directory import RunRecord
+from tacevo.training.losses import trivial_loss
 from tacevo.training.numerics import check_machine
 
 #: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
@@ -120,6 +121,7 @@ def _retrain(
         for rules, line in lines
     ]
     data = load_same(config, run.record.data, view)
+    _check_trivial(run, trivial_loss(run.record.task.contract.loss, data.targets[data.validation]))
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
         evaluators = {rules: bench.evaluator(rules) for rules, _ in lines}
         retrained = bench.executor.map(lambda job: evaluators[job[0]].retrain(*job[1:]), jobs)
@@ -187,6 +189,13 @@ def doubts_of(
     promised_by = ["cpu", "architecture"] if numerics is Numerics.fast else []
     promised_by += ["gpu"] if device is Device.cuda else []
     return doubts + deviations({name: run.machine.get(name) for name in promised_by}, hardware)
+
+
+def _check_trivial(run: RecordedRun, trivial: float) -> None:
+    """Compare the trivial loss that a run names, if it names one, with that of its data set."""
+    if run.record.trivial not in {None, trivial}:
+        place = f"{run.directory.path}/run.json, trivial"
+        raise DivergenceError(str(run.record.trivial), place=place, expected=f"{trivial}, by the validation labels")
 
 
 def _outcome(reason: Reason | None) -> str:

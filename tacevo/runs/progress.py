@@ -16,9 +16,11 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
+from tacevo.records import Operator
 from tacevo.search.archive import coverage
+from tacevo.search.chance import is_at_chance
 from tacevo.search.development import Outcome
-from tacevo.search.lines import GenerationLine, SearchLine
+from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine
 from tacevo.search.state import Plan, SearchState
 from tacevo.text import counted, printable
 
@@ -71,9 +73,11 @@ class _RateColumn(ProgressColumn):
 class Watcher:
     """Shows the candidates and generations of a search; the observer of a replay."""
 
-    def __init__(self, plan: Plan, view: Progress) -> None:
+    def __init__(self, plan: Plan, view: Progress, trivial: float | None = None) -> None:
         self._plan = plan
         self._view = view
+        self._trivial = trivial
+        self._baseline: float | None = None
         self._done = 0
         self._total = 1 + plan.initial + plan.generations * plan.settings.candidates
         self._most = f"at most {self._total}" if plan.budget else str(self._total)
@@ -83,8 +87,13 @@ class Watcher:
 
     def committed(self, line: SearchLine, state: SearchState) -> None:
         """Count a slot, or write the line of a generation."""
+        if isinstance(line, CandidateLine) and line.operator is Operator.baseline:
+            self._baseline = line.fitness
         covered = coverage(state.networks.archive, self._plan.networks.niches)
-        reached = f"best {state.best:.4g}, coverage {covered:.0%}"
+        beside = [("baseline", self._baseline), ("trivial", self._trivial)]
+        others = ", ".join(f"{name} {loss:.4g}" for name, loss in beside if loss is not None)
+        chance = ", at chance" if is_at_chance(state.best, self._trivial) else ""
+        reached = f"best {state.best:.4g}{f' ({others})' if others else ''}{chance}, coverage {covered:.0%}"
         if not isinstance(line, GenerationLine):
             self._done += 1
             self._view.advance("slots", self._done, self._total, reached)

@@ -22,7 +22,8 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import build_llm
-from tacevo.runs.summary import in_short, summarise
+from tacevo.runs.summary import has_shortfall, in_short, summarise
+from tacevo.runs.usable import Usable
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
 from tacevo.sandbox.client import Run, Zygote
 from tacevo.search.development import LLM, Outcome
@@ -36,6 +37,7 @@ from tacevo.storage.ledger import Ledger, Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import remove_leftovers_in_stores
 from tacevo.tracking.process import Mirror
+from tacevo.training.losses import trivial_loss
 
 #: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
@@ -51,6 +53,8 @@ class Result:
     found: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
+    #: Whether it found a network that is better than the baseline and than chance.
+    succeeded: bool = True
 
 
 def search(config: RunConfig, view: Progress) -> Result:
@@ -107,10 +111,13 @@ def record(
         _commit_header(ledger, header, directory)
         directory.remove_leftovers()
         remove_leftovers_in_stores(Path(config.store.root))
-        _begin(directory, config, task, facts)
+        trivial = trivial_loss(task.contract.loss, data.targets[data.validation])
+        _begin(directory, config, task, facts, trivial)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
+        view.say(f"trivial loss: {trivial:.4g}, the least that the same answer to every validation image can have")
         with _mirrored(config, directory, view):
-            observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
+            usable, walls = Usable(config.search.stop_after_unusable), Walls(directory)
+            observer = _Recorder(directory, ledger, plan, view, usable=usable, trivial=trivial)
             with Workbench(
                 config,
                 task,
@@ -125,10 +132,10 @@ def record(
             ) as bench:
                 state = run_eras(plan, eras, bench.effects, ledger, observer)
             _check_length(ledger, directory)
-            found = _finish(directory, config, state, ledger.digest)
+            found, succeeded = _finish(directory, config, state, ledger.digest)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
-        return Result(directory=directory.path, digest=ledger.digest, found=found, best=name)
+        return Result(directory=directory.path, digest=ledger.digest, found=found, best=name, succeeded=succeeded)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
@@ -159,11 +166,13 @@ def _run_path(config: RunConfig, content: Json) -> Path:
     return Path("runs") / f"{config.task.name}-seed{config.seed}-{name}"
 
 
-def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFacts) -> None:
+def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFacts, trivial: float) -> None:
     """Write run.json, unless the begun run has it already; the ledger's header has just been found to be ours."""
     if (directory.path / "run.json").exists():
         run = directory.read_run()
         if (run.task, run.data) == (task, facts):
+            if run.trivial != trivial:  # begun by an earlier release
+                directory.write_run(replace(run, trivial=trivial))
             return
     directory.write_run(
         RunRecord(
@@ -177,6 +186,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             confinement=(),  # no candidate has run yet
             digest=None,
             pages=PAGES,
+            trivial=trivial,
         )
     )
 
@@ -219,14 +229,14 @@ def _check_length(ledger: Ledger, directory: RunDirectory) -> None:
         )
 
 
-def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> str:
-    """Write what is known only at the end; return the summary in short."""
+def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> tuple[str, bool]:
+    """Write what is known only at the end; return the summary in short, and whether the search found something."""
     run = replace(directory.read_run(), config=_publishable(config), digest=digest, pages=PAGES)
     directory.write_run(run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
     lines, spent = read_ledger(directory).lines, directory.read_spending()
     directory.write_text("summary.md", summarise(run, config, lines, names, spent))
-    return in_short(run, config, lines, names, spent)
+    return in_short(run, config, lines, names, spent), not has_shortfall(run, lines, names)
 
 
 @contextlib.contextmanager
@@ -272,8 +282,11 @@ class Walls:
 class _Recorder(Watcher):
     """Shows the search to a view and keeps its files; the ledger itself is kept by the search."""
 
-    def __init__(self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: Progress) -> None:
-        super().__init__(plan, view)
+    def __init__(
+        self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: Progress, *, usable: Usable, trivial: float
+    ) -> None:
+        super().__init__(plan, view, trivial)
+        self._usable = usable
         self._directory = directory
         self._ledger = ledger
         self._spent = directory.read_spending()
@@ -284,6 +297,7 @@ class _Recorder(Watcher):
         """Keep a candidate's source, or why it has none, before the ledger names it."""
         if isinstance(outcome.proposal, Reevaluation):
             return  # its source is kept under the elite's name, and nothing was asked
+        self._usable.take(outcome)
         name = outcome.proposal.id
         if outcome.admitted is not None:
             self._directory.keep_candidate(name, outcome.admitted.source)
@@ -295,7 +309,11 @@ class _Recorder(Watcher):
             self._directory.add_timing(spent, id=name, seconds=round(outcome.seconds, 3))
 
     def committed(self, line: SearchLine, state: SearchState) -> None:
-        """Show a line, and write the archives at the end of each generation that was not complete before."""
+        """Show a line, and write the archives at the end of each generation that was not complete before.
+
+        Raises:
+            LLMError: too many generations in a row brought no usable answer; what they are is kept.
+        """
         super().committed(line, state)
         if not isinstance(line, GenerationLine):
             return
@@ -303,3 +321,8 @@ class _Recorder(Watcher):
         if self._ledger.committed >= self._ledger.recorded:
             self._directory.add_timing(spent, generation=line.generation)
             write_archives(self._directory, archive_files(self._plan, state))
+        if (warning := self._usable.close(line.generation)) is not None:
+            self._view.say(warning)
+        # Lines that stood here before do not stop a search: whoever repeats the command wants it to go on.
+        if self._ledger.committed > self._ledger.recorded and not state.is_past(self._plan):
+            self._usable.check()

@@ -2,17 +2,20 @@
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, total, usd
 from tacevo.records import Operator
+from tacevo.search.chance import shortfall
 from tacevo.search.files import Line, eras_in_words, eras_of
 from tacevo.search.lines import TEMPERATURE, CandidateLine, GenerationLine, gate_stages, misreported, not_sent
 from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.run_directory import RunRecord
 from tacevo.text import counted, drawn, listed, table
+
+_TRIVIAL = "The trivial loss, the least that the same answer to every validation image can have"
 
 #: How many elites the summary lists.
 TOP = 5
@@ -33,11 +36,11 @@ def summarise(
     candidates, generations = _candidates(lines), _generations(lines)
     headline = f"{_headline(run, config, candidates.values(), len(generations))} {_data(run)}"
     parts = [f"# {run.name}", headline, *_rules(lines), *_not_sent(candidates.values())]
-    if found := _found(lines, elites):
-        sentence, best = found
+    if found := _found(run, lines, elites):
+        short = f"{found.shortfall}\n\n" * bool(found.shortfall)
         parts += [
-            f"## Found\n\n{sentence} {_draws(config)}: `tacevo noise` trains the elites with other seeds, and `tacevo "
-            f"tables` says what is left of an improvement.\n\n{best}"
+            f"## Found\n\n{short}Best {found.sentence} {_draws(config)}: `tacevo noise` trains the elites with other "
+            f"seeds, and `tacevo tables` says what is left of an improvement.\n\n{found.best}"
         ]
         parts += [_stages(candidates.values()), *_repaired(candidates.values())]
         parts += _unpromised(candidates.values())
@@ -52,12 +55,16 @@ def in_short(
     elites: Collection[str],
     spent: Mapping[str, Spending],
 ) -> str:
-    """Write what of the summary fits one screen: size, best networks, the gate's rate, and what was paid."""
+    """Write what of the summary fits one screen: size, best networks, the gate's rate, and what was paid.
+
+    Where nothing was found it begins with that, and calls nothing the best.
+    """
     candidates = _candidates(lines)
     parts = [_headline(run, config, candidates.values(), len(_generations(lines))), *_not_sent(candidates.values())]
-    if found := _found(lines, elites):
-        sentence, best = found
-        parts += [f"{sentence} {_draws(config)}.", best]
+    if found := _found(run, lines, elites):
+        told = [found.shortfall, f"Lowest {found.sentence}"]
+        parts += told if found.shortfall else [f"Best {found.sentence} {_draws(config)}."]
+        parts += [found.best]
         parts += ["\n".join([_rate(candidates.values()), *_paid(candidates, spent)])]
     return "\n\n".join(parts) + "\n"
 
@@ -86,6 +93,7 @@ def _data(run: RunRecord) -> str:
     return (
         f"Data {run.data.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
         f"{size} x {size} pixels; the test images play no part in a search."
+        + ("" if run.trivial is None else f" {_TRIVIAL}: {_number(run.trivial)}.")
     )
 
 
@@ -102,12 +110,26 @@ def _not_sent(lines: Collection[CandidateLine]) -> list[str]:
     return [" ".join([*(f"{words}." for words in said.values()), *planned])] if said else []
 
 
-def _found(lines: Sequence[Line], elites: Collection[str]) -> tuple[str, str] | None:
-    """Name the best beside the baseline and the best of generation 0, and tabulate the best elites.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Found:
+    """What a run found."""
 
-    Returns:
-        A sentence and a table; None before a generation is complete, and where no elite is left.
-    """
+    #: That nothing was learned or found, and what to raise; empty where it was.
+    shortfall: str
+    #: The lowest fitness beside the baseline's and the best of generation 0, as `fitness 0.1 by g01s00; ...`.
+    sentence: str
+    #: The best elites, as a table.
+    best: str
+
+
+def has_shortfall(run: RunRecord, lines: Sequence[Line], elites: Collection[str]) -> bool:
+    """Return whether a run learned nothing, or found nothing that is better than its baseline."""
+    found = _found(run, lines, elites)
+    return found is not None and bool(found.shortfall)
+
+
+def _found(run: RunRecord, lines: Sequence[Line], elites: Collection[str]) -> _Found | None:
+    """Say what was found; None before a generation is complete, and where no elite is left."""
     # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
     whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
     known = fitness_by_id(lines[:whole])
@@ -122,11 +144,18 @@ def _found(lines: Sequence[Line], elites: Collection[str]) -> tuple[str, str] | 
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
-    sentence = (
-        f"Best fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has {_number(first)}, "
-        f"the baseline {_number(baseline.fitness)}."
+    trivial = "" if run.trivial is None else f"; the trivial loss is {_number(run.trivial)}"
+    return _Found(
+        shortfall=shortfall(
+            best=_fitness(ranked[0]),
+            baseline=baseline.fitness,
+            trivial=run.trivial,
+            asked=any(line.request is not None for line in candidates.values()),
+        ),
+        sentence=f"fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has "
+        f"{_number(first)}, the baseline {_number(baseline.fitness)}{trivial}.",
+        best=table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows),
     )
-    return sentence, table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows)
 
 
 def _draws(config: RunConfig) -> str:

@@ -18,7 +18,9 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from annotated_types import Ge
 
 from tacevo.costs import Spending
 from tacevo.environment import Code
@@ -56,6 +58,8 @@ class RunRecord(Record):
     digest: str | None
     #: Number of the summary and the tables (`tacevo.rules.PAGES`).
     pages: int = FIRST_PAGES
+    #: The trivial loss of the validation images (`tacevo.search.chance`); None in runs of earlier releases.
+    trivial: Annotated[float, Ge(0)] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,8 +127,11 @@ class RunDirectory:
         write_durably(self.path / name, text)
 
     def write_run(self, run: RunRecord) -> None:
-        """Write run.json whole."""
-        self.write_json("run.json", to_json(run))
+        """Write run.json whole; that of a run without a trivial loss stays as earlier releases wrote it."""
+        value = to_json(run)
+        if run.trivial is None:
+            del value["trivial"]
+        self.write_json("run.json", value)
 
     def read_run(self) -> RunRecord:
         """Read run.json.

@@ -132,6 +132,14 @@ def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[s
     assert (lines[5], lines[7:]) == ("a remark", ["digest: d"])
 
 
+def test_end_of_a_search_that_found_nothing_proposes_no_noise_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """There is nothing to train again; what to raise stands in what was found."""
+    print_end(Result(directory=Path("one"), digest="d", found="found\n", best="g00s00", succeeded=False))
+    out = capsys.readouterr().out
+    assert "noise" not in out
+    assert out.splitlines()[-1] == "digest: d"
+
+
 def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
     """The summary, and one candidate with its instruction, numbers, losses and source."""
     run = str(whole_search[0] / "run")

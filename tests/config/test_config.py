@@ -24,6 +24,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
     "search.candidates": [0],
     "search.initial": [-1],
     "search.training_flops": [0.0, -1.0, NAN, INF],
+    "search.stop_after_unusable": [0, -1],
     "task.class_name": ["", "2D", "a b", "a.b"],
     "task.output_argument": ["", "n-outputs"],
     "task.outputs": [0, -3],
@@ -98,6 +99,7 @@ POSSIBLE: dict[str, list[Any]] = {
     "search.candidates": [1],
     "search.initial": [0],
     "search.training_flops": [None, 1e-9],
+    "search.stop_after_unusable": [None, 1],
     "data.image_size": [16, 33, 256],
     "llm.slip_rate": [0.0, 1.0],
     "llm.budget_usd": [0.0],
@@ -253,6 +255,7 @@ DECIDES_WHEN_HOSTED: dict[str, Any] = {
 DECIDES_NOTHING: dict[str, Any] = {
     "search.generations": 40,
     "search.training_flops": 1e15,
+    "search.stop_after_unusable": None,
     "llm.mode": "replay",
     "llm.base_url": "http://localhost:1",
     "llm.concurrency": 16,

@@ -79,6 +79,17 @@ def test_changed_record_is_found(folder: Path) -> None:
         again()
 
 
+def test_changed_trivial_loss_is_found(folder: Path) -> None:
+    """It follows from the validation labels, which a replay does not have; without one the rest is compared."""
+    directory = RunDirectory(folder / "run")
+    run = directory.read_run()
+    directory.write_run(replace(run, trivial=None))
+    assert again(1).trained + again(1).rejected == 1
+    directory.write_run(replace(run, trivial=99.0))
+    with refused(DivergenceError, place="run.json, trivial", got="99.0", expected=f"{run.trivial}, by the validation"):
+        again(1)
+
+
 def test_record_without_digests_is_compared_as_far_as_it_goes(folder: Path) -> None:
     """What an older run does not record is said, and the rest is compared; what it ran on is doubted."""
     rewritten(folder, lambda line: replace(line, weights=None, predictions=None))

@@ -7,6 +7,7 @@ import fakes
 import pytest
 from rich.console import Console
 
+from tacevo.records import Training
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.search.algorithm import run_search
 from tacevo.search.state import Budget, Plan
@@ -28,3 +29,16 @@ def test_slots_are_counted(plan: Plan, told: str) -> None:
     out = io.StringIO()
     run_search(plan, fakes.effects(), Ledger(), Watcher(plan, Progress(Console(file=out))))
     assert told in out.getvalue().splitlines()[-1]
+
+
+@pytest.mark.parametrize(("trivial", "is_chance"), [(None, False), (0.001, True), (50.0, False)])
+def test_best_stands_beside_baseline_and_trivial_loss(trivial: float | None, is_chance: bool) -> None:
+    """In the line of every generation, from the first on; of a run that records no trivial loss, the baseline."""
+    out = io.StringIO()
+    baseline = fakes.evaluate(fakes.TASK.baseline)
+    assert isinstance(baseline, Training)
+    run_search(PLAN, fakes.effects(), Ledger(), Watcher(PLAN, Progress(Console(file=out)), trivial))
+    lines = out.getvalue().splitlines()
+    beside = f"baseline {baseline.fitness:.4g}" + ("" if trivial is None else f", trivial {trivial:.4g}")
+    assert len(lines) == 3
+    assert [line for line in lines if f"({beside})" not in line or ("at chance" in line) != is_chance] == []

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import pytest
 from checkout import GOLDEN
 from fakes import TASK
 from ledger_lines import ended, header, rejected, run_record, trained
@@ -261,3 +262,35 @@ def test_end_of_a_search_that_asked_nobody_has_no_rate() -> None:
     """There are no first answers."""
     lines: list[Line] = [header(), LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5)]
     assert in_short(RUN, CONFIG, lines, ["g00s00"], {}).endswith("\n\nGate: no model was asked.\n")
+
+
+@pytest.mark.parametrize("trivial", [0.1, 0.104])
+def test_summary_of_a_search_at_chance_says_so_first(trivial: float) -> None:
+    """And what to raise; the best beside baseline and trivial loss. The end of the search calls nothing best."""
+    run = replace(RUN, trivial=trivial)
+    lines: list[Line] = [header(), *LINES]
+    page = summarise(run, CONFIG, lines, ["g01s00"], {})
+    found = page.split("## Found\n\n")[1]
+    assert found.startswith("At chance: ")
+    assert "training.epochs" in found.splitlines()[0]
+    assert f"the baseline 0.5; the trivial loss is {trivial:.4g}." in found
+    assert f"every validation image can have: {trivial:.4g}." in page.split("## Found")[0]
+    told = in_short(run, CONFIG, lines, ["g01s00"], {})
+    assert told.index("At chance: ") < told.index("Lowest fitness 0.1")
+    assert "Best fitness" not in told
+
+
+def test_summary_of_a_search_without_a_better_network_says_so() -> None:
+    """The elite may be the baseline itself; a baseline alone is no search."""
+    lines = [LINES[0], rejected("g00s01", "extract", "no_class")]
+    page = page_of(*lines, generation(0, trained=1, candidates=2, best=0.5, median=0.5), elites=["g00s00"])
+    assert page.split("## Found\n\n")[1].startswith("Nothing beat the baseline. Raise search.candidates")
+    alone = page_of(LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5), elites=["g00s00"])
+    assert "Nothing beat" not in alone
+    assert "Nothing beat" not in page_of(*LINES)
+
+
+def test_summary_of_a_run_without_a_trivial_loss_is_as_before() -> None:
+    """Runs of earlier releases do not record it."""
+    assert "rivial" not in page_of(*LINES)
+    assert "chance" not in page_of(*LINES)
