@@ -259,11 +259,14 @@ def outcomes(run: Run, found: Studies) -> dict[str, Table]:
             one.comparisons,
             again.get(one.name),
             record=run.record,
+            trivial=run.trivial,
             is_alone=not any(other.has(one.study) for other in everywhere),
         )
         for one in found.studies
     }
-    return tables | {name: noise_outcome(one, run.task) for name, one in again.items() if name not in tables}
+    return tables | {
+        name: noise_outcome(one, run.task, run.trivial) for name, one in again.items() if name not in tables
+    }
 
 
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
@@ -296,7 +299,7 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         of_study += [table for one in across if one.data[0].study is compared.study for table in transfer_tables(one)]
         tables += [_of_study(table, compared) for table in of_study]
     for one in found.reestimates:
-        of_noise = [*noise_tables(one, run.task), *_corrected(run, one)]
+        of_noise = [*noise_tables(one, run.task, run.trivial), *_corrected(run, one)]
         tables += [replace(table, name=f"{table.name}_{one.name}") for table in of_noise]
     return tuple(tables)
 

@@ -16,6 +16,7 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Task, to_json
 from tacevo.search.archive import Bounds, best_distinct
+from tacevo.search.chance import shortfall
 from tacevo.search.descriptors import on_axis
 from tacevo.search.files import (
     EliteEntry,
@@ -66,6 +67,8 @@ class Run:
     spent: Mapping[str, Spending]
     #: The further trainings of elites, in order; none unless the search trained elites again.
     reevaluations: tuple[ReevaluationLine, ...] = ()
+    #: The trivial loss of its validation images; None in runs of earlier releases.
+    trivial: float | None = None
 
     @property
     def task(self) -> str:
@@ -111,6 +114,14 @@ class Run:
     def answered(self) -> tuple[CandidateLine, ...]:
         """The candidates that a model was asked for: all but the baseline and given networks."""
         return tuple(candidate for candidate in self.candidates if candidate.request is not None)
+
+    @property
+    def shortfall(self) -> str:
+        """That it learned nothing, or found nothing, and what to raise (`tacevo.search.chance`); empty where it did."""
+        best, known = self.generations[-1].best, self.fitness.get(self.baseline.id)
+        if best is None:
+            return ""
+        return shortfall(best=best, baseline=known, trivial=self.trivial, asked=bool(self.answered))
 
     @property
     def not_sent(self) -> Mapping[str, str]:
@@ -197,6 +208,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
         eras=eras_of(ledger.lines),
         versions=record.versions,
         spent=RunDirectory(path).read_spending(),
+        trivial=record.trivial,
     )
 
 

@@ -32,6 +32,9 @@ ONE_DRAW = (
     "seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
 )
 
+#: Of a trivial loss.
+TRIVIAL_LOSS = "Trivial loss: the least that the same answer to every validation image can have."
+
 #: The same where a fitness is a median.
 MEDIAN = ONE_DRAW.replace("one draw: the loss of one training seed", "{record}").replace("many draws", "many medians")
 
@@ -151,6 +154,7 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
     rows: list[tuple[str, float | int | Percent | None]] = []
     if found is not None:
         rows = [
+            *([] if run.trivial is None else [("trivial loss", run.trivial)]),
             ("fitness of the baseline", found.baseline),
             ("best fitness of generation 0", found.first),
             ("best fitness at the end", found.last),
@@ -167,7 +171,11 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
         caption=f"How far {run.name} came. Fitness is a validation loss.",
         columns=("figure", "value"),
         rows=tuple(rows),
-        notes=(ONE_DRAW if run.record == drawn(1) else MEDIAN.format(record=run.record),),
+        notes=(
+            *([run.shortfall] * bool(run.shortfall)),
+            ONE_DRAW if run.record == drawn(1) else MEDIAN.format(record=run.record),
+            *([] if run.trivial is None else [TRIVIAL_LOSS]),
+        ),
     )
 
 

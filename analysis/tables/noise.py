@@ -6,17 +6,20 @@ from analysis.statistics.noise import NetworkNoise
 from analysis.studies.corrected import Corrected
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Cell, Percent, Table
+from analysis.tables.dynamics import TRIVIAL_LOSS
+from tacevo.search.chance import chance_in_words, is_at_chance
 from tacevo.studies.lines import Network
 from tacevo.text import counted, drawn
 
 
-def noise_tables(found: Reestimates, task: str) -> tuple[Table, ...]:
-    """Return all tables of a study's or a noise run's re-estimates."""
-    return (noise_table(found, task), ranking_table(found, task)) if found.rankings else (noise_table(found, task),)
+def noise_tables(found: Reestimates, task: str, trivial: float | None = None) -> tuple[Table, ...]:
+    """Return all tables of a study's or a noise run's re-estimates, with the trivial loss where it is known."""
+    noise = noise_table(found, task, trivial)
+    return (noise, ranking_table(found, task)) if found.rankings else (noise,)
 
 
-def noise_table(found: Reestimates, task: str) -> Table:
-    """Show the recorded fitness of each network beside what other training seeds give."""
+def noise_table(found: Reestimates, task: str, trivial: float | None = None) -> Table:
+    """Show the recorded fitness of each network beside what other training seeds give, and the trivial loss."""
     seeds = counted(found.noise.seeds, "other training seed")
     return Table(
         name=f"noise_{task}",
@@ -26,8 +29,12 @@ def noise_table(found: Reestimates, task: str) -> Table:
             *("seeds as low as recorded", "recorded less re-estimated", "expected by regression"),
             "chance to beat the baseline",
         ),
-        rows=tuple(_cells(found, *pair) for pair in zip(found.networks, found.noise.networks, strict=True)),
+        rows=(
+            *(_cells(found, *pair) for pair in zip(found.networks, found.noise.networks, strict=True)),
+            *(() if trivial is None else (("trivial", None, trivial, trivial, *(None,) * 6),)),
+        ),
         notes=(
+            *chance_note(found, trivial),
             f"Fitness: the validation loss after {counted(found.epochs, 'epoch')}, lower is better. The recorded one "
             f"is {found.record}, by which the search chose; the others decided nothing in it.",
             "Recorded less re-estimated: below 0 the record flatters the network.",
@@ -36,8 +43,17 @@ def noise_table(found: Reestimates, task: str) -> Table:
             "Chance to beat the baseline: that one seed of the network has a lower loss than one of the baseline; in "
             f"brackets the {100 * LEVEL:g} % interval of Newcombe (2006, method 5).",
             *_agreement_note(found),
+            *(() if trivial is None else (TRIVIAL_LOSS,)),
         ),
     )
+
+
+def chance_note(found: Reestimates, trivial: float | None) -> tuple[str, ...]:
+    """Say that no network's re-estimate is better than chance, where that is so."""
+    best = min(one.median for one in found.noise.networks)
+    if trivial is None or not is_at_chance(best, trivial):
+        return ()
+    return (f"{chance_in_words(trivial)} By the medians of {counted(found.noise.seeds, 'other seed')}.",)
 
 
 def corrected_table(found: Corrected, again: Reestimates, task: str) -> Table:

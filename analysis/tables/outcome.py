@@ -7,9 +7,10 @@ from analysis.studies.comparison import Comparisons
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.noise import Reestimates
 from analysis.studies.scores import Study
-from analysis.studies.trivial import trivial_score
+from analysis.studies.trivial import at_chance, trivial_score
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables.noise import chance_note
 from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
@@ -23,7 +24,13 @@ _TOGETHER = (
 
 
 def study_outcome(
-    study: Study, found: Comparisons | None, again: Reestimates | None, *, record: str, is_alone: bool
+    study: Study,
+    found: Comparisons | None,
+    again: Reestimates | None,
+    *,
+    record: str,
+    is_alone: bool,
+    trivial: float | None = None,
 ) -> Table:
     """Show what a study found.
 
@@ -33,6 +40,7 @@ def study_outcome(
         again: the re-estimates of the recorded fitnesses; None where the study gives none.
         record: what a recorded fitness is, in words.
         is_alone: whether its networks were studied on these data only.
+        trivial: the trivial loss of the run's validation images; None where it is not known.
     """
     rows = [_row(study, network, found, again) for network in study.networks]
     names = {
@@ -43,7 +51,8 @@ def study_outcome(
     }
     score = trivial_score(study)
     if score is not None:
-        rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": _value(study.primary, score)})
+        test = _value(study.primary, score)
+        rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": test, "fitness": trivial})
     other = f", on {study.where}" if study.where else ""
     return Table(
         name=f"outcome_{study.task}",
@@ -52,7 +61,14 @@ def study_outcome(
         + ("" if found is None else "; verdicts against the baseline, p after Holm"),
         columns=tuple(names.get(column, column) for column in rows[0]),
         rows=tuple(tuple(row.values()) for row in rows),
-        notes=(*_late(study, found), *_few(found), *_alone(is_alone), _fitness(again), *_chosen(study)),
+        notes=(
+            *at_chance(study),
+            *_late(study, found),
+            *_few(found),
+            *_alone(is_alone),
+            _fitness(again),
+            *_chosen(study),
+        ),
     )
 
 
@@ -68,8 +84,10 @@ def _row(study: Study, network: Network, found: Comparisons | None, again: Reest
     return cells
 
 
-def noise_outcome(found: Reestimates, task: str) -> Table:
+def noise_outcome(found: Reestimates, task: str, trivial: float | None = None) -> Table:
     """Show what a noise run found: the recorded fitness of its networks beside what other seeds give.
+
+    `trivial` is the trivial loss, where it is known; it has the last row.
 
     It begins with the finding in one sentence (`_finding`), unless the baseline was trained again alone.
     """
@@ -86,11 +104,15 @@ def noise_outcome(found: Reestimates, task: str) -> Table:
             *("network", "id", f"fitness, {found.record}", "re-estimated", "least", "most"),
             f"chance to beat the baseline [{100 * LEVEL:g} %]",
         ),
-        rows=tuple(
-            (network.name, network.id, one.recorded, one.median, one.least, one.most, _beats(one))
-            for network, one in listed_ones
+        rows=(
+            *(
+                (network.name, network.id, one.recorded, one.median, one.least, one.most, _beats(one))
+                for network, one in listed_ones
+            ),
+            *(() if trivial is None else (("trivial", None, trivial, trivial, None, None, None),)),
         ),
         notes=(
+            *chance_note(found, trivial),
             *(() if finding is None else (f"{trained}.",)),
             *((_TOGETHER,) if len(pairs) > 2 else ()),
             *_undecidable(found),

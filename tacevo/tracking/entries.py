@@ -92,6 +92,11 @@ def generation_measures(line: GenerationLine) -> tuple[Measure, ...]:
     return _measures(_figures(line, _GENERATION_METRICS), line.generation)
 
 
+def reference_measures(baseline: float | None, trivial: float | None, step: int) -> tuple[Measure, ...]:
+    """Return the losses that the best one stands beside: the baseline's, and the trivial one of `search.chance`."""
+    return _measures({"baseline": baseline, "trivial": trivial}, step)
+
+
 def _figures(line: CandidateLine | GenerationLine, names: Sequence[str]) -> dict[str, float | None]:
     return {name: getattr(line, name) for name in names}
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
+from tacevo.records import Operator
 from tacevo.search.files import Line, line_kind
 from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import content_hash
@@ -23,6 +24,7 @@ from tacevo.tracking.entries import (
     config_params,
     cost_measures,
     generation_measures,
+    reference_measures,
     total_measures,
 )
 from tacevo.tracking.facts import data_set, source_tags
@@ -73,14 +75,17 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         )
         writer.write_params(config_params(record.config))
         writer.write_data(data_set(record))
-        sums = _Sums(directory)
+        sums, baseline = _Sums(directory), None
         for last, line in lines:
             if isinstance(line, CandidateLine):
+                baseline = line.fitness if line.operator is Operator.baseline else baseline
                 params = candidate_params(line, record.task.instructions)
                 measures = (*candidate_measures(line), *cost_measures(sums.of_candidate(line.id), 0))
                 writer.write_candidate(line, last, params, measures, run_dir / "candidates" / f"{line.id}.py")
             elif isinstance(line, GenerationLine):
-                writer.write_generation(line.generation, (*generation_measures(line), *sums.of_generation(line)))
+                beside = reference_measures(baseline, record.trivial, line.generation)
+                measures = (*generation_measures(line), *beside, *sums.of_generation(line))
+                writer.write_generation(line.generation, measures)
         if directory.read_run().digest == last:
             writer.finish(last)
         elif finished is not None or not directory.is_busy:

@@ -59,6 +59,17 @@ def test_search_is_one_run_with_one_nested_run_a_candidate(run_dir: Path, uri: s
     assert histories["candidates"] == [(0, 3.0), (1, 0.0)]
 
 
+@pytest.mark.parametrize("trivial", [None, 0.3])
+def test_best_stands_beside_baseline_and_trivial_loss(trivial: float | None, run_dir: Path, uri: str) -> None:
+    """As metrics of every generation, so that MLflow draws all three into one chart."""
+    directory = RunDirectory(run_dir)
+    directory.write_run(replace(directory.read_run(), trivial=trivial))
+    mirror_once(run_dir, uri)
+    histories = contents(uri)["parent"][4]
+    assert histories["baseline"] == [(0, 0.25), (1, 0.25)]
+    assert histories.get("trivial") == (None if trivial is None else [(0, 0.3), (1, 0.3)])
+
+
 def test_trained_candidate_keeps_losses_figures_and_source(run_dir: Path, uri: str) -> None:
     """A trained candidate's run is finished and holds its metrics and its source as an artifact."""
     mirror_once(run_dir, uri)

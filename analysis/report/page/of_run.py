@@ -94,7 +94,7 @@ def run_contents(given: RunMaterial) -> RunContents:
     return RunContents(
         name=run.name,
         headlines=_headlines(found),
-        remarks=(*given.remarks, *missing),
+        remarks=(*([run.shortfall] * bool(run.shortfall)), *given.remarks, *missing),
         axes=tuple(axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
         cells=_cells(found.niches.networks),
         places=run.places,
@@ -151,6 +151,8 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
     baseline = run.fitness.get(run.baseline.id)
     if losses and baseline is not None:
         losses += f", the baseline's {shown(baseline)} ({run.record})"
+    if losses and run.trivial is not None:
+        losses += f", the trivial loss {shown(run.trivial)}"
     again = reestimated(run, found.reestimates)
     if again is not None:
         words, reference, median = again

@@ -45,6 +45,16 @@ def whole(published: Path) -> tuple[Collection, RunContents]:
     return found, run_contents(material)
 
 
+def test_page_says_what_was_not_learned() -> None:
+    """Above all else; the trivial loss stands beside the best and the baseline's in the first line."""
+    given = run([trained(0, 0, 0.5), trained(1, 0, 0.4)], [closed(0, 0.5), closed(1, 0.4)], elites=[])
+    at_chance, better = (contents(replace(given, trivial=trivial)) for trivial in (0.41, 0.6))
+    assert "the trivial loss 0.410" in at_chance.headlines[0]
+    assert at_chance.remarks[0].startswith("At chance: ")
+    assert not any("chance" in one for one in better.remarks)
+    assert "trivial" not in contents(given).headlines[0]
+
+
 def test_last_archive_is_the_recorded_one(whole: tuple[Collection, RunContents]) -> None:
     """The elites after the last generation are those of archive.json."""
     found, shown = whole

@@ -66,6 +66,14 @@ def test_ranking_shows_the_search_s_epoch_and_the_last() -> None:
     assert [row[0] for row in table.rows] == [1, 2, 4, 5, 8, 11]
 
 
+def test_improvement_stands_beside_the_trivial_loss() -> None:
+    """In the first row; a search at chance is said to be one in the first note."""
+    for trivial, is_chance in ((0.41, True), (0.6, False), (None, False)):
+        table = improvement_table(replace(searched(), trivial=trivial))
+        assert (table.rows[0] == ("trivial loss", trivial)) == (trivial is not None)
+        assert table.notes[0].startswith("At chance: ") == is_chance
+
+
 def test_improvement_is_one_draw_until_it_is_re_estimated() -> None:
     """Then the re-estimate stands below it: 20 % by one draw is a third worse by the medians of three seeds."""
     alone, beside = improvement_table(searched()), improvement_table(searched(), [reestimates()])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies import FOUR, around, network, study_of
+from studies import FOUR, around, network, study_of, study_of_outputs
 
 from analysis.rounding import shown
 from analysis.statistics.effects import median
@@ -13,6 +13,8 @@ from analysis.studies.comparison import compare
 from analysis.studies.noise import Reestimates
 from analysis.studies.scores import Study
 from analysis.table import Between, Percent, PValue
+from analysis.tables.comparison import scores_table
+from analysis.tables.noise import noise_table
 from analysis.tables.outcome import MOST, noise_outcome, study_outcome
 from tacevo.records import Kind
 from tacevo.rounding import rounded
@@ -81,6 +83,40 @@ def test_trivial_predictor_is_the_last_row() -> None:
     study = study_of({"baseline": [0.5, 0.7], "variant 1": [0.6, 0.9]}, kind=Kind.classification)
     row = study_outcome(study, None, None, record="one draw", is_alone=False).rows[-1]
     assert row == ("trivial", None, Percent(rounded(1 / 3)), None)
+
+
+@pytest.mark.parametrize(
+    ("values", "kind", "is_chance"),
+    [
+        ([0.95, 0.96], Kind.regression, True),  # of a variance of 1
+        ([0.9, 0.96], Kind.regression, False),
+        ([0.33, 0.36], Kind.classification, True),  # of three classes of three images each
+        ([0.33, 0.4], Kind.classification, False),
+    ],
+)
+def test_study_at_chance_says_so(values: list[float], kind: Kind, is_chance: bool) -> None:
+    """Where no network's median error, or share of wrong answers, is 5 % below that of an answer without an image."""
+    study = study_of({"baseline": [values[0]] * 3, "variant 1": [values[1]] * 3}, kind=kind)
+    if kind is Kind.regression:
+        study = study_of_outputs({"Fx": {"baseline": [values[0]] * 3, "variant 1": [values[1]] * 3}})
+        scores = [replace(one, metrics={**one.metrics, "r2_Fx": 1 - one.metrics["mse"]}) for one in study.scores]
+        study = replace(study, scores=tuple(scores))
+    table = study_outcome(study, None, None, record="one draw", is_alone=False, trivial=1.5)
+    for one in (table, scores_table(study)):
+        assert one.notes[0].startswith("At chance: ") == is_chance
+        assert one.rows[-1][0] == "trivial"
+    assert table.rows[-1][-1] == 1.5
+
+
+def test_noise_run_stands_beside_the_trivial_loss() -> None:
+    """In the last row; where no median is better by the margin, the first note says that."""
+    again = reestimates(["baseline", "variant 1"], [[1.0, 1.2], [0.96, 0.98]])
+    for trivial, is_chance in ((1.0, True), (1.1, False), (None, False)):
+        for table in (noise_outcome(again, "force", trivial), noise_table(again, "force", trivial)):
+            assert table.notes[0].startswith("At chance: ") == is_chance
+            last = dict(zip(table.columns, table.rows[-1], strict=True))
+            assert (last["network"] == "trivial") == (trivial is not None)
+            assert trivial is None or trivial in last.values()
 
 
 @pytest.mark.parametrize(
