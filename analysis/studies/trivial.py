@@ -8,8 +8,11 @@ import math
 from collections.abc import Mapping, Sequence
 from statistics import fmean
 
-from analysis.studies.scores import Study
+import numpy as np
+
+from analysis.studies.scores import LOWER_IS_BETTER, Study
 from tacevo.rounding import rounded
+from tacevo.search.chance import MARGIN, is_at_chance
 from tacevo.studies.lines import ScoreLine
 from tacevo.training.losses import entropy
 from tacevo.training.metrics import Confusion, macro_f1
@@ -23,6 +26,19 @@ def trivial_score(study: Study) -> float | None:
 def trivial_metrics(study: Study) -> dict[str, float]:
     """Return the trivial predictor's test metrics, by name; see `metrics_from`."""
     return metrics_from(study.scores, study.names)
+
+
+def at_chance(study: Study) -> tuple[str, ...]:
+    """Say that no network's median score is better than chance (`tacevo.search.chance`); nothing where one is."""
+    trivial, is_error = trivial_score(study), LOWER_IS_BETTER[study.primary]
+    if trivial is None:
+        return ()
+    medians = [float(np.median(study.values(network.name, study.primary))) for network in study.networks]
+    best, least = (min(medians), trivial) if is_error else (1 - max(medians), 1 - trivial)
+    if not is_at_chance(best, least):
+        return ()
+    what = "error" if is_error else "share of wrong answers"
+    return (f"At chance: no network's median {what} is more than {100 * MARGIN:g} % below the trivial predictor's.",)
 
 
 def metrics_from(scores: Sequence[ScoreLine], names: Sequence[str]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import Comparisons, VariantComparison
 from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.scores import LOWER_IS_BETTER, Study
-from analysis.studies.trivial import trivial_metrics, trivial_score
+from analysis.studies.trivial import at_chance, trivial_metrics, trivial_score
 from analysis.studies.warnings import caution_notes
 from analysis.sweeps.pilots import spread_of
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
@@ -86,6 +86,7 @@ def scores_table(study: Study) -> Table:
             *_trivial_row(study),
         ),
         notes=(
+            *at_chance(study),
             *_scale_note(study),
             *_trivial_note(study),
             "FLOPs: of one image, forwards. Chosen epoch: median of the seeds, quartiles in brackets.",

@@ -1,6 +1,5 @@
 """What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
 
-import numpy as np
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
@@ -8,12 +7,11 @@ from analysis.statistics.noise import NetworkNoise
 from analysis.studies.comparison import Comparisons
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.noise import Reestimates
-from analysis.studies.scores import LOWER_IS_BETTER, Study
-from analysis.studies.trivial import trivial_score
+from analysis.studies.scores import Study
+from analysis.studies.trivial import at_chance, trivial_score
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.noise import chance_note
-from tacevo.search.chance import MARGIN, is_at_chance
 from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
@@ -65,7 +63,7 @@ def study_outcome(
         columns=tuple(names.get(column, column) for column in rows[0]),
         rows=tuple(tuple(row.values()) for row in rows),
         notes=(
-            *_chance(study, score),
+            *at_chance(study),
             *_late(study, found),
             *_few(found),
             *_alone(is_alone),
@@ -73,19 +71,6 @@ def study_outcome(
             *_chosen(study),
         ),
     )
-
-
-def _chance(study: Study, trivial: float | None) -> tuple[str, ...]:
-    """Say that no network's median score is better than chance, where that is so."""
-    if trivial is None:
-        return ()
-    is_error = LOWER_IS_BETTER[study.primary]
-    medians = [float(np.median(study.values(network.name, study.primary))) for network in study.networks]
-    best, least = (min(medians), trivial) if is_error else (1 - max(medians), 1 - trivial)
-    if not is_at_chance(best, least):
-        return ()
-    what = "error" if is_error else "share of wrong answers"
-    return (f"At chance: no network's median {what} is more than {100 * MARGIN:g} % below the trivial predictor's.",)
 
 
 def _row(study: Study, network: Network, found: Comparisons | None, again: Reestimates | None) -> dict[str, Cell]:

@@ -13,6 +13,7 @@ from analysis.studies.comparison import compare
 from analysis.studies.noise import Reestimates
 from analysis.studies.scores import Study
 from analysis.table import Between, Percent, PValue
+from analysis.tables.comparison import scores_table
 from analysis.tables.noise import noise_table
 from analysis.tables.outcome import MOST, noise_outcome, study_outcome
 from tacevo.records import Kind
@@ -101,8 +102,9 @@ def test_study_at_chance_says_so(values: list[float], kind: Kind, is_chance: boo
         scores = [replace(one, metrics={**one.metrics, "r2_Fx": 1 - one.metrics["mse"]}) for one in study.scores]
         study = replace(study, scores=tuple(scores))
     table = study_outcome(study, None, None, record="one draw", is_alone=False, trivial=1.5)
-    assert table.notes[0].startswith("At chance: ") == is_chance
-    assert table.rows[-1][0] == "trivial"
+    for one in (table, scores_table(study)):
+        assert one.notes[0].startswith("At chance: ") == is_chance
+        assert one.rows[-1][0] == "trivial"
     assert table.rows[-1][-1] == 1.5
 
 
