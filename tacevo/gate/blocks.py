@@ -3,108 +3,145 @@
 import ast
 import re
 import textwrap
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Self
 
-from tacevo.gate.policy.problems import parse
+from tacevo.gate.fences import STATEMENT, Kind, Part, parts_of
+from tacevo.gate.policy.problems import Problem, parse
+from tacevo.gate.tags import LEADING, code_after_tags, code_before_tags, is_tagged
+from tacevo.records import Reason
 
-#: How many characters may be parsed to find code between prose, over all attempts: a second or two of work, and about a
-#: hundred attempts for an answer of usual size.
-_BUDGET = 500_000
+#: How many characters may be parsed to read one answer, over all attempts: ten times an answer of 100,000 bytes, or two
+#: seconds of work. The recorded answers take up to four times their length. It is a count of characters and not a
+#: limit of time because a verdict may not depend on the machine.
+MOST_PARSED = 1_000_000
 
-_FENCE = re.compile(r"[ \t]*(`{3,}|~{3,})[ \t]*([^`\n]*)")
+#: How many blocks of code an answer may have; the recorded ones have up to 3.
+MOST_BLOCKS = 100
 
-_LANGUAGE = re.compile(r"[{.]*(\w*)")
-
-_PYTHON = {"", "py", "python", "python3", "py3"}
-
-_CODE_START = re.compile(
-    r"[ \t]*(@\w|class\s+\w+\s*[(:]|def\s+\w+\s*\(|import\s+\w|from\s+[\w.]+\s+import\b|[A-Z][A-Z0-9_]*\s*=)"
-)
+_CODE_START = re.compile(rf"{LEADING}(?:{STATEMENT}|[A-Z][A-Z0-9_]*\s*=)")
 
 _CONTINUATION = re.compile(r"[#)\]}]")
+
+
+class TooComplexError(Exception):
+    """An answer would take too much work to read."""
+
+    def __init__(self, detail: str) -> None:
+        super().__init__(detail)
+        self.problem = Problem(Reason.too_complex, detail)
+
+
+@dataclass(slots=True)
+class Parser:
+    """Parses parts of one answer, up to a number of characters in all."""
+
+    left: int = MOST_PARSED
+
+    def parse(self, text: str) -> ast.Module | Problem:
+        """Parse a text.
+
+        Raises:
+            TooComplexError: too many characters were parsed already.
+        """
+        self.left -= len(text)
+        if self.left < 0:
+            detail = f"expected an answer that can be read by parsing {MOST_PARSED} characters; it takes more"
+            raise TooComplexError(detail)
+        return parse(text)
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
     """A stretch of an answer that may be code."""
 
+    #: Dedented, without blank lines around it.
     text: str
+    parsed: ast.Module | Problem
     #: Whether something after the block shows that the model had finished it.
     closed: bool
-
-    @classmethod
-    def of(cls, text: str, *, closed: bool) -> Self:
-        """Make a block of dedented text without blank lines around it."""
-        return cls(textwrap.dedent(text).strip("\n").rstrip(), closed)
+    #: Number of the line of the answer that follows it.
+    end: int
 
 
-def fenced_blocks(text: str) -> list[Block]:
-    """Collect the blocks between Markdown fences that are marked as Python or not marked at all.
+def trimmed(text: str) -> str:
+    """Dedent a text and drop the blank lines around it."""
+    return textwrap.dedent(text).strip("\n").rstrip()
 
-    A fence is three or more backticks or tildes; it closes with the same sign, at least as often, alone on its
-    line (CommonMark 0.31, section 4.5). The last one may be left open.
+
+def blocks_of(text: str, parser: Parser) -> list[Block]:
+    """Collect the blocks of an answer, in its order.
+
+    These are what stands between fences that are marked as Python or not marked at all, and elsewhere the longest
+    stretches of lines that start like code and parse. A class statement outside of fences that does not parse is a
+    block, too, but not one between fences of another language.
+
+    Raises:
+        TooComplexError: there are too many, or they take too much work.
     """
-    blocks = []
-    opened: re.Match[str] | None = None
-    lines: list[str] = []
-    for line in text.split("\n"):
-        fence = _FENCE.fullmatch(line)
-        if opened is None:
-            opened, lines = fence, []
-        elif fence and fence[1].startswith(opened[1]) and not fence[2].strip():
-            blocks += _python_block(opened, lines, closed=True)
-            opened = None
-        else:
-            lines.append(line)
-    if opened is not None:
-        blocks += _python_block(opened, lines, closed=False)
-    return blocks
+    found: list[Block] = []
+    for part in parts_of(text.split("\n")):
+        for block in (_fenced if part.kind is Kind.python else _stretches)(part, parser):
+            found.append(block)
+            if len(found) > MOST_BLOCKS:
+                detail = f"expected an answer with at most {MOST_BLOCKS} blocks of code; got more"
+                raise TooComplexError(detail)
+    return found
 
 
-def _python_block(fence: re.Match[str], lines: list[str], *, closed: bool) -> list[Block]:
-    """Make a block of the lines after a fence, or none where its first word names another language."""
-    language = _LANGUAGE.match(fence[2])
-    is_python = language is not None and language[1].lower() in _PYTHON
-    return [Block.of("\n".join(lines), closed=closed)] if is_python else []
+def _fenced(part: Part, parser: Parser) -> Iterator[Block]:
+    """Read what stands between two fences: one block, unless a tag keeps it from being parsed."""
+    text = trimmed("\n".join(part.lines))
+    parsed = parser.parse(text)
+    if isinstance(parsed, Problem) and any(map(is_tagged, part.lines)):
+        yield from _stretches(part, parser)
+    else:
+        yield Block(text, parsed, part.closed, part.first + len(part.lines))
 
 
-def parsable_blocks(text: str) -> list[Block]:
-    """Collect the longest stretches of lines that start like code and parse, from text without fences."""
-    lines = text.split("\n")
-    blocks = []
-    start, budget = 0, _BUDGET
-    while start < len(lines) and budget > 0:
+def _stretches(part: Part, parser: Parser) -> Iterator[Block]:
+    """Find code where no fence says what is code."""
+    lines = list(part.lines)
+    start = 0
+    while start < len(lines):
         end = start
+        parsed: ast.Module | Problem | None = None
         if _CODE_START.match(lines[start]):
-            end, budget = _parsable_end(lines, start, budget)
-        if end > start:
-            closed = any(line.strip() for line in lines[end:])
-            blocks.append(Block.of(_statements(lines[start:end]), closed=closed))
+            lines[start] = code_after_tags(lines[start])
+            end, parsed = _parsable(lines, start, parser)
+            if parsed is None and part.kind is not Kind.other and _states_class(lines, start):
+                end = _suite_end(lines, start)
+                parsed = parser.parse(trimmed("\n".join(lines[start:end])))
+        if parsed is not None:
+            text = trimmed("\n".join(lines[start:end]))
+            is_ended = lines[end - 1] != part.lines[end - 1]
+            closed = part.closed or is_ended or any(line.strip() for line in lines[end:])
+            yield Block(_statements(text, parsed), parsed, closed, part.first + end)
         start = max(end, start + 1)
-    return blocks
 
 
-def _parsable_end(lines: list[str], start: int, budget: int) -> tuple[int, int]:
-    """Find where the longest parsable stretch from `start` ends, and what is left of the budget.
+def _parsable(lines: list[str], start: int, parser: Parser) -> tuple[int, ast.Module | None]:
+    """Find where the longest parsable stretch from `start` ends, and its tree.
 
     A stretch is only ever cut before a line at its own indentation: a class with an error inside must fail, not
-    lose its second half.
+    lose its second half. It may also be cut behind a line that a tag ends; the tag is then dropped from `lines`.
 
     Returns:
-        The first line after the stretch (`start` itself where nothing parses), and the characters left to parse.
+        The first line after the stretch (`start` itself where nothing parses), and its tree.
     """
     margin = _indentation(lines[start])
     end = next((i for i in range(start, len(lines)) if _is_outside(lines[i], margin)), len(lines))
-    while end > start and budget > 0:
-        text = textwrap.dedent("\n".join(lines[start:end]))
-        budget -= len(text)
-        problem = parse(text)
-        if isinstance(problem, ast.Module):
-            return end, budget
-        last = start + max(problem.line - 1, 0)
-        end = next((i for i in range(min(last, end - 1), start, -1) if _begins_statement(lines[i], margin)), start)
-    return start, budget
+    while end > start:
+        parsed = parser.parse(trimmed("\n".join(lines[start:end])))
+        if isinstance(parsed, ast.Module):
+            return end, parsed
+        last = min(start + max(parsed.line - 1, 0), end - 1)
+        code = code_before_tags(lines[last])
+        if code != lines[last] and not _goes_on(lines, last, margin):
+            lines[last], end = code, last + 1
+        else:
+            end = next((i for i in range(last, start, -1) if _begins_statement(lines[i], margin)), start)
+    return start, None
 
 
 def _indentation(line: str) -> int:
@@ -120,9 +157,27 @@ def _begins_statement(line: str, margin: int) -> bool:
     return bool(line.strip()) and _indentation(line) == margin and not _CONTINUATION.match(line[margin:])
 
 
-def _statements(lines: list[str]) -> str:
+def _goes_on(lines: Sequence[str], at: int, margin: int) -> bool:
+    """Return whether the next line is indented by more than the margin."""
+    following = next((lines[i] for i in range(at + 1, len(lines)) if lines[i].strip()), "")
+    return _indentation(following) > margin
+
+
+def _states_class(lines: Sequence[str], start: int) -> bool:
+    """Tell a class statement from a sentence: the next line is indented below it."""
+    return lines[start].lstrip().startswith("class") and _goes_on(lines, start, _indentation(lines[start]))
+
+
+def _suite_end(lines: Sequence[str], start: int) -> int:
+    """Find the next line that could begin a statement beside or outside the one at `start`."""
+    margin = _indentation(lines[start])
+    ends = (
+        i for i in range(start + 1, len(lines)) if _is_outside(lines[i], margin) or _begins_statement(lines[i], margin)
+    )
+    return next(ends, len(lines))
+
+
+def _statements(text: str, parsed: ast.Module | Problem) -> str:
     """Drop what follows the last statement, such as a Markdown heading that reads as a comment."""
-    text = textwrap.dedent("\n".join(lines))
-    tree = parse(text)
-    last = tree.body[-1].end_lineno if isinstance(tree, ast.Module) else None
+    last = parsed.body[-1].end_lineno if isinstance(parsed, ast.Module) else None
     return "\n".join(text.split("\n")[:last])

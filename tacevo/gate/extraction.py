@@ -4,43 +4,41 @@ The rules, in order:
 
 1. An answer that is too long, refused, missing or blank is rejected before anything is parsed.
 2. If the whole answer is Python that defines the class, it is the source.
-3. Otherwise the blocks are its fenced blocks, if it has any that are Python, else the longest stretches of lines
-   that parse.
-4. The last block with the whole class is the source, because a model that shows two versions means the later one.
-   Blocks that define a name which the source uses but does not define are put before it.
-5. One text that defines the class twice is ambiguous, because Python would silently keep the last.
-
-An answer cut off at its token limit counts only if its last block with the class was closed.
+3. Otherwise its thoughts are left out first (`tacevo.gate.tags`). One that is not closed leaves no answer.
+4. The rest is cut into blocks: what stands between fences that are marked as Python or not marked at all
+   (`tacevo.gate.fences`), and elsewhere the longest stretches of lines that start like code and parse
+   (`tacevo.gate.blocks`). Tags and marks around code do not belong to it.
+5. The last block that has the class counts, whether it parses or not: a model that shows two versions means the later
+   one. Where a whole class stands in the answer, an excerpt does not count.
+6. Blocks that bind a name at their top level which the source uses but does not bind are put before it. Statements at
+   the top level that consist of names are dropped (`tacevo.gate.joining`).
+7. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
+8. An answer that was cut off counts only if something after its last class statement shows that the class was finished.
+9. An answer of more than 100 blocks, or one that takes more than 1,000,000 characters of parsing, is too complex.
 """
 
 import ast
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from tacevo.gate.blocks import Block, fenced_blocks, parsable_blocks
-from tacevo.gate.policy.problems import Problem, parse
+from tacevo.gate.blocks import Block, Parser, TooComplexError, blocks_of, trimmed
+from tacevo.gate.fences import Kind, parts_of
+from tacevo.gate.joining import Code, class_statements, future_first, parts_of_network
+from tacevo.gate.policy.problems import Problem
+from tacevo.gate.tags import mentions_thought, without_thoughts
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
 CUT_OFF = frozenset({"max_tokens", "model_context_window_exceeded"})
+
+#: What stands between blocks that are joined.
+_BETWEEN = "\n\n"
 
 #: Stop reasons of what is not an answer.
 _UNANSWERED = {
     "refusal": (Reason.refused, "the model refused to answer"),
     "invalid_request": (Reason.invalid_request, "the provider refused the request, e.g. because it is too long"),
 }
-
-#: What stands between blocks that are joined.
-_BETWEEN = "\n\n"
-
-
-@dataclass(frozen=True, slots=True)
-class _Code:
-    """A block that parses."""
-
-    block: Block
-    tree: ast.Module
 
 
 def extract(completion: Completion, contract: Contract) -> str | Rejection:
@@ -50,13 +48,16 @@ def extract(completion: Completion, contract: Contract) -> str | Rejection:
         Source that parses and defines the contract's class once: newlines normalised, dedented, ending with one
         newline; or a rejection at stage `extract`.
     """
-    found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF)
+    try:
+        found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF)
+    except TooComplexError as error:
+        found = error.problem
     return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
 def as_whole(text: str) -> str:
     """Return a text as `extract` does if it takes all of it for the source, and not a part."""
-    return Block.of(_normalised(text), closed=False).text + "\n"
+    return trimmed(_normalised(text)) + "\n"
 
 
 def first_look(completion: Completion, *, limit: int) -> Rejection | None:
@@ -87,107 +88,113 @@ def _normalised(text: str) -> str:
 
 def _choose(text: str, name: str, cut_off: bool) -> str | Problem:
     """Pick the source among the blocks of an answer, as the module's rules say."""
-    blocks = _blocks(text, name)
-    codes = []
-    for block in blocks:
-        tree = parse(block.text)
-        if isinstance(tree, ast.Module):
-            codes.append(_Code(block, tree))
-    mentioning = [block for block in blocks if _mentions(block.text, name)]
-    if cut_off and not _is_closed(text, mentioning, name):
+    parser = Parser()
+    answer, blocks = _read(text, name, parser)
+    versions = [block for block in blocks if _has_class(block, name)]
+    if cut_off and not _is_closed(answer, versions, name):
         return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
-    whole = [code for code in codes if _defines_whole(code.tree, name)]
-    if not whole:
-        return _explain(text, mentioning, codes, name)
-    return _joined([*_helpers(whole[-1], codes, name), whole[-1]], name)
+    completeness = [_completeness(block, name) for block in versions]
+    if not any(completeness):
+        return _explain(answer, versions, blocks, name, parser)
+    place = max(range(len(versions)), key=lambda i: (completeness[i], i))
+    return _source(versions[place], blocks, name, parser)
 
 
-def _blocks(text: str, name: str) -> list[Block]:
-    """Cut an answer into candidate blocks."""
-    everything = Block.of(text, closed=False)
-    tree = parse(everything.text)
-    if isinstance(tree, ast.Module) and _class_definitions(tree, name):
-        return [everything]
-    fenced = fenced_blocks(text)
-    if any(_mentions(block.text, name) for block in fenced):
-        return fenced
-    return parsable_blocks(text)
+def _read(text: str, name: str, parser: Parser) -> tuple[str, list[Block]]:
+    """Return an answer without its thoughts, and its blocks: all of it, if that is Python and defines the class."""
+    whole = trimmed(text)
+    parsed = parser.parse(whole)
+    if isinstance(parsed, ast.Module) and class_statements(parsed, name):
+        return text, [Block(whole, parsed, closed=False, end=text.count("\n") + 1)]
+    answer = without_thoughts(text, _lines_of_code(text, parser)) if mentions_thought(text) else text
+    return answer, blocks_of(answer, parser)
+
+
+def _lines_of_code(text: str, parser: Parser) -> set[int]:
+    """Find the lines between fences that are Python, although they mention a thought."""
+    found: set[int] = set()
+    for part in parts_of(text.split("\n")):
+        code = "\n".join(part.lines)
+        if part.kind is Kind.python and mentions_thought(code) and isinstance(parser.parse(trimmed(code)), ast.Module):
+            found.update(range(part.first, part.first + len(part.lines)))
+    return found
+
+
+def _has_class(block: Block, name: str) -> bool:
+    """Return whether a block states the class; in text that does not parse, a line below must be indented."""
+    if isinstance(block.parsed, ast.Module):
+        return bool(class_statements(block.parsed, name))
+    statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b.*(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
+    return re.search(statement, block.text, re.MULTILINE) is not None
+
+
+def _is_closed(answer: str, versions: Sequence[Block], name: str) -> bool:
+    """Return whether the last class statement of an answer is in a block that the model finished."""
+    if not versions or not versions[-1].closed:
+        return False
+    return not _mentions("\n".join(answer.split("\n")[versions[-1].end :]), name)
 
 
 def _mentions(text: str, name: str) -> list[re.Match[str]]:
-    """Find the class statements in text that need not parse."""
+    """Find what may be class statements in text that need not parse."""
     return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
 
 
-def _is_closed(text: str, mentioning: Sequence[Block], name: str) -> bool:
-    """Return whether the last class statement of an answer is in a block that the model finished."""
-    in_blocks = sum(len(_mentions(block.text, name)) for block in mentioning)
-    return bool(mentioning) and mentioning[-1].closed and in_blocks == len(_mentions(text, name))
+def _completeness(block: Block, name: str) -> int:
+    """Tell a version of the class from an excerpt.
+
+    Returns:
+        0 where `forward` is missing, and no base may define it; 1 where something is left out: by `...`, by a comment
+        instead of a body, or by a `forward` that computes nothing; else 2, also where the text does not parse.
+    """
+    if isinstance(block.parsed, Problem):
+        header = rf"^([ \t]*)(?:def[ \t]+forward|class[ \t]+{re.escape(name)})\b.*(?:\n[ \t]*)*"
+        comments = r"\n[ \t]*#.*(?:\n[ \t]*(?:#.*)?)*(?=\n|\Z)(?!\n\1[ \t])"
+        return 1 if re.search(header + comments, block.text, re.MULTILINE) else 2
+    return max(map(_completeness_of_class, class_statements(block.parsed, name)))
 
 
-def _class_definitions(tree: ast.Module, name: str) -> list[ast.ClassDef]:
-    return [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name]
+def _completeness_of_class(node: ast.ClassDef) -> int:
+    forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
+    bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
+    if not forward and not bases - {"Module"}:
+        return 0
+    is_stub = any(all(map(_computes_nothing, function.body)) for function in forward)
+    return 1 if is_stub or any(map(_is_left_out, ast.walk(node))) else 2
 
 
-def _defines_whole(tree: ast.Module, name: str) -> bool:
-    """Tell a whole class from an excerpt: it defines `forward`, or has a base that may define it."""
-    for node in _class_definitions(tree, name):
-        methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
-        bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
-        if "forward" in methods or bases - {"Module"}:
+def _computes_nothing(node: ast.stmt) -> bool:
+    """Return whether a statement is one of those that stand for a body that is left out."""
+    match node:
+        case ast.Pass() | ast.Raise() | ast.Expr(value=ast.Constant()) | ast.Return(value=None | ast.Constant()):
             return True
     return False
 
 
-def _helpers(chosen: _Code, codes: Sequence[_Code], name: str) -> list[_Code]:
-    """Find the other blocks that define what the chosen one uses but lacks, and what these lack, in text order."""
-    left = [code for code in codes if code is not chosen and not _class_definitions(code.tree, name)]
-    taken: list[_Code] = []
-    missing = _loaded(chosen.tree) - _bound(chosen.tree)
-    while new := [code for code in left if code not in taken and missing & _defined(code.tree)]:
-        taken += new
-        for code in new:
-            missing |= _loaded(code.tree) - _bound(code.tree)
-    return [code for code in codes if code in taken]
+def _is_left_out(node: ast.AST) -> bool:
+    """Return whether a node is the statement `...`."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and node.value.value is ...
 
 
-def _loaded(tree: ast.Module) -> set[str]:
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
-
-
-def _bound(tree: ast.Module) -> set[str]:
-    """Collect every name that a text binds in any scope."""
-    names = _defined(tree)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            names.add(node.id)
-        elif isinstance(node, ast.arg):
-            names.add(node.arg)
-        elif isinstance(node, ast.alias):
-            names.add(node.asname or node.name.split(".")[0])
-    return names
-
-
-def _defined(tree: ast.Module) -> set[str]:
-    """Collect the classes, functions and constants that a text defines at its top level."""
-    names = {node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
-    for node in tree.body:
-        if isinstance(node, ast.Assign):
-            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
-    return names
-
-
-def _joined(parts: Sequence[_Code], name: str) -> str | Problem:
-    """Join blocks, each of which parses, and check that together they bind the class's name exactly once."""
-    joined, above = ast.Module(body=[], type_ignores=[]), 0
-    for part in parts:
-        joined.body += ast.increment_lineno(part.tree, above).body
-        above += part.block.text.count("\n") + _BETWEEN.count("\n")
-    lines = [getattr(node, "lineno", 0) for node in ast.walk(joined) if _binds(node, name)]
+def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -> str | Problem:
+    """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once."""
+    if isinstance(chosen.parsed, Problem):
+        return chosen.parsed
+    others = [
+        Code(block.text, block.parsed)
+        for block in blocks
+        if block is not chosen and isinstance(block.parsed, ast.Module)
+    ]
+    parts = parts_of_network(Code(chosen.text, chosen.parsed), others, name)
+    text = _BETWEEN.join(parts)
+    tree = chosen.parsed if text == chosen.text else parser.parse(text)
+    if isinstance(tree, Problem):
+        return tree
+    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if _binds(node, name)]
     if len(lines) > 1:
-        where = ", ".join(str(line) for line in lines)
+        where = ", ".join(map(str, lines))
         return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
-    return _BETWEEN.join(part.block.text for part in parts).strip("\n") + "\n"
+    return (text if len(parts) == 1 else future_first(Code(text, tree))) + "\n"
 
 
 def _binds(node: ast.AST, name: str) -> bool:
@@ -202,18 +209,16 @@ def _binds(node: ast.AST, name: str) -> bool:
     return False
 
 
-def _explain(text: str, mentioning: Sequence[Block], codes: Sequence[_Code], name: str) -> Problem:
+def _explain(text: str, versions: Sequence[Block], blocks: Sequence[Block], name: str, parser: Parser) -> Problem:
     """Return why no block has the whole class."""
-    if mentioning:
-        tree = parse(mentioning[-1].text)
-        if isinstance(tree, Problem):
-            return tree
+    if versions:
         return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
-    classes = sorted({node.name for code in codes for node in code.tree.body if isinstance(node, ast.ClassDef)})
+    trees = [block.parsed for block in blocks if isinstance(block.parsed, ast.Module)]
+    classes = sorted({node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef)})
     if classes:
         return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")
     for mention in _mentions(text, name)[-1:]:
-        tree = parse(Block.of(text[mention.start() :], closed=False).text)
-        if isinstance(tree, Problem):
-            return tree
+        parsed = parser.parse(trimmed(text[mention.start() :]))
+        if isinstance(parsed, Problem):
+            return parsed
     return Problem(Reason.no_class, f"expected a class {name}; got no Python class")

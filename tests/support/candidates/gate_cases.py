@@ -7,9 +7,7 @@ import pytest
 from checkout import SHARED
 
 from tacevo.gate.extraction import extract, first_look
-from tacevo.records import Completion, Contract, Kind, Loss, Rejection
-
-#: Real answers and attacks; beside the checkout, not part of it.
+from tacevo.records import Completion, Contract, Kind, Loss, Rejection, Stage
 
 #: A candidate that passes the gate at any image size.
 VALID = '''class ImageRegressionCNN(nn.Module):
@@ -56,6 +54,26 @@ def completion(text: str, stop_reason: str = "end_turn") -> Completion:
 def extracted(answer: Completion, task: Contract) -> str | Rejection:
     """Extract the source of an answer as the gate does."""
     return first_look(answer, limit=100_000) or extract(answer, task)
+
+
+def source_of(text: str, stop_reason: str = "end_turn") -> str:
+    """Extract from an answer to the force task and insist on a source."""
+    found = extracted(completion(text, stop_reason), contract())
+    assert isinstance(found, str), found
+    return found
+
+
+def refusal_of(text: str, stop_reason: str = "end_turn") -> Rejection:
+    """Extract from an answer to the force task and insist on a rejection at this stage."""
+    found = extracted(completion(text, stop_reason), contract())
+    assert isinstance(found, Rejection), found
+    assert found.stage is Stage.extract
+    return found
+
+
+def fenced(code: str, language: str = "python") -> str:
+    """Put code between fences."""
+    return f"```{language}\n{code}```"
 
 
 def candidate(forward: str, init: str = "") -> str:

@@ -1,0 +1,95 @@
+"""Joining the block of an answer that has the class with the blocks that have what it lacks."""
+
+import ast
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from tacevo.gate.names import Names, names_of
+from tacevo.gate.policy.allowed import PROVIDED
+
+#: What Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`.
+_WORDS = (ast.Name, ast.Attribute, ast.Tuple, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp)
+
+_SIGNS = (ast.operator, ast.unaryop, ast.boolop, ast.expr_context)
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """Text that parses, and its tree."""
+
+    text: str
+    tree: ast.Module
+
+
+def parts_of_network(chosen: Code, others: Sequence[Code], name: str) -> list[str]:
+    """Return the texts that a block lacks and its own text, in the order to run them, without words that are not code.
+
+    Args:
+        chosen: the block with the class.
+        others: the other blocks of the answer, in its order. Of another version of the class only the rest counts.
+        name: the name of the class.
+    """
+    dropped = [[*_words(code.tree), *class_statements(code.tree, name)] for code in others]
+    names = [names_of(_kept(code.tree, gone)) for code, gone in zip(others, dropped, strict=True)]
+    lacked = _lacked(names_of(chosen.tree.body), names, name) if names else []
+    return [*(_without(others[place], dropped[place]) for place in lacked), _without(chosen, _words(chosen.tree))]
+
+
+def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
+    """Return the places of the blocks that bind at their top level what a block lacks, or what these lack.
+
+    A block that uses the class as soon as it runs is an example of its use.
+    """
+    having: dict[str, list[int]] = {}
+    for place, names in enumerate(others):
+        for bound in names.bound - PROVIDED.keys() if name not in names.used_at_once else ():
+            having.setdefault(bound, []).append(place)
+    taken: set[int] = set()
+    waiting = [*own.lacked, "annotations"]  # from __future__: it changes how the rest is read
+    for lacked in waiting:  # grows while it is walked; each name is looked up once
+        new = set(having.pop(lacked, ())) - taken
+        taken |= new
+        waiting += [other for place in new for other in others[place].lacked]
+    return sorted(taken)
+
+
+def future_first(code: Code) -> str:
+    """Return a text with its imports from `__future__` before everything else, where Python wants them."""
+    futures = [node for node in code.tree.body if isinstance(node, ast.ImportFrom) and node.module == "__future__"]
+    lines = dict.fromkeys(map(ast.unparse, futures))
+    return "\n".join([*lines, _without(code, futures)])
+
+
+def class_statements(tree: ast.Module, name: str) -> list[ast.ClassDef]:
+    """List the statements at the top level of a text that define the class."""
+    return [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name]
+
+
+def _words(tree: ast.Module) -> list[ast.stmt]:
+    """List the statements at the top level that consist of names: they do nothing, or fail."""
+    found: list[ast.stmt] = []
+    for node in tree.body:
+        match node:
+            case ast.Expr(value=words) | ast.AnnAssign(target=ast.Name(), annotation=words, value=None):
+                kinds = {type(part) for part in ast.walk(words)}
+                if all(issubclass(kind, _WORDS + _SIGNS) for kind in kinds) and ast.Name in kinds:
+                    found.append(node)
+    return found
+
+
+def _kept(tree: ast.Module, dropped: Iterable[ast.stmt]) -> list[ast.stmt]:
+    gone = {id(node) for node in dropped}
+    return [node for node in tree.body if id(node) not in gone]
+
+
+def _without(code: Code, dropped: Sequence[ast.stmt]) -> str:
+    """Drop the lines of a text on which nothing else stands than these statements, and blank lines around the rest."""
+    gone = {line for node in dropped for line in _lines_of(node)}
+    gone -= {line for node in _kept(code.tree, dropped) for line in _lines_of(node)}
+    kept = [line for number, line in enumerate(code.text.split("\n"), start=1) if number not in gone]
+    return "\n".join(kept).strip("\n")
+
+
+def _lines_of(node: ast.stmt) -> range:
+    first = min([node.lineno, *(decorator.lineno for decorator in getattr(node, "decorator_list", ()))])
+    return range(first, (node.end_lineno or first) + 1)

@@ -1,0 +1,93 @@
+"""What the names of a text mean: which ones it binds at its top level, and which ones it lacks."""
+
+import ast
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+_Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+
+_Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """The names of a text."""
+
+    #: Those that it binds at its top level: imports, classes, functions, and variables in any form of assignment.
+    bound: frozenset[str]
+    #: Those that it uses somewhere but does not bind where Python would look for them.
+    lacked: frozenset[str]
+    #: Those that it uses at its top level, so as soon as it runs.
+    used_at_once: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Scope:
+    """A part of a text that has variables of its own."""
+
+    #: What runs in it; grows while it is walked.
+    nodes: list[ast.AST]
+    bound: set[str]
+    used: set[str]
+    #: The function around it, whose variables it sees; None at the top level and in its classes.
+    around: "_Scope | None"
+    #: Whether the functions in it see its variables.
+    is_function: bool
+
+
+def names_of(statements: Iterable[ast.stmt]) -> Names:
+    """Find out what the names of a text mean."""
+    top = _Scope([*statements], set(), set(), None, is_function=False)
+    scopes = [top]
+    for scope in scopes:  # grows while it is walked
+        for node in scope.nodes:
+            _note(node, scope)
+            inside = _inside(node)
+            own = {id(part) for part in inside}
+            scope.nodes.extend(part for part in ast.iter_child_nodes(node) if id(part) not in own)
+            if inside:
+                around = scope if scope.is_function else scope.around
+                scopes.append(_Scope(inside, _arguments(node), set(), around, not isinstance(node, ast.ClassDef)))
+    used = {name for scope in scopes for name in scope.used if not _is_variable(name, scope)}
+    return Names(frozenset(top.bound), frozenset(used - top.bound), frozenset(top.used))
+
+
+def _note(node: ast.AST, scope: _Scope) -> None:
+    """Note the name that a node uses or binds in its scope."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Load()):
+            scope.used.add(name)
+        case ast.Name(id=name) | ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+            scope.bound.add(name)
+        case ast.alias(name=path, asname=name):
+            scope.bound.add(name or path.split(".")[0])
+        case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+            scope.bound.add(name)
+
+
+def _inside(node: ast.AST) -> list[ast.AST]:
+    """Return the parts of a node that run in a scope of its own: no default, no decorator, no annotation, no base."""
+    match node:
+        case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
+            return [*node.body]
+        case ast.Lambda():
+            return [node.body]
+        case _ if isinstance(node, _Comprehension):
+            return [*ast.iter_child_nodes(node)]
+    return []
+
+
+def _arguments(node: ast.AST) -> set[str]:
+    if not isinstance(node, _Function):
+        return set()
+    return {part.arg for part in ast.iter_child_nodes(node.args) if isinstance(part, ast.arg)}
+
+
+def _is_variable(name: str, scope: _Scope) -> bool:
+    """Return whether a name that a scope uses is its own, or one of a function around it, and not of the top level."""
+    around: _Scope | None = scope
+    while around is not None:
+        if name in around.bound:
+            return True
+        around = around.around
+    return False
