@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from tacevo.costs import Spending
 from tacevo.environment import Code
@@ -56,6 +56,10 @@ class RunRecord(Record):
     digest: str | None
     #: Number of the summary and the tables (`tacevo.rules.PAGES`).
     pages: int = FIRST_PAGES
+    #: Whether another server than the provider's own gave an answer, and so the model's name.
+    elsewhere: bool = False
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"elsewhere"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +75,7 @@ class Timing(Record):
     output_tokens: int
     usd: float
     unpriced: int
+    uncounted: int = 0
     #: When the line was written, in ISO 8601 with a time zone.
     at: str
 
@@ -83,6 +88,7 @@ class Timing(Record):
             output_tokens=self.output_tokens,
             usd=self.usd,
             unpriced=self.unpriced,
+            uncounted=self.uncounted,
         )
 
 
