@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
-from tacevo.config.recorded import read_config
+from tacevo.config.recorded import answered_by, read_config
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
@@ -66,6 +66,8 @@ class Run:
     spent: Mapping[str, Spending]
     #: The further trainings of elites, in order; none unless the search trained elites again.
     reevaluations: tuple[ReevaluationLine, ...] = ()
+    #: What answered, in words.
+    model: str = ""
 
     @property
     def task(self) -> str:
@@ -197,6 +199,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
         eras=eras_of(ledger.lines),
         versions=record.versions,
         spent=RunDirectory(path).read_spending(),
+        model=answered_by(record, config.llm),
     )
 
 

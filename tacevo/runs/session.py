@@ -21,7 +21,7 @@ from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
-from tacevo.runs.providers import build_llm
+from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.summary import in_short, summarise
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
 from tacevo.sandbox.client import Run, Zygote
@@ -109,8 +109,11 @@ def record(
         remove_leftovers_in_stores(Path(config.store.root))
         _begin(directory, config, task, facts)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
+        if warning := name_warning(config.llm):
+            view.say(f"warning: {warning}")
         with _mirrored(config, directory, view):
             observer, walls = _Recorder(directory, ledger, plan, view), Walls(directory)
+            observer.elsewhere = asks_elsewhere(config.llm)
             with Workbench(
                 config,
                 task,
@@ -125,7 +128,7 @@ def record(
             ) as bench:
                 state = run_eras(plan, eras, bench.effects, ledger, observer)
             _check_length(ledger, directory)
-            found = _finish(directory, config, state, ledger.digest)
+            found = _finish(directory, config, state, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
         return Result(directory=directory.path, digest=ledger.digest, found=found, best=name)
@@ -177,6 +180,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             confinement=(),  # no candidate has run yet
             digest=None,
             pages=PAGES,
+            elsewhere=asks_elsewhere(config.llm),
         )
     )
 
@@ -214,9 +218,10 @@ def _check_length(ledger: Ledger, directory: RunDirectory) -> None:
         )
 
 
-def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> str:
+def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str, *, elsewhere: bool) -> str:
     """Write what is known only at the end; return the summary in short."""
-    run = replace(directory.read_run(), config=_publishable(config), digest=digest, pages=PAGES)
+    began = directory.read_run()
+    run = replace(began, config=_publishable(config), digest=digest, pages=PAGES, elsewhere=elsewhere)
     directory.write_run(run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
     lines, spent = read_ledger(directory).lines, directory.read_spending()
@@ -274,12 +279,15 @@ class _Recorder(Watcher):
         self._spent = directory.read_spending()
         #: What the candidates of the present generation cost.
         self._generation: list[Spending] = []
+        #: Whether another server than the provider's own gave an answer.
+        self.elsewhere = False
 
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
         if isinstance(outcome.proposal, Reevaluation):
             return  # its source is kept under the elite's name, and nothing was asked
         name = outcome.proposal.id
+        self.elsewhere |= any(completion.elsewhere for completion in outcome.completions)
         if outcome.admitted is not None:
             self._directory.keep_candidate(name, outcome.admitted.source)
         elif isinstance(outcome.result, Rejection) and outcome.completion is not None:
