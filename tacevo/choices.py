@@ -60,6 +60,13 @@ class Provider(StrEnum):
     openai = "openai"
 
 
+class SystemTurn(StrEnum):
+    """Where a request has the system prompt: as one, or at the start of the user's first turn."""
+
+    system = "system"
+    user = "user"
+
+
 #: Sampling settings that reach a request only where they are set, in the order of their names, and who knows them.
 OPTIONAL_SAMPLING = {
     "stop_sequences": (Provider.anthropic, Provider.openai),

@@ -8,6 +8,8 @@ from decimal import Decimal
 from tacevo.records import Completion
 from tacevo.text import counted
 
+_UNKNOWN = "unknown"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spending:
@@ -16,10 +18,17 @@ class Spending:
     answers: int = 0
     input_tokens: int = 0
     output_tokens: int = 0
-    #: US dollars, of the answers that have a price.
+    #: US dollars, of the answers whose cost is known.
     usd: float = 0.0
-    #: Answers without a price.
+    #: Answers whose cost is not known.
     unpriced: int = 0
+    #: Answers whose tokens are not known, and not in the sums.
+    uncounted: int = 0
+
+    @property
+    def tokens(self) -> int | None:
+        """Input and output tokens together; None where those of an answer are not known."""
+        return None if self.uncounted else self.input_tokens + self.output_tokens
 
 
 def spending_on(completions: Iterable[Completion]) -> Spending:
@@ -36,16 +45,27 @@ def total(parts: Iterable[Spending]) -> Spending:
         output_tokens=sum(part.output_tokens for part in listed),
         usd=math.fsum(part.usd for part in listed),
         unpriced=sum(part.unpriced for part in listed),
+        uncounted=sum(part.uncounted for part in listed),
     )
 
 
 def in_words(spending: Spending) -> str:
     """Write a spending as a clause, e.g. `61 answers, 80,000 + 40,000 tokens, 0.0700 USD`."""
-    tokens = f"{spending.input_tokens:,} + {spending.output_tokens:,} tokens"
+    read, written = token_cells(spending)
+    tokens = "tokens unknown" if read == _UNKNOWN else f"{read} + {written} tokens"
     words = f"{counted(spending.answers, 'answer')}, {tokens}, {usd(spending)}"
     if 0 < spending.unpriced < spending.answers:
         words += f" without the {counted(spending.unpriced, 'answer')} of unknown price"
+    if 0 < spending.uncounted < spending.answers:
+        words += f", and without the tokens of {counted(spending.uncounted, 'answer')}"
     return words
+
+
+def token_cells(spending: Spending) -> tuple[str, str]:
+    """Write the input and the output tokens of a spending; `unknown` where those of no answer are known."""
+    if spending.answers and spending.uncounted == spending.answers:
+        return _UNKNOWN, _UNKNOWN
+    return f"{spending.input_tokens:,}", f"{spending.output_tokens:,}"
 
 
 def usd(spending: Spending) -> str:
@@ -63,11 +83,13 @@ def dollars(amount: float) -> str:
 
 
 def _of_one(completion: Completion) -> Spending:
-    cost = completion.cost
+    cost, tokens = completion.cost, completion.tokens
+    read, written = tokens or (0, 0)
     return Spending(
         answers=1,
-        input_tokens=completion.input_tokens,
-        output_tokens=completion.output_tokens,
+        input_tokens=read,
+        output_tokens=written,
         usd=cost or 0.0,
         unpriced=int(cost is None),
+        uncounted=int(tokens is None),
     )

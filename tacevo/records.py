@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
 
 from tacevo.choices import Precision
 
@@ -33,6 +33,9 @@ class Record:
 
     __slots__ = ()
     __pydantic_config__ = STRICT
+
+    #: Fields that came later: `to_json` leaves them out at their defaults, as files of earlier versions do.
+    LATER: ClassVar[frozenset[str]] = frozenset()
 
 
 class Kind(StrEnum):
@@ -175,15 +178,21 @@ class Price(Record):
     dated: str
     #: What the delivery multiplies both by, e.g. 0.5 for a batch.
     factor: float = 1.0
+    #: US dollars for a million input tokens that the provider read from its cache, and that it wrote there; None where
+    #: an answer has no such tokens, or their price is not known.
+    cache_read_usd: float | None = None
+    cache_write_usd: float | None = None
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"cache_read_usd", "cache_write_usd"})
 
     def cost(self, input_tokens: float, output_tokens: float) -> float:
-        """Return what these tokens cost, in US dollars."""
+        """Return what these tokens cost, in US dollars, none of them from a cache."""
         return self.factor * (self.input_usd * input_tokens + self.output_usd * output_tokens) / 1_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Completion(Record):
-    """What a model answered; recordings of earlier versions lack the last three fields."""
+    """What a model answered; recordings of earlier versions lack the fields from `dropped` on."""
 
     text: str
     #: The model's name as the provider returned it.
@@ -191,23 +200,52 @@ class Completion(Record):
     #: `end_turn`, `max_tokens` (cut off) or `refusal`, as in Anthropic's Messages API; `invalid_request` where the
     #: provider refuses the request itself, e.g. because it is too long.
     stop_reason: str
-    input_tokens: int
-    output_tokens: int
+    #: As the server counted them, those of its cache included; None where it did not (recordings of earlier versions
+    #: hold what it said instead, `true` say: see `tokens`).
+    input_tokens: bool | int | None
+    output_tokens: bool | int | None
     #: Sampling settings of the request that the model refuses, and that were therefore not sent.
     dropped: tuple[str, ...] = ()
     delivery: Delivery = Delivery.direct
     #: None where the price table does not know the model.
     price: Price | None = None
+    #: Of the input tokens, those that the provider read from its cache, and those that it wrote there; None where it
+    #: said something else than a number.
+    cache_read: int | None = 0
+    cache_written: int | None = 0
+    #: Whether another server than the provider's own answered, and gave the model's name.
+    elsewhere: bool = False
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"cache_read", "cache_written", "elsewhere"})
+
+    @property
+    def tokens(self) -> tuple[int, int] | None:
+        """Input and output tokens; None where one of them is not known."""
+        read, written = count(self.input_tokens), count(self.output_tokens)
+        return None if read is None or written is None else (read, written)
 
     @property
     def cost(self) -> float | None:
-        """What the answer cost, in US dollars; None where its price is not known."""
-        return None if self.price is None else self.price.cost(self.input_tokens, self.output_tokens)
+        """What the answer cost, in US dollars; None where its tokens or their price are not known."""
+        price, tokens, read, written = self.price, self.tokens, self.cache_read, self.cache_written
+        if price is None or tokens is None or read is None or written is None:
+            return None
+        usd = price.cost(tokens[0] - read - written, tokens[1])
+        for cached, each in ((read, price.cache_read_usd), (written, price.cache_write_usd)):
+            if cached and each is None:
+                return None
+            usd += price.factor * cached * (each or 0.0) / 1_000_000
+        return usd
 
     def content(self) -> dict[str, Json]:
         """Return what the model said, for the ledger: without delivery and price."""
         said = ("text", "model", "stop_reason", "input_tokens", "output_tokens")
         return {name: getattr(self, name) for name in said}
+
+
+def count(value: object) -> int | None:
+    """Read a number of tokens; None for all that is none: `true`, a text, a fraction, less than 0, more than 10^9."""
+    return value if type(value) is int and 0 <= value <= 10**9 else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -364,12 +402,17 @@ def to_json(record: object) -> Json: ...
 def to_json(record: Any) -> Any:
     """Turn a record (or a tuple, mapping or scalar of such) into plain JSON values.
 
-    Enums become their values and tuples become lists; NaN and infinity stay, for the writer to refuse.
+    Enums become their values and tuples become lists; NaN and infinity stay, for the writer to refuse. A field that
+    came later (`Record.LATER`) is left out at its default.
     """
     if type(record) in _SCALARS:  # most values; what follows takes ten times as long
         return record
     if fields := _fields(record.__class__):
-        return {field.name: to_json(getattr(record, field.name)) for field in fields}
+        values = {field.name: to_json(getattr(record, field.name)) for field in fields}
+        for field in _later(record.__class__):
+            if getattr(record, field.name) == field.default:
+                del values[field.name]
+        return values
     if isinstance(record, StrEnum):
         return record.value
     if isinstance(record, Mapping):
@@ -401,3 +444,9 @@ _SCALARS = frozenset({str, int, float, bool, type(None)})
 def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
     """Return the fields of a dataclass; none of another type."""
     return dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+
+
+@cache
+def _later(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
+    """Return the fields of a dataclass that came later."""
+    return tuple(field for field in _fields(kind) if field.name in getattr(kind, "LATER", ()))

@@ -1,4 +1,4 @@
-"""Keep passwords and keys out of what is recorded and shown."""
+"""Keep passwords, keys and places of a machine out of what is recorded and shown."""
 
 import re
 from collections.abc import Mapping
@@ -57,6 +57,11 @@ def _holds_password(address: str) -> bool:
     is_token = bool(user_info) and scheme in {"http", "https"}
     query = place.partition("?")[2].lower()
     return ":" in user_info or is_token or any(name in query for name in _SECRET_NAMES)
+
+
+def names_place(name: str) -> bool:
+    """Return whether the name of a model tells of a machine: an absolute path, alone or behind a scheme, an address."""
+    return re.search(r"(^|[:=\s/])[/\\~]|(^|[^A-Za-z])[A-Za-z]:[/\\]", name) is not None
 
 
 def without_secrets(text: str, secrets: tuple[str, ...]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
-from tacevo.config.recorded import read_config
+from tacevo.config.recorded import answered_by, read_config
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
@@ -71,6 +71,8 @@ class Run:
     reevaluations: tuple[ReevaluationLine, ...] = ()
     #: The trivial loss of its validation images; None in runs of earlier releases.
     trivial: float | None = None
+    #: What answered, in words.
+    model: str = ""
 
     @property
     def task(self) -> str:
@@ -213,6 +215,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
         spent=directory.read_spending(),
         cpu_seconds={one.id: one.cpu_seconds for one in directory.read_timings() if one.id and one.cpu_seconds},
         trivial=record.trivial,
+        model=answered_by(record, config.llm),
     )
 
 

@@ -220,7 +220,7 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
         Metric.candidates: len(run.candidates),
         Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
         Metric.training_flops: rounded(spent_on_training(run) / 1e12),
-        Metric.tokens: None if spent is None else spent.input_tokens + spent.output_tokens,
+        Metric.tokens: None if spent is None else spent.tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }
 

@@ -251,8 +251,9 @@ def _between(entry: Productivity) -> Between | None:
 
 
 def _cost_cells(spent: Spending | None) -> tuple[int | float | None, ...]:
-    """Return the cells of a spending; dollars only where every answer has a price."""
+    """Return the cells of a spending; tokens and dollars only where those of every answer are known."""
     if spent is None:
         return (None,) * 4
     dollars = None if spent.unpriced else spent.usd
-    return spent.answers, spent.input_tokens, spent.output_tokens, dollars
+    tokens = (None, None) if spent.uncounted else (spent.input_tokens, spent.output_tokens)
+    return spent.answers, *tokens, dollars

@@ -1,6 +1,5 @@
 """What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
 
-
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
 from analysis.statistics.noise import NetworkNoise

@@ -137,7 +137,7 @@ def _set_up(run: Run) -> tuple[_Setting, ...]:
         _equal("candidates per generation", published.CANDIDATES, config.search.candidates),
         _equal("generations", published.GENERATIONS, config.search.generations),
         _equal("epochs", published.EPOCHS, config.training.epochs),
-        _model(config.llm.model if run.answered else "none was asked"),
+        _model(run.model if run.answered else "none was asked"),
         _data(config.data.source),
         _Setting(quantity="images", published=stated or NOT_STATED, ours=images, differs=stated not in {None, images}),
         _equal("image size in pixels", published.IMAGE_SIZE, run.facts.image_size),

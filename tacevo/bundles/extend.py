@@ -106,7 +106,7 @@ def continued(published: RunConfig, overrides: Sequence[str], *, end: int, spent
         ConfigError: an override would make it another run, or not a longer one; the message names the key.
     """
     chosen = compose(overrides)
-    decisive = {key: getattr(published.llm, key) for key in llm_identity(published.llm)}
+    decisive = {key: getattr(published.llm, key) for key in (*llm_identity(published.llm), "label")}
     here = {group: getattr(chosen, group) for group in _HERE}
     config = replace(published, llm=replace(chosen.llm, **decisive), **here)
     for override in overrides:

@@ -14,7 +14,7 @@ import yaml
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
 from tacevo.choices import DataSource, Provider
-from tacevo.config.recorded import RecordedRun
+from tacevo.config.recorded import RecordedRun, answered_by
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.storage.notes import HEADING
@@ -135,7 +135,8 @@ def origin_of_answers(run: RecordedRun) -> str:
         return "No model was asked: the networks were given."
     if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
-    return f"Answers by the language model {config.llm.model} (llm={config.llm.provider})."
+    who = answered_by(run.record, config.llm)
+    return f"Answers by {'' if run.record.elsewhere else 'the language model '}{who} (llm={config.llm.provider})."
 
 
 def origin_of_data(config: RunConfig) -> str:

@@ -14,6 +14,7 @@ from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP,
 from tacevo.bundles.open import Opened, located, private_folder, standing_for
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, rerun, rerun_all
+from tacevo.choices import Provider
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import config_hash
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
@@ -21,10 +22,11 @@ from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
-from tacevo.runs.publishable import published_config, published_overrides
+from tacevo.runs.publishable import check_name, published_config, published_overrides
 from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
 from tacevo.storage.arrays import KIND
+from tacevo.storage.canonical import value_at
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
@@ -76,7 +78,7 @@ def publish(
         DivergenceError: a run is not what its stores give, or not what its sweep says.
         CacheMissError: a store lacks an answer.
         RunError: this is not a finished run or sweep, or a study is not one of its finished ones.
-        ConfigError: the day is not known.
+        ConfigError: the day is not known; or a model is named by a path of this machine.
     """
     found = located(run)
     terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in found.runs))
@@ -89,7 +91,7 @@ def publish(
         tables, figures = make_pages(staged.folder, runs)
         members = {
             **_members(staged, runs),
-            STORE: pack(_entries(staged, runs, read)),
+            STORE: pack(map(_checked, _entries(staged, runs, read))),
             **_in_folder("tables", tables),
             **_in_folder("figures", figures),
         }
@@ -148,7 +150,11 @@ def _publishable(record: RunRecord) -> RunRecord:
 
     None of it is part of the run's identity (`tacevo.config.identity.identity`).
     """
-    return replace(record, name=record.name or "run", config=published_config(record.config), pages=PAGES)
+    config, llm = published_config(record.config), record.config.get("llm")
+    # An earlier release recorded no more than the address.
+    asked = isinstance(llm, Mapping) and llm.get("provider") != Provider.grammar and bool(llm.get("base_url"))
+    elsewhere = record.elsewhere or asked
+    return replace(record, name=record.name or "run", config=config, pages=PAGES, elsewhere=elsewhere)
 
 
 def _last_day(run: Path) -> str:
@@ -164,6 +170,7 @@ def _last_day(run: Path) -> str:
 
 def _stage(run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) -> None:
     """Copy what is published of a run into another directory."""
+    check_name(run.config.llm.name)
     source, record = run.directory.path, _publishable(run.record)
     shutil.copytree(source / "candidates", staged / "candidates")
     for name in RUN_FILES:
@@ -173,7 +180,7 @@ def _stage(run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) ->
     directory = RunDirectory(staged)
     if (source / "timings.jsonl").exists():  # without lines that a kill tore
         directory.write_text("timings.jsonl", "".join(map(timing_text, directory.read_timings())))
-    if run.record.pages != PAGES:  # by another release
+    if (run.record.pages, run.record.elsewhere) != (PAGES, record.elsewhere):  # by another release
         elites = [elite.id for elite in read_elites(directory)]
         summary = summarise(record, run.config, run.ledger.lines, elites, directory.read_spending())
         directory.write_text("summary.md", summary)
@@ -246,6 +253,13 @@ def _test_labels(staged: Opened, runs: Sequence[Rerun]) -> int:
         if isinstance(row, ScoreLine) and row.kept is not None
     }
     return sum(kept.values())
+
+
+def _checked(entry: Entry) -> Entry:
+    """Check the names of an answer's model: that which was asked, and that which the server gave."""
+    for told in (entry.request, entry.answer) if entry.kind == "completions" else ():
+        check_name(str(value_at(told, ("model",))))
+    return entry
 
 
 def _candidates(staged: Path, done: Rerun) -> list[Path]:

@@ -4,6 +4,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Iterable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -11,7 +12,6 @@ from tacevo.choices import Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.folder import groups
-from tacevo.config.plain import to_plain
 from tacevo.records import Mode
 from tacevo.runs.estimate import describe_estimate
 from tacevo.runs.progress import Progress
@@ -45,7 +45,7 @@ def _describe_settings() -> str:
     """List the choices of every config group, and every setting as it is where no group and no setting is given."""
     choices = groups()
     width = max(map(len, choices))
-    defaults = leaves(to_plain(compose([])))
+    defaults = leaves(asdict(compose([])))
     return "\n".join(
         [
             "config groups and their choices:",

@@ -21,6 +21,7 @@ from tacevo.choices import (
     ParentPolicy,
     Provider,
     Scale,
+    SystemTurn,
 )
 from tacevo.config.schema import (
     ArchiveConfig,
@@ -121,6 +122,10 @@ def _check_llm(llm: LLMConfig) -> None:
     _check_that(sound, "llm.base_url", "an address such as http://localhost:8000/v1, without ? and #, or null", shown)
     known = llm.delivery in deliveries(llm.provider)
     _check_that(known, "llm.delivery", f"direct for llm={llm.provider}", llm.delivery)
+    asked = llm.provider is not Provider.grammar
+    _check_that(asked or llm.label is None, "llm.label", f"null for llm={llm.provider}", llm.label)
+    is_usual = llm.system is SystemTurn.system
+    _check_that(asked or is_usual, "llm.system", f"system for llm={llm.provider}", llm.system)
     kept = llm.budget_usd is None or llm.mode is not Mode.live
     _check_that(kept, "llm.budget_usd", "null with llm.mode=live, which pays for every answer again", llm.budget_usd)
 

@@ -1,5 +1,7 @@
 """What decides the results of a run, and its hash."""
 
+from dataclasses import replace
+
 from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, ParentPolicy
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
@@ -48,9 +50,9 @@ def task_hash(task: Task) -> str:
 
 
 def llm_identity(llm: LLMConfig) -> dict[str, Json]:
-    """Return the settings of a model that decide its answers; sampling settings only where they are set."""
-    named = ("provider", "model", "max_tokens", "slip_rate")
-    return {name: value for name, value in written(llm).items() if name in named or name in OPTIONAL_SAMPLING}
+    """Return the settings of a model that decide its answers; those that came later only where they are set."""
+    named = ("provider", "model", "max_tokens", "slip_rate", "system", *OPTIONAL_SAMPLING)
+    return {name: value for name, value in written(replace(llm, model=llm.name)).items() if name in named}
 
 
 def config_hash(config: RunConfig) -> str:

@@ -8,7 +8,7 @@ from typing import Self
 
 from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.plain import from_plain
-from tacevo.config.schema import RunConfig, StoreConfig
+from tacevo.config.schema import LLMConfig, RunConfig, StoreConfig
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, TacevoError
 from tacevo.records import DataFacts, Task
@@ -75,6 +75,14 @@ def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
     record, ledger = read_finished(directory)
     config = read_settings(directory, record, store)
     return RecordedRun(directory=directory, record=record, config=config, ledger=ledger, eras=eras_of(ledger.lines))
+
+
+def answered_by(record: RunRecord, llm: LLMConfig) -> str:
+    """Name the model of a run, and say whose word that name is where another server than the provider's answered."""
+    if not record.elsewhere:
+        return llm.name
+    whose = "the name is a label" if llm.label else "which gave this name"
+    return f"{llm.name}, asked through another server, {whose}"
 
 
 def read_config(path: Path, record: RunRecord) -> RunConfig:

@@ -8,7 +8,7 @@ without a unit in their name are counts, fractions or temperatures.
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import AfterValidator
@@ -33,13 +33,14 @@ from tacevo.choices import (
     Provider,
     Scale,
     SplitRule,
+    SystemTurn,
     TargetScaling,
     TemperatureRule,
     Tracking,
 )
 from tacevo.errors import ConfigError
 from tacevo.records import Delivery, Kind, Loss, Mode, Record
-from tacevo.redaction import check_address
+from tacevo.redaction import check_address, names_place
 
 
 def is_a(words: str, holds: Callable[[Any], object]) -> AfterValidator:
@@ -220,6 +221,17 @@ class LLMConfig(Record):
     budget_usd: Annotated[float, Ge(0)] | None = None
     #: The price table: a file below conf/, or absolute.
     prices: str = "prices.yaml"
+    #: `user` for models without a system prompt: it is joined to the first turn.
+    system: SystemTurn = SystemTurn.system
+    #: What stands for the model's name wherever it is recorded, where that name is a path of this machine.
+    label: Annotated[Text, is_a("a name, not a path", lambda value: not names_place(value))] | None = None
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label"})
+
+    @property
+    def name(self) -> str:
+        """What the model is called in requests and records: its label, if it has one."""
+        return self.label or self.model
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,25 +1,25 @@
 """Claude through the official SDK and the Messages API; the key comes from the environment only."""
 
 import contextlib
-import json
 from collections.abc import Iterator, Sequence
 from functools import partial
 
 import anthropic
 import httpx2
-from anthropic.types import Message
 
 from tacevo.errors import ConfigError
-from tacevo.llm.failures import check_key, checked
+from tacevo.llm.answers import read_body, read_message
+from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
-from tacevo.llm.retry import FaultError, fault_of, fault_of_connection
+from tacevo.llm.retry import FaultError, fault_of
+from tacevo.llm.wire import bound_results, check_proxies
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
 TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 
 #: What the SDK raises, or lets through, where there is no usable answer.
-FAILURES = (anthropic.AnthropicError, json.JSONDecodeError, UnicodeDecodeError)
+FAILURES = (anthropic.AnthropicError, ValueError, RecursionError)
 
 
 class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
@@ -33,12 +33,12 @@ class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
         """Try a request once (see `tacevo.llm.hosted.Server`)."""
         body = body_of(request, dropped)
-        named = {name: body.pop(name) for name in ("model", "system", "messages", "max_tokens")}
+        named = {name: body.pop(name) for name in ("model", "messages", "max_tokens")}
         try:
-            message = await next(self.turns).messages.create(**named, extra_body=body)
+            message = await next(self.turns).messages.with_raw_response.create(**named, extra_body=body)
         except FAILURES as error:
             raise FaultError(fault_of(error)) from error
-        return completion_of(message, Delivery.direct)
+        return read_message(read_body(message.http_response.content), Delivery.direct)
 
 
 def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
@@ -57,7 +57,9 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
 def connect_batches(base_url: str | None) -> anthropic.Anthropic:
     """Prepare to submit batches to Claude; otherwise like `connect`."""
     with _explaining():
-        client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT)
+        check_proxies(context := httpx2.create_ssl_context())
+        http = anthropic.DefaultHttpxClient(timeout=TIMEOUT, verify=context, event_hooks={"response": [bound_results]})
+        client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT, http_client=http)
         _check_key(client)
         return client
 
@@ -101,28 +103,8 @@ def body_of(request: Request, dropped: tuple[str, ...]) -> Body:
         settings["thinking"] = {"type": "enabled", "budget_tokens": thinking}
     return {
         "model": request.model,
-        "system": request.system,
+        **({"system": request.system} if request.system else {}),
         "messages": [{"role": turn.role, "content": turn.content} for turn in request.messages],
         "max_tokens": request.max_tokens,
         **{name: value for name, value in settings.items() if name not in dropped},
     }
-
-
-def completion_of(message: Message, delivery: Delivery) -> Completion:
-    """Read an answer; the model is recorded as returned, because a name may stand for a dated one.
-
-    Raises:
-        FaultError: the body is JSON, but not a message.
-    """
-    try:
-        completion = Completion(
-            text="".join(block.text for block in message.content if block.type == "text"),
-            model=message.model,
-            stop_reason=message.stop_reason or "end_turn",
-            input_tokens=message.usage.input_tokens,
-            output_tokens=message.usage.output_tokens,
-            delivery=delivery,
-        )
-    except (AttributeError, TypeError) as error:  # the SDK checks no body
-        raise FaultError(fault_of_connection(error)) from error
-    return checked(completion)

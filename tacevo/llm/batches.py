@@ -17,14 +17,24 @@ from typing import TypeVar
 
 import anthropic
 import httpx2
-from anthropic.types.messages import MessageBatchIndividualResponse
+from anthropic.types.messages import MessageBatchIndividualResponse, MessageBatchResult
 from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.anthropic import FAILURES, body_of, completion_of, secrets_of
+from tacevo.llm.answers import read_message
+from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
 from tacevo.llm.recording import Keep, unkept
-from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_status
+from tacevo.llm.retry import (
+    STATUSES,
+    Fault,
+    FaultError,
+    FaultKind,
+    Patience,
+    fault_of,
+    fault_of_connection,
+    fault_of_status,
+)
 from tacevo.records import Completion, Delivery, Record, Request, to_json
 from tacevo.redaction import without_secrets
 from tacevo.storage.canonical import content_hash, readable
@@ -38,18 +48,6 @@ SUBMISSIONS = 3
 
 #: Requests of one batch; the server takes more, but no more than 256 MB.
 MOST_REQUESTS = 5_000
-
-#: The statuses that the server would give a request by itself, by the types of errors in a batch.
-_STATUSES = {
-    "invalid_request_error": 400,
-    "authentication_error": 401,
-    "billing_error": 402,
-    "permission_error": 403,
-    "not_found_error": 404,
-    "request_too_large": 413,
-    "rate_limit_error": 429,
-    "overloaded_error": 529,
-}
 
 _T = TypeVar("_T")
 
@@ -108,6 +106,7 @@ class BatchLLM:
                         position, request = wanted[key]
                         if isinstance(outcome, Completion):
                             self.models.note_answer(request, begun)
+                            self.notices.note_unknown(outcome)
                             del wanted[key]
                             yield position, keep(request, outcome)
                         elif not self.models.learn(request, _settings(request) - {*record.dropped[key]}, outcome):
@@ -135,7 +134,8 @@ class BatchLLM:
                 for key, request in asked.items()
             }
             bodies: list[BatchRequest] = [
-                {"custom_id": key, "params": body_of(request, dropped[key])} for key, request in asked.items()
+                {"custom_id": key, "params": body_of(self.models.sent(request), dropped[key])}
+                for key, request in asked.items()
             ]
             record = BatchRecord(id=self._submit(client, bodies), dropped=dropped)
             found.append((directory / f"{record.id}.json", record))
@@ -147,8 +147,9 @@ class BatchLLM:
             try:
                 return client.messages.batches.create(requests=bodies).id
             except anthropic.APIConnectionError as error:
-                message = f"{type(error).__name__}: {error} If the server has this batch, it is billed twice"
-                raise FaultError(Fault(kind=FaultKind.passing, message=message)) from None
+                fault = fault_of(error)
+                twice = ". If the server has this batch, it is billed twice" if fault.sent else ""
+                raise FaultError(replace(fault, message=f"{fault.message}{twice}")) from None
 
         return self._call(client, create)
 
@@ -194,19 +195,21 @@ class BatchLLM:
         """Make a call, again and again while its failure may pass."""
         for tried in itertools.count(1):
             try:
-                return function()
+                done = function()
+                self.models.heard = True
+                return done
             except FaultError as error:
                 fault = error.fault
-            except (*FAILURES, httpx2.TransportError) as error:
+            except (*FAILURES, httpx2.RequestError) as error:
                 fault = fault_of(error)
             fault = replace(fault, message=without_secrets(fault.message, secrets_of(client)))
-            wait = self.patience.wait(tried, fault, jitter=random.random())
+            wait = self.patience.wait(tried, fault, jitter=random.random(), heard=self.models.heard)
             if wait is None:
                 break
             self.notices.report(fault, wait)
             time.sleep(wait)
         if fault.kind is not FaultKind.passing:
-            raise ConfigError(fault.message, place=self.name, remedy="check the key, the model and llm.base_url")
+            raise ConfigError(fault.message, place=self.name, remedy=fault.remedy)
         raise TransportError(
             f"a call about a batch failed after all tries, the last with {fault.message}",
             place=self.name,
@@ -221,17 +224,26 @@ def _settings(request: Request) -> set[str]:
 def _outcome(
     result: MessageBatchIndividualResponse, record: BatchRecord, secrets: tuple[str, ...]
 ) -> Completion | Fault:
-    """Read what became of one request."""
-    outcome = result.result
+    """Read what became of one request; what cannot be read would be no better in another reading, so it failed."""
+    try:
+        found = _read_outcome(result.result, record.id)
+    except FaultError as error:
+        found = error.fault
+    except (AttributeError, TypeError, ValueError) as error:  # the SDK checks no body
+        found = fault_of_connection(error)
+    if isinstance(found, Completion):
+        return scrubbed(replace(found, dropped=record.dropped[result.custom_id]), secrets)
+    return replace(found, message=without_secrets(found.message, secrets))
+
+
+def _read_outcome(outcome: MessageBatchResult, batch: str) -> Completion | Fault:
     if outcome.type == "succeeded":
-        completion = completion_of(outcome.message, Delivery.batch)
-        return scrubbed(replace(completion, dropped=record.dropped[result.custom_id]), secrets)
+        return read_message(outcome.message.model_dump(warnings=False), Delivery.batch)
     if outcome.type == "errored":
         error = outcome.error.error
-        fault = fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump())
-        return replace(fault, message=without_secrets(fault.message, secrets))
+        return fault_of_status(STATUSES.get(error.type, 500), {}, error.model_dump(warnings=False))
     kind = FaultKind.refused if outcome.type == "canceled" else FaultKind.passing  # the user wanted it to end
-    return Fault(kind=kind, message=f"a request of batch {record.id} was {outcome.type}")
+    return Fault(kind=kind, message=f"a request of batch {batch} was {outcome.type}")
 
 
 def _read(path: Path) -> BatchRecord:

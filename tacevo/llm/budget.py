@@ -3,12 +3,14 @@
 What it promises: no request is sent whose worst case, together with those in flight and with everything that the
 run's answers have cost, exceeds the limit; so the limit is never exceeded. What is in flight when the limit is near is
 waited for and recorded. An answer counts with its recorded price, also one that another run recorded, so a stopped
-run continues with the same account. What it does not: count what a provider bills for answers that never arrived.
+run continues with the same account; one whose cost is not known, because its tokens are not, counts with its worst
+case. What it does not: count what a provider bills for answers that never arrived.
 """
 
+import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 from tacevo.costs import dollars
 from tacevo.errors import BudgetError
@@ -16,6 +18,8 @@ from tacevo.llm.prices import worst_case
 from tacevo.llm.recording import Keep, KeepingLLM, unkept
 from tacevo.records import Completion, Price, Request, to_json
 from tacevo.storage.canonical import content_hash
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -25,6 +29,7 @@ class Account:
     #: Prices an answer that was recorded without one.
     price_of: Callable[[Request, Completion], Price | None]
     costs: dict[str, float] = field(default_factory=dict)
+    warned: bool = False
 
     @property
     def spent(self) -> float:
@@ -34,8 +39,15 @@ class Account:
     def add(self, request: Request, completion: Completion) -> None:
         """Count an answer; the second time it is seen changes nothing."""
         price = completion.price or self.price_of(request, completion)
-        if price is not None:
-            self.costs[content_hash(to_json(request))] = price.cost(completion.input_tokens, completion.output_tokens)
+        if price is None:  # never of a model that is asked with a budget
+            return
+        cost = replace(completion, price=price).cost
+        if cost is None:
+            cost = worst_case(price, request)
+            if not self.warned:
+                _LOG.warning("llm.budget_usd: what some answers cost is not known; each counts with its worst case")
+            self.warned = True
+        self.costs[content_hash(to_json(request))] = cost
 
 
 @dataclass(slots=True)

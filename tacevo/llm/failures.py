@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import Choice, choice
-from tacevo.llm.retry import Fault, FaultError, FaultKind, setting_to_drop
+from tacevo.llm.retry import Fault, FaultKind, setting_to_drop
 from tacevo.records import Completion, Delivery, Request
 from tacevo.redaction import without_secrets
 
@@ -19,24 +19,38 @@ _MOST_NAMES = 20
 
 
 class Models:
-    """Remembers, for a run, which sampling settings a model refuses, and which models answer, and when.
+    """Remembers, for a run, what its models are called, which settings they refuse, which of them answer, and when.
 
     Args:
         recorded: tells whether an earlier run had an answer to a request with the same model, token limit and settings;
             asked only where that matters. None where nothing is recorded.
         prices: whose models a user may choose instead of one that the server lacks; None where it is not about this
             provider.
+        unlabelled: what the server calls the model, where requests have a label in its place; else None.
     """
 
-    def __init__(self, recorded: Callable[[Request], bool] | None = None, *, prices: PriceTable | None = None) -> None:
+    def __init__(
+        self,
+        recorded: Callable[[Request], bool] | None = None,
+        *,
+        prices: PriceTable | None = None,
+        unlabelled: str | None = None,
+    ) -> None:
         self._recorded = recorded
         self._prices = prices
+        self._unlabelled = unlabelled
+        #: Whether a server ever answered.
+        self.heard = False
         #: The models that the server lists, once it was asked for them.
         self.served: tuple[str, ...] = ()
         self._dropped: dict[str, tuple[str, ...]] = {}
         self._answers: dict[Choice, bool] = {}
         #: When the latest request that a model answered was sent.
         self._answered: dict[str, float] = {}
+
+    def sent(self, request: Request) -> Request:
+        """Return a request as the server gets it."""
+        return request if self._unlabelled is None else replace(request, model=self._unlabelled)
 
     def dropped(self, request: Request) -> tuple[str, ...]:
         """Return the sampling settings that are not sent to a request's model, sorted."""
@@ -64,6 +78,7 @@ class Models:
 
     def note_answer(self, request: Request, begun: float) -> None:
         """Note that a model answers a request that was sent at a time of `time.monotonic`."""
+        self.heard = True
         self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
 
@@ -120,21 +135,20 @@ class Failures:
         """
         for _, request, fault in self._all:
             if fault.kind is FaultKind.unknown:
-                raise self.models.lacking(request.model, fault.message)
+                raise self.models.lacking(self.models.sent(request).model, fault.message)
         rest = [fault for _, request, fault in self._all if not self._is_about_the_request(request, fault)]
         final = [fault for fault in rest if fault.kind in {FaultKind.refused, FaultKind.doubtful}]
         passing = [fault for fault in rest if fault.kind is FaultKind.passing]
         if final:
-            raise ConfigError(
-                f"the server says: {final[0].message}",
-                place=self.name,
-                remedy="check the API key, the account and the settings of llm",
-            )
+            raise ConfigError(f"the server says: {final[0].message}", place=self.name, remedy=final[0].remedy)
         if passing:
+            again = "repeat the same command"
             raise TransportError(
                 f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}",
                 place=self.name,
-                remedy="repeat the same command: the answers that came are recorded",
+                remedy=f"start the server, or check llm.base_url; then {again}"
+                if passing[0].silent
+                else f"{again}: the answers that came are recorded",
             )
         if rest:
             raise ConfigError(
@@ -160,19 +174,6 @@ class Failures:
             dropped=self.models.dropped(request),
             delivery=self.delivery,
         )
-
-
-def checked(completion: Completion) -> Completion:
-    """Reject an answer whose fields do not have their types: the SDKs do not check what came.
-
-    Raises:
-        FaultError: a field is missing or of another type; the server may answer properly when it is asked again.
-    """
-    counts = (completion.input_tokens, completion.output_tokens)
-    texts = (completion.text, completion.model, completion.stop_reason)
-    if all(isinstance(count, int) for count in counts) and all(isinstance(text, str) for text in texts):
-        return completion
-    raise FaultError(Fault(kind=FaultKind.passing, message=f"the body is not an answer: {counts}, {texts[1:]}"))
 
 
 def check_key(key: str, variable: str) -> None:
@@ -202,7 +203,7 @@ def scrubbed(completion: Completion, secrets: tuple[str, ...]) -> Completion:
 
 @dataclass(slots=True)
 class Notices:
-    """Reports failed tries that are repeated, once for each kind: a status, or the name of an exception."""
+    """Reports failed tries that are repeated, once for each kind (a status, an exception), and what answers lack."""
 
     #: What the user chose, e.g. `llm=anthropic`.
     name: str
@@ -216,3 +217,14 @@ class Notices:
             _LOG.warning(
                 "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self.name, fault.message, wait
             )
+
+    def note_unknown(self, completion: Completion) -> None:
+        """Report once each that answers do not name their model, or do not say how many tokens they took."""
+        unknown = {
+            "which model they are of": not completion.model,
+            "how many tokens they took, so what they cost is unknown": completion.tokens is None,
+        }
+        for what, is_so in unknown.items():
+            if is_so and what not in self.reported:
+                self.reported.add(what)
+                _LOG.warning("%s: answers do not tell %s (reported once)", self.name, what)

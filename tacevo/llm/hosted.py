@@ -1,11 +1,13 @@
 """Asking a hosted model many things at once: concurrency, retries, refused settings; for any provider.
 
 What it promises: an answer is stored the moment it arrives, in the loop that asked for it, and then yielded; neither a
-failure nor an interruption loses another answer that is in flight; no message and no answer holds the key, even where a
-server echoes it. What it does not: an answer that the server finished and could not deliver is asked for again.
+failure nor an interruption loses another answer that is in flight, and nothing is waited for that was never sent; no
+message and no answer holds the key, even where a server echoes it. What it does not: an answer that the server finished
+and could not deliver is asked for again.
 """
 
 import asyncio
+import contextlib
 import itertools
 import logging
 import queue
@@ -22,6 +24,7 @@ import httpx2
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
 from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
+from tacevo.llm.wire import HOOKS, SENDING, Sending, check_proxies
 from tacevo.records import Completion, Request
 from tacevo.redaction import without_secrets
 
@@ -109,9 +112,7 @@ class HostedLLM:
                 else:
                     yield arrival[0], arrival[1]
         except KeyboardInterrupt:
-            _LOG.warning(
-                "waiting for the answers in flight, because they are paid for; press Ctrl-C again to leave now"
-            )
+            asking.leave()
             raise
         finally:
             asking.over.set()
@@ -136,6 +137,25 @@ class _Asking:
     #: Once set, no request and no retry begins; what is in flight still arrives and is kept.
     over: threading.Event = field(default_factory=threading.Event)
     lacks_a_model: bool = False
+    #: The tasks that ask, or keep an answer, each with how far its request is; and the loop in which they do.
+    asking: dict[asyncio.Task[Any] | None, Sending] = field(default_factory=dict)
+    loop: asyncio.AbstractEventLoop | None = None
+
+    def leave(self) -> None:
+        """Begin nothing more, and wait for nothing of which no request is sent; for any thread."""
+        self.over.set()
+        if self.loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has ended just now
+                self.loop.call_soon_threadsafe(self._let_go)
+
+    def _let_go(self) -> None:
+        for task, sending in self.asking.items():
+            if sending.waits and task is not None:
+                task.cancel()
+        if not all(sending.waits for sending in self.asking.values()):
+            _LOG.warning(
+                "waiting for the answers in flight, because they are paid for; press Ctrl-C again to leave now"
+            )
 
     def run(self, requests: Sequence[Request], concurrency: int) -> None:
         """Ask until every request has its answer or its fault, or it is over."""
@@ -147,7 +167,8 @@ class _Asking:
             self.arrivals.put(None)
 
     async def _ask_all(self, requests: Sequence[Request], concurrency: int) -> None:
-        asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor(_WRITERS))
+        self.loop = asyncio.get_running_loop()
+        self.loop.set_default_executor(ThreadPoolExecutor(_WRITERS))
         waiting = iter(enumerate(requests))
 
         async def work() -> None:
@@ -175,10 +196,14 @@ class _Asking:
             answer = await self._ask(request)
             if not isinstance(answer, Fault):
                 answer = await asyncio.to_thread(self.keep, request, answer)
+        except asyncio.CancelledError:  # by `_let_go`
+            return
         except Exception as error:  # the others in flight are still kept
             self.over.set()
             self.arrivals.put(error)
             return
+        finally:
+            self.asking.pop(asyncio.current_task(), None)
         if isinstance(answer, Fault):
             self.lacks_a_model = self.lacks_a_model or answer.kind is FaultKind.unknown
             if answer.hopeless:
@@ -187,22 +212,26 @@ class _Asking:
 
     async def _ask(self, request: Request) -> Completion | Fault:
         """Try until there is an answer, or no use in trying."""
-        secrets, tried = self.server.secrets, 0
+        secrets, tried, task = self.server.secrets, 0, asyncio.current_task()
         wanted = {*self.server.sampling, *dict(request.settings)}
         while True:
             dropped = tuple(name for name in self.models.dropped(request) if name in wanted)
             tried += 1
             begun = time.monotonic()
+            self.asking[task] = sending = Sending()
+            SENDING.set(sending)
             try:
-                completion = await self.server.ask(request, dropped)
+                completion = await self.server.ask(self.models.sent(request), dropped)
             except FaultError as error:
                 fault = replace(error.fault, message=without_secrets(error.fault.message, secrets))
+                del self.asking[task]
             else:
                 self.models.note_answer(request, begun)
+                self.notices.note_unknown(completion)
                 return scrubbed(replace(completion, dropped=dropped), secrets)
             if self.models.learn(request, wanted - {*dropped}, fault):
                 continue
-            wait = self.patience.wait(tried, fault, jitter=random.random())
+            wait = self.patience.wait(tried, fault, jitter=random.random(), heard=self.models.heard)
             if wait is None:
                 return fault
             self.notices.report(fault, wait)
@@ -268,11 +297,13 @@ def clients_for(
     """Make as many clients of an SDK, each with an HTTP client of its own, as so many requests at once need.
 
     No more requests are sent at once, so no client has to hold any back. The SDK's own retries are off:
-    `tacevo.llm.retry` says why.
+    `tacevo.llm.retry` says why. Their bodies have a limit, and what they sent is known (`tacevo.llm.wire`).
+
+    Raises:
+        ConfigError: the environment names a proxy that cannot be used.
     """
     context = httpx2.create_ssl_context()  # one for all: it holds every certificate authority
+    check_proxies(context)
     limits = httpx2.Limits(max_connections=None, max_keepalive_connections=min(concurrency, 2 * SHARE))
-    return [
-        sdk(max_retries=0, timeout=timeout, http_client=http(limits=limits, timeout=timeout, verify=context))
-        for _ in range(-(-concurrency // SHARE))
-    ]
+    settings = {"limits": limits, "timeout": timeout, "verify": context, "event_hooks": HOOKS}
+    return [sdk(max_retries=0, timeout=timeout, http_client=http(**settings)) for _ in range(-(-concurrency // SHARE))]

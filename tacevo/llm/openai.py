@@ -4,22 +4,23 @@ The draw number is sent as `seed`: a server that honours it answers equal draws 
 key comes from OPENAI_API_KEY; a server of one's own may want none.
 """
 
-import json
 import os
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import httpx2
 
 from tacevo.errors import ConfigError
-from tacevo.llm.failures import check_key, checked
+from tacevo.llm.answers import read_body, read_chat
+from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
-from tacevo.llm.retry import Fault, FaultError, FaultKind, fault_of, fault_of_connection
+from tacevo.llm.retry import FaultError, FaultKind, fault_of
 from tacevo.records import Completion, Json, Request
 
 try:
     import openai
-    from openai.types.chat import ChatCompletion
 except ModuleNotFoundError as missing:
     raise ConfigError(
         "nothing",
@@ -32,43 +33,68 @@ except ModuleNotFoundError as missing:
 TIMEOUT = httpx2.Timeout(1800.0, connect=15.0)
 
 #: What the SDK raises, or lets through, where there is no usable answer.
-_FAILURES = (openai.OpenAIError, json.JSONDecodeError, UnicodeDecodeError)
+_FAILURES = (openai.OpenAIError, ValueError, RecursionError)
 
-#: The reasons to stop, in the words of the Messages API, which the gate knows.
-_STOP_REASONS = {"stop": "end_turn", "length": "max_tokens", "content_filter": "refusal"}
+#: What servers call the token limit.
+_LIMITS = ("max_tokens", "max_completion_tokens")
 
 #: Stands for the key where a server wants none: the SDK insists on one.
 _NO_KEY = "no-key"
+
+
+@dataclass(slots=True)
+class Dialect:
+    """What a run learns of how its server spells things; no answer depends on that, so it is recorded nowhere."""
+
+    #: What the server calls the token limit; None until it refused one name and took the other.
+    limit: str | None = None
 
 
 class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
     """The chat-completions API (see `tacevo.llm.hosted.Server`).
 
     Args:
-        limit_name: what the server calls the token limit.
+        limit: what the server is thought to call the token limit.
+        dialect: what it is known to call it.
     """
 
     sampling: tuple[str, ...] = ("temperature", "seed")
 
-    def __init__(self, clients: Sequence[openai.AsyncOpenAI], *, limit_name: str) -> None:
+    def __init__(self, clients: Sequence[openai.AsyncOpenAI], *, limit: str, dialect: Dialect) -> None:
         key = clients[0].api_key
         super().__init__(clients, () if key == _NO_KEY else (key,), _FAILURES)
-        self._limit_name = limit_name
+        self._limit = limit
+        self._dialect = dialect
 
     async def ask(self, request: Request, dropped: tuple[str, ...]) -> Completion:
-        """Try a request once (see `tacevo.llm.hosted.Server`)."""
-        body = body_of(request, dropped, limit_name=self._limit_name)
+        """Try a request once (see `tacevo.llm.hosted.Server`), or with each name of the token limit once."""
+        name = self._dialect.limit or self._limit
         try:
-            chat = await next(self.turns).chat.completions.create(
+            return await self._ask(request, dropped, name)
+        except FaultError as error:
+            refused = re.search(rf"\b{name}\b", error.fault.message) and error.fault.kind is FaultKind.doubtful
+            if not refused or name != self._limit:
+                raise
+        other = next(other for other in _LIMITS if other != name)
+        completion = await self._ask(request, dropped, other)
+        self._dialect.limit = other
+        return completion
+
+    async def _ask(self, request: Request, dropped: tuple[str, ...], limit: str) -> Completion:
+        body = body_of(request, dropped, limit_name=limit)
+        try:
+            chat = await next(self.turns).chat.completions.with_raw_response.create(
                 model=body.pop("model"), messages=body.pop("messages"), extra_body=body
             )
         except _FAILURES as error:
             raise FaultError(fault_of(error)) from error
-        return completion_of(chat)
+        return read_chat(read_body(chat.http_response.content))
 
 
-def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
+def connect(base_url: str | None, concurrency: int, dialect: Dialect | None = None) -> OpenAIServer:
     """Prepare to ask the server at `base_url`, by default OpenAI's own; a missing key is an error at once.
+
+    `dialect` is what the run knows of the server; it learns more.
 
     Raises:
         ConfigError: OpenAI's own server is meant, and the environment holds no key.
@@ -89,7 +115,7 @@ def connect(base_url: str | None, concurrency: int) -> OpenAIServer:
     except (openai.OpenAIError, httpx2.InvalidURL) as error:
         raise ConfigError(str(error), place="llm=openai", remedy="check llm.base_url") from error
     # OpenAI's newer models know only the one name, other servers may know only the other.
-    return OpenAIServer(clients, limit_name="max_completion_tokens" if own else "max_tokens")
+    return OpenAIServer(clients, limit=_LIMITS[own], dialect=dialect or Dialect())
 
 
 def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> Body:
@@ -105,27 +131,3 @@ def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> B
         limit_name: request.max_tokens,
         **{name: value for name, value in settings.items() if name not in dropped},
     }
-
-
-def completion_of(chat: ChatCompletion) -> Completion:
-    """Read an answer; a server that counts no tokens has used none.
-
-    Raises:
-        FaultError: the body is JSON, but not a completion.
-    """
-    choices = getattr(chat, "choices", None)  # the SDK checks no body: another one comes as text, or with any values
-    if not isinstance(choices, list) or not choices:
-        raise FaultError(Fault(kind=FaultKind.passing, message="the body is not a completion: it has no choices"))
-    try:
-        choice, usage = choices[0], chat.usage
-        reason = "refusal" if getattr(choice.message, "refusal", None) else str(choice.finish_reason or "stop")
-        completion = Completion(
-            text=choice.message.content or "",
-            model=chat.model,
-            stop_reason=_STOP_REASONS.get(reason, reason),
-            input_tokens=0 if usage is None else usage.prompt_tokens,
-            output_tokens=0 if usage is None else usage.completion_tokens,
-        )
-    except AttributeError as error:
-        raise FaultError(fault_of_connection(error)) from error
-    return checked(completion)

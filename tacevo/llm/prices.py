@@ -1,7 +1,7 @@
 """What tokens cost: a dated table, the price of one answer, and the most that a request can cost. Pure."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from annotated_types import Ge
@@ -35,10 +35,14 @@ class ListedPrice(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriceTable(Record):
-    """The direct price of each model, and what a batch multiplies it by."""
+    """The direct price of each model, and what a batch and the provider's cache multiply it by."""
 
     models: dict[str, ListedPrice]
     batch_factor: Annotated[float, Ge(0)]
+    #: What an input token costs that is read from the provider's cache, and one that is written there, as parts of the
+    #: input price; None where that is not known.
+    cache_read_factor: Annotated[float, Ge(0)] | None = None
+    cache_write_factor: Annotated[float, Ge(0)] | None = None
 
     @property
     def offered(self) -> tuple[str, ...]:
@@ -64,8 +68,15 @@ class PriceTable(Record):
 
     def price_of(self, request: Request, completion: Completion) -> Price | None:
         """Return the price of an answer: that of the model which answered, else of the one that was asked."""
-        returned = self.price(completion.model, completion.delivery)
-        return returned or self.price(request.model, completion.delivery)
+        price = self.price(completion.model, completion.delivery) or self.price(request.model, completion.delivery)
+        if price is None or (completion.cache_read, completion.cache_written) == (0, 0):
+            return price
+        read, write = self.cache_read_factor, self.cache_write_factor
+        return replace(
+            price,
+            cache_read_usd=None if read is None else read * price.input_usd,
+            cache_write_usd=None if write is None else write * price.input_usd,
+        )
 
 
 def most_input_tokens(request: Request) -> int:

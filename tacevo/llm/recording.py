@@ -1,8 +1,8 @@
 """Recording and replaying: an LLM in front of a store, and behind it the real one."""
 
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import partial
 from typing import Protocol
 
 from tacevo.errors import LLMError, StoreError
@@ -57,17 +57,19 @@ def ever_refused(store: Store, chosen: Choice, setting: str) -> bool:
 
 
 def _recorded(store: Store) -> Iterator[tuple[Request, Completion]]:
-    """Yield requests with their answers; a damaged entry is an error."""
-    for entry in store.entries():
-        request = convert(Request, entry.request, place=f"completions {entry.key}, request", error=StoreError)
-        yield request, _completion(entry.answer, partial(store.key, entry.request))
+    """Yield requests with their answers, as far as they can be read: one that cannot proves nothing."""
+    for entry in store.sound():
+        with contextlib.suppress(StoreError):
+            request = convert(Request, entry.request, place="request", error=StoreError)
+            yield request, _completion(store, entry.request, entry.answer)
 
 
-def _completion(answer: Json, key: Callable[[], str]) -> Completion:
+def _completion(store: Store, question: Json, answer: Json) -> Completion:
     try:
-        return convert(Completion, answer, place="answer", error=StoreError, remedy="delete the entry")
-    except StoreError as error:
-        error.place = f"completions {key()}, {error.place}"  # to hash each request again would cost a replay time
+        return convert(Completion, answer, place="answer", error=StoreError)
+    except StoreError as error:  # only here: to hash each request again would cost a replay time
+        error.place = f"{store.path(store.key(question))}, {error.place}"
+        error.remedy = "delete that file, and its request is asked again"
         raise
 
 
@@ -89,6 +91,10 @@ class RecordingLLM:
     price: Callable[[Request, Completion], Price | None] | None = None
     #: Called with every answer, recorded or new, before it is yielded.
     count: Callable[[Request, Completion], object] = unkept
+    #: Whether it is another server than the provider's own that answers.
+    elsewhere: bool = False
+    #: What the server calls the model, where requests have a label in its place.
+    unlabelled: str | None = None
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer every request; recorded answers come first (see `tacevo.search.development.LLM`).
@@ -100,12 +106,10 @@ class RecordingLLM:
         """
         missing: dict[Request, list[int]] = {}
         for position, request in enumerate(requests):
-            question = to_json(request)
-            recorded = self.store.find(question)
-            if recorded is None:
+            completion = self._recall(request)
+            if completion is None:
                 missing.setdefault(request, []).append(position)
             else:
-                completion = _completion(recorded, partial(self.store.key, question))
                 self.count(request, completion)
                 yield position, completion
         if not missing:
@@ -118,10 +122,26 @@ class RecordingLLM:
             for position in missing[asked[index]]:
                 yield position, completion
 
+    def _recall(self, request: Request) -> Completion | None:
+        """Return the recorded answer; one that was recorded before the label was chosen is recorded under it, too."""
+        question = to_json(request)
+        recorded = self.store.find(question)
+        if recorded is not None or self.unlabelled is None:
+            return None if recorded is None else _completion(self.store, question, recorded)
+        before = to_json(replace(request, model=self.unlabelled))
+        recorded = self.store.find(before)
+        if recorded is None:
+            return None
+        completion = replace(_completion(self.store, before, recorded), model=request.model)
+        self.store.write(question, to_json(completion))
+        return completion
+
     def _keep(self, request: Request, completion: Completion) -> Completion:
         """Put the price on, replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, and store."""
         price = None if self.price is None else self.price(request, completion)
         sound = {name: getattr(completion, name).encode(errors="replace").decode() for name in _TEXTS}
-        kept = replace(completion, **sound, price=price)
+        if self.unlabelled is not None:
+            sound["model"] = request.model
+        kept = replace(completion, **sound, price=price, elsewhere=self.elsewhere)
         self.store.write(to_json(request), to_json(kept))
         return kept

@@ -18,7 +18,7 @@ from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.pace import Measure, growth, measure, training_images, trainings
-from tacevo.runs.providers import load_prices
+from tacevo.runs.providers import prices_of
 from tacevo.runs.wiring import build_settings
 from tacevo.search.prompts import crossover_text
 from tacevo.search.proposals import Settings, plan_initial
@@ -68,7 +68,8 @@ def estimate(config: RunConfig) -> Estimate:
     crossed = later * (1.0 - config.proposals.mutation_probability)
     mutation, crossover = _typical(task, settings, config.temperature.start)
     asked = search.initial - recorded + later
-    spent = spending_on(_answers(Path(config.store.root), config.llm.model))
+    known = (answer for answer in _answers(Path(config.store.root), config.llm.name) if answer.tokens is not None)
+    spent = spending_on(known)
     inputs = (asked - crossed) * _likely_input(mutation) + crossed * _likely_input(crossover)
     likely = Tokens(input=inputs, output=float(asked * likely_tokens(task.baseline)))
     if spent.answers:
@@ -86,7 +87,7 @@ def _facts(config: RunConfig) -> DataFacts:
 def describe_estimate(config: RunConfig, measure: Measure = measure) -> str:
     """Write an estimate down: requests, tokens, the cost by model and delivery, and the hours by a measured pace."""
     found = estimate(config)
-    prices = load_prices(config.llm.prices)
+    prices = prices_of(config.llm)
     basis = "networks are as long as the baseline, and a token has four characters"
     if found.samples:
         basis = f"answers are like the mean of the {found.samples} recorded ones of this model"
@@ -168,18 +169,18 @@ def _answers(root: Path, model: str) -> Iterator[Completion]:
 
 def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:
     """Price tokens for each delivery that the provider has."""
-    found = [prices.price(config.llm.model, delivery) for delivery in deliveries(config.llm.provider)]
+    found = [prices.price(config.llm.name, delivery) for delivery in deliveries(config.llm.provider)]
     return ["unknown" if price is None else dollars(price.cost(tokens.input, tokens.output)) for price in found]
 
 
 def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:
     """Return the date of the prices, the delivery and budget of this run, and when the model is retired."""
-    price = prices.price(config.llm.model, Delivery.direct)
-    known = f"{config.llm.prices} lacks the price of this model" if price is None else f"prices of {price.dated}"
+    price = prices.price(config.llm.name, Delivery.direct)
+    known = f"prices of {price.dated}" if price is not None else f"{config.llm.prices} lacks the price of this model"
     if config.llm.model == UNCHOSEN:
         known = "the cost is that of the model: add llm=anthropic, or llm=openai llm.model=NAME"
     budget = "no limit" if config.llm.budget_usd is None else f"{config.llm.budget_usd:g} USD"
-    retired = prices.retirement(config.llm.model)
+    retired = prices.retirement(config.llm.name)
     gone = [] if retired is None else [f"{config.llm.model} is not served from {retired} on; set llm.model to another"]
     trainings = []
     if config.training.seeds > 1:

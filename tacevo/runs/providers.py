@@ -1,7 +1,10 @@
 """From a configuration to the LLM of a run: provider, budget and store, one before the other."""
 
 import json
+import os
+import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -21,10 +24,17 @@ from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
 from tacevo.records import Delivery, Mode, Price, Setting
+from tacevo.redaction import names_place
 from tacevo.search.development import LLM
 from tacevo.search.lines import TEMPERATURE
 from tacevo.storage.store import Seen, Store
 from tacevo.typed import parse
+
+#: The variable that tells a provider's SDK of another address, and the host of the provider's own servers.
+_OWN = {
+    Provider.anthropic: ("ANTHROPIC_BASE_URL", "api.anthropic.com"),
+    Provider.openai: ("OPENAI_BASE_URL", "api.openai.com"),
+}
 
 
 def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
@@ -38,14 +48,43 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
     llm, root = config.llm, Path(config.store.root)
     if mode is Mode.replay or llm.mode is Mode.replay:
         return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
-    prices = load_prices(llm.prices)
+    prices = prices_of(llm)
     provider = _provider(llm, root, prices)
-    store = Store(root, "completions", llm.mode, seen=seen)
+    recording = RecordingLLM(
+        provider,
+        Store(root, "completions", llm.mode, seen=seen),
+        price=prices.price_of,
+        elsewhere=asks_elsewhere(llm),
+        unlabelled=_unlabelled(llm),
+    )
     if llm.budget_usd is None:
-        return RecordingLLM(provider, store, price=prices.price_of)
+        return recording
     account = Account(prices.price_of)
     budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
-    return RecordingLLM(budgeted, store, price=prices.price_of, count=account.add)
+    return replace(recording, inner=budgeted, count=account.add)
+
+
+def asks_elsewhere(llm: LLMConfig) -> bool:
+    """Return whether another server than the provider's own is asked, by llm.base_url or as its SDK was told."""
+    if llm.provider not in _OWN:
+        return False
+    variable, host = _OWN[llm.provider]
+    address = llm.base_url or os.environ.get(variable)
+    return bool(address) and re.match(rf"https://([\w-]+\.)*{re.escape(host)}(:\d+)?(/|$)", str(address)) is None
+
+
+def name_warning(llm: LLMConfig) -> str | None:
+    """Say what is wrong with the model's name for a run that may be published; None where nothing is."""
+    if not names_place(llm.name):
+        return None
+    return (
+        f"llm.model={llm.model} is a path, and stands wherever the model is named; set llm.label=NAME, without which "
+        "the run cannot be published"
+    )
+
+
+def _unlabelled(llm: LLMConfig) -> str | None:
+    return None if llm.label is None else llm.model
 
 
 def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
@@ -61,7 +100,7 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
     settings = [f"{GROUP}={choice}"] if TEMPERATURE in read_arm(choice) else []
     settings += [override for override in others if override.partition("=")[0].partition(".")[0] == TEMPERATURE]
     llm = config.llm
-    chosen = (llm.model, llm.max_tokens, provider_settings(llm))
+    chosen = (llm.name, llm.max_tokens, provider_settings(llm))
     if settings and ever_refused(Store(Path(config.store.root), "completions"), chosen, TEMPERATURE):
         raise ConfigError(
             f"{llm.model}, which refuses temperatures: its answers in {config.store.root} were given without",
@@ -89,7 +128,7 @@ def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
         case Provider.anthropic:
             from tacevo.llm import anthropic, batches
 
-            models = Models(partial(ever_answered, store), prices=prices)
+            models = Models(partial(ever_answered, store), prices=prices, unlabelled=_unlabelled(llm))
             if llm.delivery is Delivery.direct:
                 return _hosted(llm, anthropic.connect, models)
             connect = partial(anthropic.connect_batches, llm.base_url)
@@ -100,7 +139,8 @@ def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
         case Provider.openai:
             from tacevo.llm import openai
 
-            return _hosted(llm, openai.connect, Models(partial(ever_answered, store)))
+            models = Models(partial(ever_answered, store), unlabelled=_unlabelled(llm))
+            return _hosted(llm, partial(openai.connect, dialect=openai.Dialect()), models)
 
 
 def _hosted(llm: LLMConfig, connect: Callable[[str | None, int], Server], models: Models) -> HostedLLM:
@@ -115,15 +155,26 @@ def _hosted(llm: LLMConfig, connect: Callable[[str | None, int], Server], models
 
 def _price(llm: LLMConfig, prices: PriceTable) -> Price:
     """Price the model that a budget is for."""
-    price = prices.price(llm.model, llm.delivery)
+    price = prices.price(llm.name, llm.delivery)
     if price is None:
+        lacking = f"{llm.name} without a price in {llm.prices}"
         raise ConfigError(
-            f"{llm.model} without a price in {llm.prices}",
+            f"{lacking}, which is not about other servers" if asks_elsewhere(llm) else lacking,
             place="llm.budget_usd",
             expected="a model of known price",
             remedy="add the model to that table, name your own by llm.prices=FILE, or set llm.budget_usd=null",
         )
     return price
+
+
+def prices_of(llm: LLMConfig) -> PriceTable:
+    """Read the prices of what a run asks: of another server than the provider's own, only those that the user gives.
+
+    Raises:
+        ConfigError: as `load_prices`.
+    """
+    prices = load_prices(llm.prices)
+    return replace(prices, models={}) if asks_elsewhere(llm) and llm.prices == LLMConfig.prices else prices
 
 
 def load_prices(name: str) -> PriceTable:

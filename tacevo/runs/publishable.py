@@ -9,6 +9,7 @@ from pathlib import PurePath
 from tacevo.config.schema import DataConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
+from tacevo.redaction import names_place
 
 #: Stands for a directory without a name of its own, such as `.`.
 _NAMELESS = "data"
@@ -57,8 +58,24 @@ def published_config(config: Mapping[str, Json]) -> dict[str, Json]:
         settings = config.get(group, {})
         if isinstance(settings, Mapping):
             shortened = {name: _shortened(f"{group}.{name}", value) for name, value in settings.items()}
-            published[group] = {**shortened, **_ANYWHERE.get(group, {})}
+            named = {"model": settings["label"]} if group == "llm" and settings.get("label") else {}
+            published[group] = {**shortened, **_ANYWHERE.get(group, {}), **named}
     return published
+
+
+def check_name(model: str) -> None:
+    """Check that the name of a model, which is published, tells nothing of a machine.
+
+    Raises:
+        ConfigError: it is a path of this machine, or an address.
+    """
+    if names_place(model):
+        raise ConfigError(
+            model,
+            place="the model's name",
+            expected="one that is not a path of this machine",
+            remedy="repeat the search with llm.label=NAME, and publish that run: recorded answers are not asked again",
+        )
 
 
 def other_settings(own: DataConfig, other: DataConfig) -> tuple[tuple[str, Json], ...]:
@@ -101,7 +118,8 @@ def _published(override: str) -> str | None:
     if key.startswith(_ELSEWHERE) or key == "llm.base_url":
         return None
     bare = value.strip("'\"")
-    if key not in _PATHS or bare == "null":
+    shortened = last_part if key == "llm.model" and names_place(bare) else _PATHS.get(key)
+    if shortened is None or bare == "null":
         return override
     quote = value[: value.index(bare)] if bare else ""
-    return f"{key}={quote}{_PATHS[key](bare)}{quote}"
+    return f"{key}={quote}{shortened(bare)}{quote}"

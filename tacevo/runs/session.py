@@ -22,7 +22,7 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.doubts import doubts_of
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
-from tacevo.runs.providers import build_llm
+from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.summary import has_shortfall, in_short, summarise
 from tacevo.runs.usable import Usable
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
@@ -119,9 +119,12 @@ def record(
         _begin(directory, config, task, facts, trivial)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         view.say(f"trivial loss: {trivial:.4g}, the least that the same answer to every validation image can have")
+        if warning := name_warning(config.llm):
+            view.say(f"warning: {warning}")
         with _mirrored(config, directory, view):
             usable, walls = Usable(config.search.stop_after_unusable), Walls(directory)
             observer = _Recorder(directory, ledger, plan, view, usable=usable, trivial=trivial)
+            observer.elsewhere = asks_elsewhere(config.llm)
             with Workbench(
                 config,
                 task,
@@ -136,7 +139,7 @@ def record(
             ) as bench:
                 state = run_eras(plan, eras, bench.effects, ledger, observer)
             _check_length(ledger, directory)
-            found, succeeded = _finish(directory, config, state, ledger.digest)
+            found, succeeded = _finish(directory, config, state, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
         return Result(directory=directory.path, digest=ledger.digest, found=found, best=name, succeeded=succeeded)
@@ -191,6 +194,7 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
             digest=None,
             pages=PAGES,
             trivial=trivial,
+            elsewhere=asks_elsewhere(config.llm),
         )
     )
 
@@ -233,9 +237,12 @@ def _check_length(ledger: Ledger, directory: RunDirectory) -> None:
         )
 
 
-def _finish(directory: RunDirectory, config: RunConfig, state: SearchState, digest: str) -> tuple[str, bool]:
+def _finish(
+    directory: RunDirectory, config: RunConfig, state: SearchState, digest: str, *, elsewhere: bool
+) -> tuple[str, bool]:
     """Write what is known only at the end; return the summary in short, and whether the search found something."""
-    run = replace(directory.read_run(), config=_publishable(config), digest=digest, pages=PAGES)
+    began = directory.read_run()
+    run = replace(began, config=_publishable(config), digest=digest, pages=PAGES, elsewhere=elsewhere)
     directory.write_run(run)
     names = [elite.name for elite in state.networks.archive.elites.values()]
     lines, spent = read_ledger(directory).lines, directory.read_spending()
@@ -296,6 +303,8 @@ class _Recorder(Watcher):
         self._spent = directory.read_spending()
         #: What the candidates of the present generation cost.
         self._generation: list[Spending] = []
+        #: Whether another server than the provider's own gave an answer.
+        self.elsewhere = False
 
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
@@ -303,6 +312,7 @@ class _Recorder(Watcher):
             return  # its source is kept under the elite's name, and nothing was asked
         self._usable.take(outcome)
         name = outcome.proposal.id
+        self.elsewhere |= any(completion.elsewhere for completion in outcome.completions)
         if outcome.admitted is not None:
             self._directory.keep_candidate(name, outcome.admitted.source)
         elif isinstance(outcome.result, Rejection) and outcome.completion is not None:

@@ -5,8 +5,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tacevo.choices import ArchiveKind
+from tacevo.config.recorded import answered_by
 from tacevo.config.schema import RunConfig
-from tacevo.costs import Spending, in_words, total, usd
+from tacevo.costs import Spending, in_words, token_cells, total, usd
 from tacevo.records import Operator
 from tacevo.search.chance import shortfall
 from tacevo.search.files import Line, eras_in_words, eras_of
@@ -79,7 +80,7 @@ def _generations(lines: Sequence[Line]) -> list[GenerationLine]:
 
 def _headline(run: RunRecord, config: RunConfig, candidates: Collection[CandidateLine], generations: int) -> str:
     unasked = generations > 0 and all(line.request is None for line in candidates)
-    answers = "no model was asked" if unasked else f"requests answered by {config.llm.model}"
+    answers = "no model was asked" if unasked else f"requests answered by {answered_by(run, config.llm)}"
     return (
         f"Task {run.task.name}, seed {config.seed}, {answers}, "
         f"{config.numerics.kind} numerics. {counted(len(candidates), 'candidate')} in "
@@ -237,8 +238,7 @@ def _costs(
     rows = []
     for line in generations:
         part = total(known[name] for name in known if candidates[name].generation == line.generation)
-        tokens = [f"{part.input_tokens:,}", f"{part.output_tokens:,}"]
-        rows.append([str(line.generation), str(part.answers), *tokens, usd(part)])
+        rows.append([str(line.generation), str(part.answers), *token_cells(part), usd(part)])
     header = ["generation", "answers", "input tokens", "output tokens", "cost"]
     asked = sum(line.request is not None for line in candidates.values())
     missing = asked - sum(part.answers > 0 for part in known.values())

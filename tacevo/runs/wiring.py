@@ -89,9 +89,10 @@ def build_settings(config: RunConfig) -> Settings:
         tournament=config.proposals.tournament,
         prompts=config.prompts.policy,
         jitter=config.temperature.jitter,
-        model=config.llm.model,
+        model=config.llm.name,
         max_tokens=config.llm.max_tokens,
         llm=provider_settings(config.llm),
+        system=config.llm.system,
         operator_for=config.proposals.operator_for,
         pool=config.prompts.pool,
     )

@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy, TemperatureRule
+from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy, SystemTurn, TemperatureRule
 from tacevo.randomness import derived_seed, stream
 from tacevo.records import Message, Operator, Request, Setting, Task
 from tacevo.search.archive import Archive
@@ -68,6 +68,8 @@ class Settings:
     max_tokens: int
     #: Further settings of the provider, for every request.
     llm: tuple[tuple[str, Setting], ...] = ()
+    #: Where a request has the task's system prompt.
+    system: SystemTurn = SystemTurn.system
     #: What one draw of the operator holds for.
     operator_for: OperatorScope = OperatorScope.generation
     #: The size of the prompt pool P_g, from 1 to the task's instructions; None for all of them.
@@ -343,12 +345,12 @@ def _request(task: Task, settings: Settings, slot: _Slot, text: str) -> Request:
     So two slots that ask the same question get two answers, while two arms of an ablation that ask it in the
     same slot under the same seed share one.
     """
-    where = (slot.generation, slot.number)
+    where, joined = (slot.generation, slot.number), settings.system is SystemTurn.user
     noise = stream(settings.seed, "temperature", *where).uniform(-settings.jitter, settings.jitter)
     return Request(
         model=settings.model,
-        system=task.system,
-        messages=(Message(role="user", content=text),),
+        system="" if joined else task.system,
+        messages=(Message(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
         temperature=clip(slot.temperature + noise),
         max_tokens=settings.max_tokens,
         draw=derived_seed(settings.seed, "draw", *where) % 2**31,

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tacevo.costs import Spending, spending_on, total, usd
+from tacevo.costs import Spending, in_words, spending_on, token_cells, total, usd
 from tacevo.errors import ConfigError, StoreError
 from tacevo.records import Completion, Json, Request
 from tacevo.storage.arrays import KIND, check_array
@@ -153,7 +153,7 @@ def _checked_answer(place: Path, entry: Entry) -> tuple[str, Completion | None]:
 
 def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[str]:
     spent = total(spent for _, spent in files)
-    tokens = [f"{spent.input_tokens:,}", f"{spent.output_tokens:,}", usd(spent)] if spent.answers else ["", "", ""]
+    tokens = [*token_cells(spent), usd(spent)] if spent.answers else ["", "", ""]
     return [kind, model, str(len(files)), f"{sum(size for size, _ in files) / 1e6:.2f} MB", *tokens]
 
 
@@ -197,9 +197,10 @@ def _answered(path: Path) -> list[str]:
     if completion is None:
         return []
     dropped = f", sent without {', '.join(completion.dropped)}" if completion.dropped else ""
+    where = ", another server gave this name" if completion.elsewhere else ""
     return [
-        f"  answered by {completion.model} ({completion.delivery}{dropped}), ended by {completion.stop_reason}, "
-        f"{completion.input_tokens:,} + {completion.output_tokens:,} tokens, {usd(spending_on([completion]))}"
+        f"  answered by {completion.model or 'an unnamed model'} ({completion.delivery}{where}{dropped}), ended by "
+        f"{completion.stop_reason}, {in_words(spending_on([completion])).partition(', ')[2]}"
     ]
 
 

@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 
@@ -60,6 +60,10 @@ class RunRecord(Record):
     pages: int = FIRST_PAGES
     #: The trivial loss of the validation images (`tacevo.search.chance`); None in runs of earlier releases.
     trivial: Annotated[float, Ge(0)] | None = None
+    #: Whether another server than the provider's own gave an answer, and so the model's name.
+    elsewhere: bool = False
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"elsewhere"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +81,7 @@ class Timing(Record):
     output_tokens: int
     usd: float
     unpriced: int
+    uncounted: int = 0
     #: When the line was written, in ISO 8601 with a time zone.
     at: str
 
@@ -89,6 +94,7 @@ class Timing(Record):
             output_tokens=self.output_tokens,
             usd=self.usd,
             unpriced=self.unpriced,
+            uncounted=self.uncounted,
         )
 
 

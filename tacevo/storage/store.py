@@ -148,7 +148,7 @@ class Store:
             StoreError: the entry is damaged or of another schema.
         """
         key = self.key(request)
-        path = self._path(key)
+        path = self.path(key)
         try:
             data = path.read_bytes()
         except FileNotFoundError:
@@ -160,7 +160,7 @@ class Store:
 
     def holds(self, key: str) -> bool:
         """Return whether there is an entry of a key, sound or not."""
-        return self._path(key).exists()
+        return self.path(key).exists()
 
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
@@ -186,16 +186,17 @@ class Store:
         Returns:
             The entry and the fields, or None where there is no other sound entry.
         """
-        compared = ((entry, differences(entry.request, request)) for entry in self._sound(most))
+        compared = ((entry, differences(entry.request, request)) for entry in self.sound(most))
         return min((pair for pair in compared if pair[1]), key=lambda pair: len(pair[1]), default=None)
 
-    def _sound(self, most: int | None) -> Iterator[Entry]:
-        """Yield entries to compare with; a damaged one is not what a miss is about."""
+    def sound(self, most: int | None = None) -> Iterator[Entry]:
+        """Yield entries in the order of their keys, at most so many files, without those that are damaged."""
         for path in itertools.islice(sorted(self._folder.glob("*/*.json")), most):
             with contextlib.suppress(StoreError, OSError):
                 yield read_entry(path)
 
-    def _path(self, key: str) -> Path:
+    def path(self, key: str) -> Path:
+        """Return where the entry of a key stands, if there is one."""
         return self._folder.parent / place_of(self._kind, key)
 
     def _miss(self, request: Json) -> CacheMissError:

@@ -107,11 +107,12 @@ def _measures(figures: Mapping[str, float | None], step: int) -> tuple[Measure, 
 
 
 def cost_measures(spent: Spending, step: int) -> tuple[Measure, ...]:
-    """Return the metrics of what answers cost: tokens and, of those with a known price, US dollars."""
+    """Return the metrics of what answers cost: tokens and US dollars, each of the answers of which it is known."""
     if not spent.answers:
         return ()
     usd = spent.usd if spent.answers > spent.unpriced else None
-    tokens = {"input_tokens": spent.input_tokens, "output_tokens": spent.output_tokens}
+    known = spent.answers > spent.uncounted
+    tokens = {"input_tokens": spent.input_tokens, "output_tokens": spent.output_tokens} if known else {}
     return _measures({"answers": spent.answers, **tokens, "usd": usd}, step)
 
 

@@ -205,6 +205,13 @@ def test_publisher_chooses_neither_the_server_nor_the_walls() -> None:
     assert own.llm.base_url == "http://localhost:8000/v1"
 
 
+def test_label_of_a_published_model_goes_on() -> None:
+    """Whoever has the model under another path continues the run without naming the label again."""
+    theirs = compose([*TINY, "llm=openai", "llm.model=llama-8b", "llm.label=llama-8b"])
+    here = continued(theirs, ["search.generations=3", "llm.model=/mine/llama"], end=1, spent=0)
+    assert (here.llm.model, here.llm.name) == ("/mine/llama", "llama-8b")
+
+
 def test_other_versions_are_named_and_the_run_is_tried_all_the_same(
     published: Path, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -90,6 +90,7 @@ IMPOSSIBLE: dict[str, list[Any]] = {
         "http://localhost/v1#top",
         "http://localhost\n",
     ],
+    "llm.label": ["/models/m", "~/m", "file:/models/m", "openai//models/m", "C:\\models\\m", "", "https://host/m"],
 }
 
 #: The ends of the ranges, which are possible.
@@ -249,6 +250,7 @@ DECIDES_WHEN_HOSTED: dict[str, Any] = {
     "llm.top_k": 40,
     "llm.stop_sequences": ["END"],
     "llm.thinking_tokens": 1024,
+    "llm.system": "user",
 }
 
 #: Another possible value of each setting that only says where a run is computed, watched and written, and how long.
@@ -276,6 +278,7 @@ def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
     listed |= {"llm.delivery"}  # of which the default provider has one choice
+    listed |= {"llm.label"}  # which stands for the model, below
     listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
     listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.
@@ -354,6 +357,12 @@ def test_setting_of_a_hosted_model_enters_the_identity_once_set(key: str) -> Non
     """Set it is part of the run; left alone it is not, so that runs without it stay the runs they were."""
     set_ = identity(changed(key, DECIDES_WHEN_HOSTED[key], HOSTED))["llm"]
     assert set_ == {**llm_identity(HOSTED.llm), key.removeprefix("llm."): DECIDES_WHEN_HOSTED[key]}
+
+
+def test_label_is_the_model_in_all_that_is_recorded() -> None:
+    """A run under a label is the same run, wherever the file of its model lies."""
+    runs = [changed("llm.model", path, changed("llm.label", "another", HOSTED)) for path in ("/a/m", "/b/m")]
+    assert {canonical(identity(run)) for run in runs} == {canonical(identity(changed("llm.model", "another", HOSTED)))}
 
 
 def test_identity_without_later_settings_is_golden() -> None:

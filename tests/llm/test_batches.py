@@ -149,16 +149,26 @@ def test_only_a_submission_without_an_answer_is_made_again(
     assert caplog.text.count("it is billed twice") == (cut in {"submitted", "created"})
 
 
-@pytest.mark.parametrize("results", ["lacking", "unreadable"])
-def test_results_without_an_answer_are_read_again_and_not_for_ever(results: str, tmp_path: Path) -> None:
+def test_results_without_an_answer_are_read_again_and_not_for_ever(tmp_path: Path) -> None:
     """What is paid for is not submitted again; a later command takes it."""
-    with serving(Script(results=results)) as server:
+    with serving(Script(results="lacking")) as server:
         with refused(TransportError, remedy="repeat the same command"):
             recorded(server.url, tmp_path)
         assert server.results_read == 5
         server.script = Script()
         assert recorded(server.url, tmp_path) == ANSWERS
         assert sizes(server) == [5]
+
+
+def test_answer_without_a_text_is_submitted_again_and_the_others_are_kept(tmp_path: Path) -> None:
+    """A server that spoils one answer of a batch for good does not stop the run for good."""
+    with serving(Script(results="textless")) as server:
+        with refused(TransportError, got="1 of 5 requests failed"):
+            recorded(server.url, tmp_path)
+        assert (sizes(server), records(tmp_path)) == ([5, 1, 1], [])
+        server.script = Script()
+        assert recorded(server.url, tmp_path) == ANSWERS
+        assert sizes(server) == [5, 1, 1, 1]
 
 
 @pytest.mark.parametrize("lost", ["forgotten", "deleted"])

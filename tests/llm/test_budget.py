@@ -1,6 +1,7 @@
 """Promise: a budget is never exceeded; what was asked is answered and kept, and a larger budget goes on from there."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -174,3 +175,21 @@ def test_limit_is_never_exceeded(limits: float, sizes: list[int], part: float) -
     else:
         assert answered == len(asked)
     assert account.spent <= limits
+
+
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        replace(answer(9), input_tokens=None),
+        replace(answer(9, price=PRICE), cache_read=5),
+    ],
+)
+def test_answer_of_unknown_cost_counts_as_the_most_that_it_can_cost(
+    unknown: Completion, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Neither as nothing nor in silence: the limit holds, and the user hears of it once."""
+    account = Account(lambda request, completion: PRICE)
+    for asked in REQUESTS[:2]:
+        account.add(asked, unknown)
+    assert account.spent == 2 * WORST
+    assert len(caplog.records) == 1

@@ -127,13 +127,6 @@ def test_failure_comes_after_the_answers_in_flight(provider: str) -> None:
 
 
 @both
-def test_unreachable_server_is_a_transport_error(provider: str) -> None:
-    """Where nobody listens, the error is ours, and says so."""
-    with refused(TransportError, got="2 of 2 requests failed after all tries, the first with APIConnectionError"):
-        texts(hosted("http://127.0.0.1:1", provider, patience=QUICK), "a", "b")
-
-
-@both
 def test_after_a_final_failure_nothing_further_begins(provider: str) -> None:
     """A refused key or a dead server is not asked a thousand times."""
     with serving() as server:

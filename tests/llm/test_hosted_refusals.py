@@ -26,13 +26,25 @@ both = pytest.mark.parametrize("provider", PROVIDERS)
 
 
 @both
-@pytest.mark.parametrize("fault", ["401", "402", "403", "404", "credit"])
-def test_refused_key_model_or_payment_stops_the_run(fault: str, provider: str) -> None:
-    """What no retry can mend is the user's to mend, is reported at once, and is never recorded as an answer."""
+@pytest.mark.parametrize(
+    ("fault", "remedy"),
+    [
+        ("401", "check the API key"),
+        ("403", "check the API key"),
+        ("402", "check the account"),
+        ("credit", "check the account"),
+        ("404", "check llm.base_url"),
+    ],
+)
+def test_refused_key_model_or_payment_stops_the_run(fault: str, remedy: str, provider: str) -> None:
+    """What no retry can mend is the user's to mend, is reported at once, and is never recorded as an answer.
+
+    Only a refused key is blamed on the key.
+    """
     with serving() as server:
         llm = hosted(server.url, provider)
         assert texts(llm, "a") == ["a!"]
-        with refused(ConfigError, got="the server says: ", remedy="check the API key, the account"):
+        with refused(ConfigError, got="the server says: ", remedy=remedy):
             texts(llm, f"b [fault {fault}]")
         assert sorted(server.tried.values()) == [1, 1]
 

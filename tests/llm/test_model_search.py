@@ -19,9 +19,13 @@ from llm_server import LLMServer, serving
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
+from tacevo.config.folder import conf_root
 from tacevo.costs import dollars
 
 pytestmark = pytest.mark.usefixtures("keys")
+
+#: A server of the tests asks no price; these are what the answers of the provider's own would cost.
+PRICES = f"llm.prices={conf_root() / 'prices.yaml'}"
 
 TINY = [
     *SMALLEST,
@@ -60,7 +64,7 @@ def network(body: Body) -> str:
 
 def search(server: LLMServer, *overrides: str) -> int:
     """Search with a server; return the exit status."""
-    return main(["search", *TINY, f"llm.base_url={server.url}", *overrides])
+    return main(["search", *TINY, PRICES, f"llm.base_url={server.url}", *overrides])
 
 
 def digest(out: str) -> str:

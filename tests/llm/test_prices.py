@@ -1,5 +1,6 @@
 """Promise: a price is found by a model's name, with or without its date, or not at all; a worst case is the worst."""
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -126,3 +127,15 @@ def load(folder: Path, table: object) -> PriceTable:
     path = folder / "my.yaml"
     path.write_text(yaml.safe_dump(table), encoding="utf-8")
     return load_prices(str(path))
+
+
+def test_cached_tokens_are_priced_where_the_table_says_what_they_cost(tmp_path: Path) -> None:
+    """Only an answer that has such tokens is recorded with their price; without one its cost is unknown."""
+    cached = replace(answer("claude-haiku-4-5"), input_tokens=1_000, output_tokens=0, cache_read=500, cache_written=100)
+    price = TABLE.price_of(request(), cached)
+    assert price == Price(input_usd=1.0, output_usd=5.0, dated="2026-11-21", cache_read_usd=0.1, cache_write_usd=1.25)
+    assert replace(cached, price=price).cost == pytest.approx((400 + 50 + 125) / 1e6)
+    own = load(tmp_path, {"batch_factor": 0.5, "models": {"claude-haiku-4-5": ENTRY}})
+    assert replace(cached, price=own.price_of(request(), cached)).cost is None
+    plain = TABLE.price_of(request(), answer("claude-haiku-4-5"))
+    assert plain == TABLE.price("claude-haiku-4-5", Delivery.direct)

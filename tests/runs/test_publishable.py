@@ -86,3 +86,13 @@ def test_group_set_whole_is_refused(override: str) -> None:
     group = override.partition("=")[0]
     with refused(ConfigError, expected="one override per setting", got=override, remedy=f"{group}.NAME=VALUE"):
         published_overrides(["seed=0", override])
+
+
+def test_label_stands_for_a_model_that_is_a_path() -> None:
+    """In the configuration; an arm's name has the last part, as of every path."""
+    chosen = ["llm=openai", "llm.model=/home/secret/llama"]
+    labelled = published_config(to_plain(compose([*chosen, "llm.label=llama-8b"])))
+    assert value_at(labelled, ("llm", "model")) == "llama-8b"
+    assert from_plain(labelled).llm.name == "llama-8b"
+    assert published_overrides(chosen) == ("llm=openai", "llm.model=llama")
+    assert published_overrides(["llm.model=meta/llama"]) == ("llm.model=meta/llama",)

@@ -67,7 +67,7 @@ class Script:
     stall: str = ""
     #: Where it cuts the connection, once; the same places.
     cut: str = ""
-    #: What is wrong with a batch's results: `lacking` their last line, or `unreadable` in it; empty where nothing is.
+    #: What is wrong with a batch's results: `lacking` their last line, or `textless` in it; empty where nothing is.
     results: str = ""
     #: How many single requests must have been open at once before any is answered.
     together: int = 0

@@ -193,9 +193,9 @@ class LLMServer:
 
     def _spoilt(self, lines: list[str]) -> list[str]:
         """Spoil the last of a batch's results as the script says."""
-        if self.script.results == "unreadable":
+        if self.script.results == "textless":
             last = json.loads(lines[-1])
-            del last["result"]["message"]["usage"]
+            del last["result"]["message"]["content"]
             return [*lines[:-1], json.dumps(last)]
         return lines[:-1] if self.script.results == "lacking" else lines
 

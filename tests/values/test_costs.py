@@ -75,3 +75,14 @@ def test_order_changes_no_total(parts: list[Spending], shuffler: object) -> None
     shuffled = list(parts)
     shuffler.shuffle(shuffled)  # type: ignore[attr-defined]
     assert total(shuffled) == total(parts)
+
+
+def test_unknown_tokens_are_in_no_sum() -> None:
+    """A part whose tokens are known is shown with what it lacks; where none is known, nothing is."""
+    known = Spending(answers=2, input_tokens=10, output_tokens=20, usd=1.0)
+    unknown = Spending(answers=1, unpriced=1, uncounted=1)
+    both = total([known, unknown])
+    assert (both.tokens, known.tokens) == (None, 30)
+    assert "10 + 20 tokens" in in_words(both)
+    assert in_words(both).endswith("and without the tokens of 1 answer")
+    assert in_words(unknown) == "1 answer, tokens unknown, price unknown"

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from tacevo.errors import ConfigError
-from tacevo.redaction import check_address, secret_variables, without_password
+from tacevo.redaction import check_address, names_place, secret_variables, without_password
 
 
 @pytest.mark.parametrize(
@@ -92,3 +92,20 @@ def test_variables_with_a_secret_are_known_by_name_or_by_the_address_in_them() -
         "HTTP_PROXY": "http://proxy:3128",
     }
     assert set(secret_variables({**secrets, **kept})) == set(secrets)
+
+
+@pytest.mark.parametrize(
+    ("name", "is_place"),
+    [
+        *(
+            (name, True)
+            for name in ("/models/m", "~/m", "file:///models/m", "local:/m", "openai//srv/m", "https://host/m")
+        ),
+        *((name, True) for name in ("C:\\models\\m", "c:/models/m", "\\\\host\\share\\m", "hf:D:/m")),
+        *((name, False) for name in ("meta-llama/Llama-3.1-8B", "qwen2.5:7b", "accounts/fireworks/models/m", "@cf/m")),
+        *((name, False) for name in ("arn:aws:bedrock:us-east-1:1:profile/m", "claude-haiku-4-5@20251001", "")),
+    ],
+)
+def test_name_of_a_model_that_tells_of_a_machine_is_known(name: str, is_place: bool) -> None:
+    """Paths of all systems, behind a scheme too; an organisation before a name is none."""
+    assert names_place(name) is is_place

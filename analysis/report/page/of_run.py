@@ -162,7 +162,7 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
     if again is not None:
         words, reference, median = again
         losses += f"; {words}: {shown(median)} against the baseline's {shown(reference)}"
-    model = f"Model: {config.llm.model}, provider: {config.llm.provider}" if run.answered else "No model was asked"
+    model = f"Model: {run.model}, provider: {config.llm.provider}" if run.answered else "No model was asked"
     size = f"{counted(len(run.candidates), 'candidate')} in {counted(len(run.generations), 'generation')}"
     images = f"{sum(run.facts.counts):,} images of {run.facts.image_size} x {run.facts.image_size} pixels"
     return (
@@ -255,7 +255,7 @@ def _generations(run: Run, centroids: NDArray[np.float64]) -> tuple[Generation, 
             coverage=entry.line.coverage,
             prompt_coverage=entry.line.prompt_coverage,
             qd_score=entry.line.qd_score,
-            tokens=None if entry.spent is None else entry.spent.input_tokens + entry.spent.output_tokens,
+            tokens=None if entry.spent is None else entry.spent.tokens,
             usd=None if entry.spent is None or entry.spent.unpriced else entry.spent.usd,
             bounds=tuple(zip(entry.line.bounds.low, entry.line.bounds.high, strict=True))
             if entry.line.bounds is not None
@@ -314,7 +314,7 @@ def _relation(value: float) -> str:
 
 def _model(run: Run) -> dict[str, str]:
     """Name the model that was asked, and who provides it; neither where none was."""
-    return {"model": run.config.llm.model, "provider": str(run.config.llm.provider)} if run.answered else {}
+    return {"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}
 
 
 def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:

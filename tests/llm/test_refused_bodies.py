@@ -1,0 +1,189 @@
+"""Promise: what a server refuses is told in its own words, with the setting that mends it; no answer is lost."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hosted import PROVIDERS, hosted, request, texts
+from raw_server import Reply, replying
+from refusals import refused
+from test_answers import QUICK, chat, message
+
+from tacevo.errors import ConfigError, TransportError
+from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.openai import Dialect, connect
+from tacevo.llm.recording import RecordingLLM
+from tacevo.records import Json, to_json
+from tacevo.storage.store import Store
+
+pytestmark = pytest.mark.usefixtures("keys")
+both = pytest.mark.parametrize("provider", PROVIDERS)
+
+UNSUPPORTED = {
+    "message": "Unsupported parameter: 'max_tokens' is not supported with this model. Use 'max_completion_tokens'.",
+    "type": "invalid_request_error",
+    "param": "max_tokens",
+    "code": "unsupported_parameter",
+}
+
+#: How servers refuse a name of the token limit.
+UNKNOWN_NAMES: list[tuple[int, Json]] = [
+    (400, {"error": UNSUPPORTED}),
+    (400, {"object": "error", "message": "max_tokens: unknown field", "code": 400}),
+    (
+        422,
+        {
+            "detail": [
+                {"type": "extra_forbidden", "loc": ["body", "max_tokens"], "msg": "Extra inputs are not permitted"}
+            ]
+        },
+    ),
+]
+
+
+@pytest.mark.parametrize(("status", "refusal"), UNKNOWN_NAMES)
+def test_other_name_of_the_limit_is_tried_and_remembered(status: int, refusal: Json, tmp_path: Path) -> None:
+    """A run learns it once, also for its later rounds; nothing of it is recorded."""
+
+    def reply(body: dict[str, Any], number: int) -> Reply:
+        return (status, refusal) if "max_tokens" in body else (200, chat())
+
+    dialect, store = Dialect(), Store(tmp_path, "completions")
+    with replying(reply) as server:
+        llm = HostedLLM(
+            lambda: connect(f"{server.url}/v1", 1, dialect), concurrency=1, name="llm=openai", patience=QUICK
+        )
+        recording = RecordingLLM(llm, store)
+        for text in "abc":
+            assert [answer.dropped for _, answer in recording.complete([request(text)])] == [()]
+        names = [sorted(name for name in body if name.startswith("max_")) for body in server.bodies]
+    assert names == [["max_tokens"], *([["max_completion_tokens"]] * 3)]
+    assert all(store.read(to_json(request(text))) is not None for text in "abc")
+
+
+def test_limit_that_is_unknown_by_both_names_is_told() -> None:
+    """Each is tried once, and the server's words are shown."""
+    with replying((400, {"error": {"message": "max_tokens and max_completion_tokens are unknown here"}})) as server:
+        with refused(ConfigError, got="are unknown here"):
+            texts(hosted(server.url, "openai", patience=QUICK), "a")
+        assert len(server.bodies) == 2
+
+
+@both
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (400, "max_tokens: 100000 > 8192, which is the maximum allowed number of output tokens for claude-3-haiku"),
+        (400, "max_tokens is too large: 100000. This model supports at most 16384 completion tokens"),
+        (400, "'max_tokens' or 'max_completion_tokens' is too large: 5000. (5000 > 4096 - 500)"),
+        (400, "max_new_tokens must be less than or equal to 4096"),
+        (422, [{"loc": ["body", "max_tokens"], "msg": "Input should be less than or equal to 4096"}]),
+    ],
+)
+def test_limit_that_is_too_large_is_named(status: int, words: Json, provider: str) -> None:
+    """The setting to lower stands in the message, and no other name is tried."""
+    body = {"detail": words} if isinstance(words, list) else {"error": {"message": words}}
+    with replying((status, body)) as server:
+        with refused(ConfigError, got="tokens", remedy="set llm.max_tokens"):
+            texts(hosted(server.url, provider, patience=QUICK), "a")
+        assert len(server.bodies) == 1
+
+
+@both
+@pytest.mark.parametrize("status", [400, 422, 500])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "System role not supported",
+        "Conversation roles must alternate user/assistant/user/assistant/...",
+        "Only user and assistant roles are supported!",
+        "'system' role is not supported by this template",
+        "Unexpected role 'system' in messages",
+        "Developer instruction is not enabled for models/gemma-3",
+        "this model does not support system prompts",
+    ],
+)
+def test_model_without_a_system_prompt_is_told_the_setting(words: str, status: int, provider: str) -> None:
+    """It is asked once, and not ten times, whatever status its template ends in."""
+    with replying((status, {"object": "error", "message": words, "param": None, "code": status})) as server:
+        with refused(ConfigError, got=words, remedy="set llm.system=user"):
+            texts(hosted(server.url, provider, patience=QUICK), "a")
+        assert len(server.bodies) == 1
+
+
+@both
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (
+            {"detail": [{"loc": ["body", "n"], "msg": "Extra inputs are not permitted", "input": 3}]},
+            "body.n: Extra inputs",
+        ),
+        ({"detail": [{"msg": "a"}, {"loc": ["x"], "msg": "b"}]}, "a; x: b"),
+        ({"detail": "no such thing"}, "no such thing"),
+        ({"detail": {"message": "no such thing"}}, "no such thing"),
+        ({"error": "no such thing"}, "no such thing"),
+        ({"errors": [{"message": "no such\nthing"}]}, "no such thing"),
+        ({"message": "no such thing"}, "no such thing"),
+        ({"error": {"error": {"error": {"msg": "no such thing"}}}}, "no such thing"),
+    ],
+)
+def test_words_are_found_wherever_a_server_puts_them(body: Json, words: str, provider: str) -> None:
+    """FastAPI's list, a text, an object in an object: the message is for a person, and blames no key."""
+    with replying((422, body)) as server, refused(ConfigError, got=words, remedy="check llm.base_url") as caught:
+        texts(hosted(server.url, provider, patience=QUICK), "a")
+    assert "key" not in caught.value.remedy
+    assert "{" not in caught.value.got
+
+
+def test_setting_that_fastapi_forbids_is_dropped() -> None:
+    """The name in its list is enough; the request is then answered."""
+
+    def reply(body: dict[str, Any], number: int) -> Reply:
+        detail = [{"type": "extra_forbidden", "loc": ["body", "seed"], "msg": "Extra inputs are not permitted"}]
+        return (422, {"detail": detail}) if "seed" in body else (200, chat())
+
+    with replying(reply) as server:
+        ((_, completion),) = hosted(server.url, "openai", patience=QUICK).complete([request("a")])
+    assert completion.dropped == ("seed",)
+
+
+@both
+@pytest.mark.parametrize(
+    ("error", "tries"),
+    [
+        ({"message": "Rate limit exceeded", "type": "rate_limit_error", "code": 429}, 3),
+        ({"message": "the engine is busy", "code": "503"}, 3),
+        ({"message": "the engine is busy"}, 3),
+        ("the engine is busy", 3),
+        ({"message": "no such key", "type": "authentication_error"}, 1),
+        ({"message": "you exceeded your current quota", "code": "insufficient_quota"}, 1),
+    ],
+)
+def test_error_in_a_body_of_status_200_is_the_servers(error: Json, tries: int, provider: str) -> None:
+    """Its own words are shown, and what follows is what would follow from its status."""
+    words = error if isinstance(error, str) else str(error["message"])  # type: ignore[index, call-overload]
+    kind = TransportError if tries > 1 else ConfigError
+    with replying((200, {"error": error})) as server:
+        with refused(kind, got=words):
+            texts(hosted(server.url, provider, patience=QUICK), "a")
+        assert len(server.bodies) == tries
+
+
+def test_error_in_a_choice_is_the_servers() -> None:
+    """A router has it beside the message that it could not get."""
+    body = {"choices": [{"error": {"code": 502, "message": "upstream is down"}, "message": {}, "finish_reason": None}]}
+    with replying((200, body)) as server, refused(TransportError, got="upstream is down"):
+        texts(hosted(server.url, "openai", patience=QUICK), "a")
+
+
+@both
+def test_answer_after_an_error_of_status_200_is_taken(provider: str) -> None:
+    """It passed."""
+    answer = chat() if provider == "openai" else message()
+
+    def reply(body: dict[str, Any], number: int) -> Reply:
+        return 200, {"error": {"message": "busy", "code": 429}} if number == 0 else answer
+
+    with replying(reply) as server:
+        assert texts(hosted(server.url, provider, patience=QUICK), "a") == ["hi"]
