@@ -35,7 +35,7 @@ from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_tables
-from tacevo.errors import CacheMissError, RunError, StoreError
+from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.studies.directory import FinishedStudy, StudyDirectory, studies_of
 
@@ -119,9 +119,14 @@ def read_studies(run: Run, store: Path | None = None) -> Studies:
         try:
             finished.append(_finished(directory, run))
         except RunError as error:
-            left_out.append(str(error))
+            left_out.append(_reason(error, run))
     found = compared_studies(run, finished, store)
     return replace(found, left_out=(*left_out, *found.left_out))
+
+
+def _reason(error: TacevoError, run: Run) -> str:
+    """Return an error that names files by their place in the run, whose own place may be a private directory."""
+    return str(error).replace(f"{run.path}/", "")
 
 
 def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | None = None) -> Studies:
@@ -133,7 +138,7 @@ def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | 
             try:
                 study = as_study(one)
             except RunError as error:
-                left_out.append(str(error))
+                left_out.append(_reason(error, run))
                 continue
             comparisons, reasons = _compared(study, one.path)
             studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons))
@@ -141,7 +146,7 @@ def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | 
         try:
             reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, _store_of(run, store)))
         except (RunError, StoreError) as error:
-            (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {error}")
+            (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {_reason(error, run)}")
     return Studies(
         studies=tuple(studies),
         reestimates=tuple(found for found in reestimates if found is not None),

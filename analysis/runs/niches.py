@@ -19,6 +19,10 @@ from tacevo.typed import convert
 Polygon = NDArray[np.float64]
 
 
+#: What k-means may compute again in every round, niches x samples: the paper's archive takes two millions.
+_MOST_DISTANCES = 100_000_000
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Niches:
     """The centroids of both archives, each shape (niches, axes), in [0, 1]; none where there are no niches."""
@@ -84,6 +88,9 @@ _MIRRORS = [
 def _centroids(root: Path, archive: ArchiveConfig, niches: int, dimensions: int) -> list[list[float]]:
     shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
     found = Store(root, "centroids").read(shape)
+    if found is None and niches * archive.samples > _MOST_DISTANCES:
+        expected = f"the centroids of {niches} niches, which take too long to compute again"
+        raise RunError("none", place=str(root), expected=expected, remedy="name the run's own stores with --store")
     if found is None:
         return find_centroids(**shape)
     return convert(list[list[float]], found, place="centroids", error=StoreError)

@@ -20,11 +20,9 @@ from tacevo.storage import entries
 from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import CANDIDATES, Budget
 from tacevo.storage.notes import NOTE, read_note
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import Entry
 from tacevo.typed import convert
-
-#: The digests of all other members, in the form that `sha256sum --check` reads.
-MANIFEST = "manifest-sha256.txt"
 
 #: The store entries (`tacevo.storage.entries`).
 STORE = "store.jsonl.xz"

@@ -7,6 +7,7 @@ killed; errors name the file and not that directory. The commands see runs, and 
 import contextlib
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from tacevo.bundles.format import JOBS, SWEEP, refusing, unpack_verified
+from tacevo.bundles.format import JOBS, STORE, SWEEP, refusing, unpack_verified
 from tacevo.choices import Confinement
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.errors import BundleError, RunError, TacevoError
@@ -26,6 +27,9 @@ from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, nam
 from tacevo.text import listed
 
 T = TypeVar("T")
+
+#: Where the directory of a bundle's run lies, under the run's name.
+_MOVED = "named"
 
 #: Where Linux keeps files in memory.
 _MEMORY = Path("/dev/shm")
@@ -108,7 +112,7 @@ def opened(path: Path) -> Iterator[Opened]:
     if not path.is_file():
         yield located(path)
         return
-    with private_folder(path) as folder:
+    with private_folder(path) as folder, _naming_members(folder, path):
         yield _unpacked(path, folder)
 
 
@@ -162,11 +166,36 @@ def _memory() -> Path | None:
 @contextlib.contextmanager
 def standing_for(folder: Path, place: Path) -> Iterator[None]:
     """Let errors name a place where they would name a directory that stands for it."""
+    with _rewording(lambda text: text.replace(str(folder), str(place))):
+        yield
+
+
+@contextlib.contextmanager
+def _naming_members(folder: Path, source: Path) -> Iterator[None]:
+    """Let errors name the members of an unpacked bundle as its file has them: `x.zip, run/run.json`.
+
+    `x.zip/run` would be the spelling of a sweep's run.
+    """
+
+    def reword(text: str) -> str:
+        for run in folder.glob(f"{_MOVED}/*"):
+            text = text.replace(str(run), f"{folder}/run")
+        text = text.replace(f"{folder}/store/", f"{folder}/{STORE}, ")
+        text = re.sub(rf"{re.escape(str(folder))}/store(?![\w.])", lambda _: f"{folder}/{STORE}", text)
+        return text.replace(f"{folder}/", f"{source}, ").replace(str(folder), str(source))
+
+    with _rewording(reword):
+        yield
+
+
+@contextlib.contextmanager
+def _rewording(reword: Callable[[str], str]) -> Iterator[None]:
+    """Write the fields of an error in other words."""
     try:
         yield
     except TacevoError as error:
         for field in ("place", "expected", "got", "remedy"):
-            setattr(error, field, getattr(error, field).replace(str(folder), str(place)))
+            setattr(error, field, reword(getattr(error, field)))
         raise
 
 
@@ -175,20 +204,19 @@ def _unpacked(source: Path, folder: Path) -> Opened:
     digest = unpack_verified(source, folder)
     found = Opened(folder=folder / SWEEP, store=folder / "store", root=folder, digest=digest)
     if not (folder / JOBS).exists():
-        run = folder / "run" / _name(folder / "run")
-        (folder / "run").rename(folder / "moved")
+        run = folder / _MOVED / _name(folder / "run")
         run.parent.mkdir()
-        (folder / "moved").rename(run)  # tables and figures bear the name of the run's directory
+        (folder / "run").rename(run)  # tables and figures bear the name of the run's directory
         return replace(found, folder=run)
     with refusing():
         sweep = _read_sweep(found.folder)
     jobs = tuple(job.name for job in sweep.jobs)
     for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
         what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
-        raise BundleError(what, place=f"{source}/{JOBS}", expected="one directory for each job")
+        raise BundleError(what, place=f"{source}, {JOBS}", expected="one directory for each job")
     if (folder / JOBS).read_bytes() != sweep.text.encode():
         expected = "the text that `tacevo publish` writes of these jobs"
-        raise BundleError("the same jobs in another text: it was edited", place=f"{source}/{JOBS}", expected=expected)
+        raise BundleError("the same jobs in another text: it was edited", place=f"{source}, {JOBS}", expected=expected)
     return replace(found, jobs=jobs, has_predictions=(found.store / KIND).exists())
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.bundles.crate import metadata
-from tacevo.bundles.format import JOBS, LOCK, MANIFEST, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, candidate_entry, sealed
+from tacevo.bundles.format import JOBS, LOCK, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, candidate_entry, sealed
 from tacevo.bundles.open import Opened, located, private_folder, standing_for
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, rerun, rerun_all
@@ -30,7 +30,7 @@ from tacevo.storage.canonical import value_at
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.run_directory import RunDirectory, RunRecord, timing_text
+from tacevo.storage.run_directory import MANIFEST, RunDirectory, RunRecord, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of

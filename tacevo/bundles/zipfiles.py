@@ -41,6 +41,12 @@ _MEMBER = struct.Struct("<5H3L2H")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
+#: What to do about a file that somebody unpacked and packed again: its members may be the same, and its bytes are not.
+_SEND = "send the file that `tacevo publish` wrote"
+
+_PACKED_AGAIN = f"fetch the file again; if another program packed it again, {_SEND}"
+
+
 class _Header(NamedTuple):
     """What the header of a member says of its data."""
 
@@ -82,7 +88,7 @@ def unpack(source: Path, folder: Path, places: re.Pattern[str], budget: Budget) 
                 raise _refusal(source, f"at most {MOST_MEMBERS} members", "more")
             name, header = _header(source, fixed, file)
             if places.fullmatch(name) is None or name.casefold() in seen:
-                raise _refusal(source, "only files of a published run, each once", repr(name))
+                raise _refusal(source, "only files of a published run, each once", repr(name), _PACKED_AGAIN)
             seen.add(name.casefold())
             directory += b"PK\x01\x02" + bytes([20, 3]) + fixed  # by version 2.0 on Unix
             directory += struct.pack("<3H2L", 0, 0, 0, _MODE << 16, start) + name.encode()
@@ -91,15 +97,15 @@ def unpack(source: Path, folder: Path, places: re.Pattern[str], budget: Budget) 
         end = directory + struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, count, count, len(directory), place, 0)
         expected = "a published run, as `tacevo publish` writes it"
         if not digests:
-            remedy = "name one, or fetch it again"
+            remedy = f"name one, or fetch it again; if another program packed it, {_SEND}"
             raise BundleError("a file that is not one", place=str(source), expected=expected, remedy=remedy)
         if signature + file.read(len(end)) != end:
-            raise _refusal(source, expected, "another or a damaged file")
+            raise _refusal(source, expected, "another or a damaged file", _PACKED_AGAIN)
     return digests
 
 
-def _refusal(source: Path, expected: str, got: str) -> BundleError:
-    return BundleError(got, place=str(source), expected=expected, remedy="fetch the file again")
+def _refusal(source: Path, expected: str, got: str, remedy: str = "fetch the file again") -> BundleError:
+    return BundleError(got, place=str(source), expected=expected, remedy=remedy)
 
 
 def _header(source: Path, fixed: bytes, file: BinaryIO) -> tuple[str, _Header]:
@@ -107,10 +113,12 @@ def _header(source: Path, fixed: bytes, file: BinaryIO) -> tuple[str, _Header]:
     if len(fixed) == _MEMBER.size:
         version, flags, method, time, day, crc, packed_size, size, length, extra = _MEMBER.unpack(fixed)
         name = file.read(min(length, LONGEST_NAME + 1)).decode(errors="replace")
-        plain = (version, flags, time, day, extra) == (20, 0, 0, 33, 0) and method in _METHODS
+        if (version, flags, time, day, extra) != (20, 0, 0, 33, 0):
+            expected = "plain members, stored or deflated, without times, flags and extra fields"
+            raise _refusal(source, expected, "a file that another program packed again, or a damaged one", _SEND)
         if len(name) > LONGEST_NAME or _NAME.fullmatch(name) is None:
-            raise _refusal(source, "names of files inside a published run", repr(name))
-        if plain and size <= MOST_OF_A_MEMBER:
+            raise _refusal(source, "names of files inside a published run", repr(name), _PACKED_AGAIN)
+        if method in _METHODS and size <= MOST_OF_A_MEMBER:
             return name, _Header(method, crc, packed_size, size)
     expected = f"plain members of at most {MOST_OF_A_MEMBER} bytes, stored or deflated"
     raise _refusal(source, expected, "another or a damaged one")

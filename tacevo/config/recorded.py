@@ -9,11 +9,13 @@ from typing import Self
 from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import LLMConfig, RunConfig, StoreConfig
+from tacevo.config.tasks import contract_of
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, TacevoError
-from tacevo.records import DataFacts, Task
+from tacevo.records import DataFacts, Task, to_json
 from tacevo.search.files import Line, NetworkArchiveFile, PromptFile, RulesLine, eras_of, read_archives, read_finished
 from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks, training_flops
+from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 
@@ -104,8 +106,8 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
     `store` is where its stores lie, if not where the run had them.
 
     Raises:
-        RunError: run.json has another number of simulated images than the run had, or a configuration that this version
-            does not know.
+        RunError: run.json has another number of simulated images than the run had, another contract than its settings
+            and its data give, or a configuration that this version does not know.
         ConfigError: its prompt pool is larger than its library.
     """
     config = read_config(directory.path, record)
@@ -118,10 +120,24 @@ def read_settings(directory: RunDirectory, record: RunRecord, store: str | None 
             expected=f"the {images} images of the run's data set",
             remedy="restore it",
         )
+    _check_task(config, record, f"{directory.path}/run.json")
     root = config.store.root if store is None else store
     workers = min(config.executor.workers, usable_cores())
     here = replace(config.executor, kind=ExecutorKind.local, workers=workers)
     return replace(config, store=StoreConfig(root=root), executor=here)
+
+
+def _check_task(config: RunConfig, record: RunRecord, place: str) -> None:
+    """Check that the contract of a run's task is the one that its settings and its data give."""
+    try:
+        contract = contract_of(config.task, record.data)
+    except ConfigError as error:
+        place = f"{place}, {error.place}"
+        raise RunError(error.got, place=place, expected=error.expected, remedy="restore it") from error
+    if found := differences(to_json(record.task.contract), to_json(contract)):
+        name = shown(found[0])
+        place, expected = f"{place}, task.contract.{name}", f"{getattr(contract, name)}, as its settings and data say"
+        raise RunError(str(getattr(record.task.contract, name)), place=place, expected=expected, remedy="restore it")
 
 
 def read_run(directory: RunDirectory, store: str | None = None) -> tuple[RunConfig, Task, DataFacts]:

@@ -62,9 +62,15 @@ def _is_pattern(text: str) -> bool:
         return False
 
 
+#: The most of what is looped over or held in memory: a recorded configuration may be anybody's.
+MOST = 1_000_000
+
 # The kinds of values; an error names a kind in the words that stand here.
 Natural = Annotated[int, Ge(0)]
 Count = Annotated[int, Ge(1)]
+Bounded = Annotated[int, Ge(0), Le(MOST)]
+Many = Annotated[int, Ge(1), Le(MOST)]
+Images = Annotated[int, Ge(10), Le(10 * MOST)]
 Memory = Annotated[int, Ge(64)]
 Positive = Annotated[float, Gt(0)]
 Fraction = Annotated[float, Ge(0), Le(1)]
@@ -79,11 +85,11 @@ Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
 class SearchConfig(Record):
     """The size of a search (paper, Algorithm 1)."""
 
-    generations: Natural
+    generations: Bounded
     #: B, the candidates of a generation.
-    candidates: Count
+    candidates: Many
     #: Mutations of the baseline that start the archive, beside the baseline itself.
-    initial: Natural
+    initial: Bounded
     #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.lines.training_flops`) is the
     #: last; null for `generations` alone.
     training_flops: Positive | None = None
@@ -100,13 +106,13 @@ class TaskConfig(Record):
     class_name: Identifier
     #: What the baseline's constructor calls the number of outputs.
     output_argument: Identifier
-    outputs: Count
+    outputs: Many
     loss: Loss
     #: Names of the regressed values or classes; empty where the data set names them.
     output_names: tuple[str, ...]
     target_scaling: TargetScaling
     #: Images that the simulated data set holds: as many as were released, where the paper says how many.
-    images: Annotated[int, Ge(10)]
+    images: Images
     #: Files below conf/: the baseline class, the instructions, the system prompt.
     baseline: str
     instructions: str
@@ -119,9 +125,9 @@ class DataConfig(Record):
 
     source: DataSource
     #: Height and width, in pixels.
-    image_size: Annotated[int, Ge(16)]
+    image_size: Annotated[int, Ge(16), Le(16_384)]
     #: Simulated: how many images, the seed of the contacts, that of the sensor, and its light.
-    images: Annotated[int, Ge(10)]
+    images: Images
     seed: Natural
     sensor_seed: Natural
     light: LightScene
@@ -161,10 +167,10 @@ class DataConfig(Record):
 class ArchiveConfig(Record):
     """The archives of networks and of prompts; that of prompts is always a CVT archive."""
 
-    niches: Count
-    prompt_niches: Count
+    niches: Many
+    prompt_niches: Many
     #: Uniform points from which k-means finds the centroids.
-    samples: int
+    samples: Many
     seed: int
     bounds: BoundsRule
     #: With `bounds=fixed`: the (low, high) of each descriptor.
@@ -173,7 +179,7 @@ class ArchiveConfig(Record):
     eff_ratio_scale: Scale
     kind: ArchiveKind = ArchiveKind.cvt
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
-    kept: Count = 10
+    kept: Many = 10
     #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
     reevaluated: Part = 0.25
     #: The axes of the networks' niches.
@@ -206,7 +212,7 @@ class LLMConfig(Record):
     #: Another server than the provider's own.
     base_url: str | None
     #: Requests in flight at once.
-    concurrency: Count
+    concurrency: Many
     #: Grammar: the part of its answers that carries a fault real models make.
     slip_rate: Fraction
     #: `batch`: a generation as one Message Batch of `llm=anthropic`.
@@ -251,7 +257,7 @@ class PromptsConfig(Record):
 
     policy: PromptPolicy
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
-    pool: Count | None = None
+    pool: Many | None = None
 
     def check_library(self, instructions: int) -> None:
         """Refuse a pool that is larger than the task's library of so many instructions."""
@@ -268,9 +274,9 @@ class ProposalsConfig(Record):
     mutation_probability: Fraction
     parents: ParentPolicy
     #: With `parents=best`: how many of the best elites are parents.
-    best: Count
+    best: Many
     #: How often an answer that the gate rejected goes back with the reason; the paper discards it.
-    repair_attempts: Natural = 0
+    repair_attempts: Bounded = 0
     #: What one draw of the operator holds for; the paper draws one for a whole generation.
     operator_for: OperatorScope = OperatorScope.generation
     #: With `parents=tournament`: how many of the youngest trained candidates compete, and how many draws each parent
@@ -283,8 +289,8 @@ class ProposalsConfig(Record):
 class TrainingConfig(Record):
     """The short training behind a fitness."""
 
-    epochs: Count
-    batch_size: Annotated[int, Ge(2)]
+    epochs: Many
+    batch_size: Annotated[int, Ge(2), Le(MOST)]
     learning_rate: Positive
     #: What one candidate's training may use.
     seconds: Positive
@@ -296,7 +302,7 @@ class TrainingConfig(Record):
     precision: Precision = Precision.float32
     gpu_memory_mib: Memory = 8192
     #: Trainings of each candidate; its fitness is the median of their losses.
-    seeds: Annotated[int, Ge(1), is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
+    seeds: Annotated[Many, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,12 +330,12 @@ class ExecutorConfig(Record):
     """Where candidates are evaluated, and how many at once."""
 
     kind: ExecutorKind
-    workers: Count
+    workers: Many
     #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
     #: to start a Ray of `workers` slots here, which ends with the search.
     address: Text | None = None
     #: With `training.device=cuda`: most candidates that train on one GPU at once.
-    per_gpu: Count = 1
+    per_gpu: Many = 1
 
 
 @dataclass(frozen=True, kw_only=True)

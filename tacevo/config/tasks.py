@@ -129,16 +129,10 @@ def facts_without_data(config: RunConfig) -> DataFacts:
     )
 
 
-def load_task(config: RunConfig, facts: DataFacts) -> Task:
-    """Read a task's baseline and texts, and fit its contract to the data set.
-
-    Raises:
-        ConfigError: a file is missing or malformed, the data set has another number of outputs than the task, or the
-            library has fewer instructions than `prompts.pool`.
-    """
-    task = config.task
+def contract_of(task: TaskConfig, facts: DataFacts) -> Contract:
+    """Fit the contract of a task to a data set; raises as `check_fit`."""
     check_fit(task, kind=facts.kind, outputs=facts.outputs, names=facts.names)
-    contract = Contract(
+    return Contract(
         class_name=task.class_name,
         kind=task.kind,
         loss=task.loss,
@@ -147,6 +141,17 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         outputs=task.outputs,
         output_argument=task.output_argument,
     )
+
+
+def load_task(config: RunConfig, facts: DataFacts) -> Task:
+    """Read a task's baseline and texts, and fit its contract to the data set.
+
+    Raises:
+        ConfigError: a file is missing or malformed, the data set has another number of outputs than the task, or the
+            library has fewer instructions than `prompts.pool`.
+    """
+    task = config.task
+    contract = contract_of(task, facts)
     library = _read_library(task.instructions)
     config.prompts.check_library(len(library.mutations))
     template = read_named("task.system", task.system)

@@ -164,13 +164,18 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
     """Check that candidates begin with the baseline, and that all lines name what comes earlier or is the task's.
 
     A replay finds every edit; this is for what reads a run without replaying it. Files are found by a candidate's id,
-    which therefore is not a path.
+    which therefore is not a path. Generations are counted, because readers loop over them.
 
     Raises:
         RunError: one of them does not.
     """
     ids: set[str] = set()
+    generation = 0
     for line in lines:
+        if not isinstance(line, RunLine) and line.generation != generation:
+            got, expected = f"a line of generation {line.generation}", f"one of generation {generation}"
+            raise RunError(got, place=str(place), expected=expected, remedy="restore the ledger")
+        generation += isinstance(line, GenerationLine)
         if not isinstance(line, TrainedLine):
             continue
         sound = line.id in ids

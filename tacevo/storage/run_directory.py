@@ -36,6 +36,19 @@ _ENDINGS = {".py", ".rejected.txt"}
 
 _MAKES = "`tacevo search` makes one, and prints its name"
 
+#: Of a published run: the digests of all other files, in the form that `sha256sum --check` reads.
+MANIFEST = "manifest-sha256.txt"
+
+
+def name_instead(path: Path) -> str:
+    """Return what a user names instead of the directory that a published run was unpacked into; else nothing."""
+    if not (path / MANIFEST).is_file():
+        return ""
+    name = "this is an unpacked bundle: name the file that `tacevo publish` wrote"
+    if not (path / "run").is_dir():
+        return f"{name}; the candidates of a sweep are in its store.jsonl.xz"
+    return f"{name}, or {path}/run, whose stores `tacevo cache import {path}/store.jsonl.xz --store DIR` writes"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord(Record):
@@ -159,7 +172,7 @@ class RunDirectory:
                 expected="the directory of a run",
                 remedy="unzip a published run, and name its directory run; of a sweep this cannot be"
                 if is_file
-                else _MAKES,
+                else name_instead(self.path) or _MAKES,
             ) from error
         remedy = "restore it, or delete it: the `tacevo search` command that began the run writes it again"
         return parse(RunRecord, text, place=str(path), error=RunError, remedy=remedy)

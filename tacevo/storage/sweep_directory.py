@@ -20,7 +20,7 @@ from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
 from tacevo.storage.plan import SeedPlan
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.run_directory import RunDirectory, name_instead
 from tacevo.typed import parse
 
 #: Names in a sweep's directory that are not jobs'.
@@ -146,7 +146,9 @@ class SweepDirectory:
                 "a directory without sweep.json" if self.path.exists() else "a path that does not exist",
                 place=str(self.path),
                 expected="the directory of a sweep",
-                remedy="this is a run, which the other commands take" if is_run else "`tacevo search -m` makes one",
+                remedy="this is a run, which the other commands take"
+                if is_run
+                else name_instead(self.path) or "`tacevo search -m` makes one",
             )
         remedy = "restore it, or delete it and repeat the `tacevo search -m` command that began the sweep"
         found = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)

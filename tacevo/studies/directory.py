@@ -142,6 +142,9 @@ class StudyDirectory:
                 expected="a header, then scores",
                 remedy=_CONTINUES,
             )
+        if len(rows) != (wanted := len(headers[0].networks) * headers[0].seeds):
+            expected = f"{wanted} scores, by its header"
+            raise RunError(str(len(rows)), place=str(self.scores), expected=expected, remedy=self._remedy)
         return Scores(header=headers[0], rows=rows, hashes=sealed.hashes)
 
     def read_finished(self) -> FinishedStudy:

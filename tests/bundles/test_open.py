@@ -2,6 +2,8 @@
 
 import shutil
 import tempfile
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,8 +11,9 @@ import pytest
 from refusals import refused
 from sweeps import SHARED, begin
 
-from tacevo.bundles.open import located, opened, private_folder
+from tacevo.bundles.open import Opened, located, opened, private_folder
 from tacevo.errors import DivergenceError, RunError
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import Standing, status_of
@@ -111,3 +114,50 @@ def test_errors_name_the_place_that_the_folder_stands_for(tmp_path: Path) -> Non
     with pytest.raises(DivergenceError, match=rf"^{tmp_path}/x\.zip/run/a\.json differs$"):
         fail_within(tmp_path / "x.zip", DivergenceError, made)
     assert not made[0].exists()
+
+
+def fail_over(bundle: Path, told: Callable[[Opened], tuple[str, str]]) -> None:
+    """Open a bundle, and fail with a place and a text in which its private directory stands."""
+    with opened(bundle) as found:
+        place, got = told(found)
+        raise RunError(got, place=place)
+
+
+@pytest.mark.parametrize(
+    ("told", "place", "got"),
+    [
+        (lambda found: (f"{found.folder}/run.json", f"{found.folder}"), ", run/run.json", ", run"),
+        (
+            lambda found: (f"{found.store}/probes", f"{found.store} is"),
+            ", store.jsonl.xz, probes",
+            ", store.jsonl.xz is",
+        ),
+        (lambda found: (f"{found.root}/store.jsonl.xz, line 2", f"{found.root} "), ", store.jsonl.xz, line 2", " "),
+    ],
+)
+def test_errors_name_members_as_the_file_has_them(
+    told: Callable[[Opened], tuple[str, str]], place: str, got: str, published: Path
+) -> None:
+    """Not as `FILE.zip/JOB`, which is the spelling of a sweep's run."""
+    bundle = published / "run.zip"
+    with refused(RunError, place=f"{bundle}{place}", got=f"{bundle}{got}"):
+        fail_over(bundle, told)
+
+
+def test_errors_name_members_of_a_sweep(swept: Path) -> None:
+    """Each job's directory lies in that of the sweep."""
+    with refused(RunError, place=f"{swept / 'sweep.zip'}, sweep/none-seed0/run.json"):
+        fail_over(swept / "sweep.zip", lambda found: (f"{found.runs[0]}/run.json", ""))
+
+
+@pytest.mark.parametrize("of", ["published", "swept"])
+def test_unpacked_bundle_is_told_what_to_name(of: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    """By every reader of a run's or a sweep's directory."""
+    (bundle,) = request.getfixturevalue(of).glob("*.zip")
+    with zipfile.ZipFile(bundle) as archive:
+        archive.extractall(tmp_path)
+    named = f"or {tmp_path}/run, whose stores" if of == "published" else "candidates of a sweep are in its store"
+    for read in (located, lambda path: RunDirectory(path).read_run(), lambda path: SweepDirectory(path).read()):
+        with refused(RunError, place=str(tmp_path), remedy="name the file that `tacevo publish` wrote") as told:
+            read(tmp_path)
+        assert named in told.value.remedy

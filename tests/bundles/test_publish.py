@@ -16,8 +16,9 @@ import yaml
 from bundles import entries_of, members_of
 from rocrate.rocrate import ROCrate
 
-from tacevo.bundles.format import MANIFEST, STORE
+from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import KINDS, Store
 
 

@@ -10,7 +10,6 @@ import pytest
 from bundles import Members, Refused, members_of, resealed
 from refusals import refused as refusing
 
-from tacevo.bundles.format import MANIFEST
 from tacevo.bundles.open import opened
 from tacevo.bundles.texts import FACTS, check_texts
 from tacevo.bundles.zipfiles import packed
@@ -19,6 +18,7 @@ from tacevo.environment import machine, versions
 from tacevo.errors import BundleError, TacevoError
 from tacevo.sandbox.confinement import report
 from tacevo.storage.canonical import canonical, readable
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.studies.directory import FinishedStudy, studies_of
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"

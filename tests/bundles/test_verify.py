@@ -23,13 +23,16 @@ from _pytest.mark import ParameterSet
 from bundles import Members, Refused, entries_of, honest, members_of, resealed, with_entries, with_line
 from rich.console import Console
 
-from tacevo.bundles.format import MANIFEST, STORE
+from tacevo.bundles.format import STORE
 from tacevo.bundles.open import opened
 from tacevo.bundles.verify import verify
 from tacevo.cli.app import main
+from tacevo.config.schema import MOST
 from tacevo.errors import BundleError
 from tacevo.runs.progress import Progress
-from tacevo.storage.canonical import readable
+from tacevo.storage.canonical import canonical, readable
+from tacevo.storage.ledger import GENESIS, seal
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import KINDS
 
 
@@ -131,7 +134,7 @@ def test_edited_ledger_line_is_found(whole: Members, refused: Refused) -> None:
     """Alone, it breaks the chain; with the chain made anew, generation, slot, field and both values are named."""
     better = {**whole, "run/ledger.jsonl": whole["run/ledger.jsonl"].replace(b'"fitness":0.', b'"fitness":0.0', 1)}
     assert better != whole
-    refused(better, "x.zip/run/run/ledger.jsonl, line 2: expected a line that matches its hash")
+    refused(better, "x.zip, run/ledger.jsonl, line 2: expected a line that matches its hash")
 
     def improve(line: dict[str, Any]) -> None:
         line["fitness"] = 0.000001
@@ -277,15 +280,72 @@ def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refuse
     """A few digits in run.json or study.json must not ask for all memory there is."""
     run = json.loads(whole["run/run.json"])
     for key in ("generations", "candidates", "initial"):
-        config = {**run["config"], "search": {**run["config"]["search"], key: 10**12}}
+        config = {**run["config"], "search": {**run["config"]["search"], key: MOST}}
         edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
         refused(edited, "run.json; got ")
-    config = {**run["config"], "training": {**run["config"]["training"], "seeds": 10**12 + 1}}
+    config = {**run["config"], "training": {**run["config"]["training"], "seeds": MOST - 1}}
     edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
-    refused(edited, "expected 1000000000001 in every line of a network that trained")
+    refused(edited, f"expected {MOST - 1} in every line of a network that trained")
     name = next(name for name in whole if name.endswith("study.json"))
     study = {**json.loads(whole[name]), "seeds": 10**12}
     refused({**whole, name: json.dumps(study).encode()}, "expected 2000000000000")
+
+
+COUNTS = [
+    *("search.generations", "search.candidates", "search.initial", "task.outputs", "task.images", "data.images"),
+    *("data.image_size", "archive.niches", "archive.prompt_niches", "archive.samples", "archive.kept", "prompts.pool"),
+    *("proposals.best", "proposals.repair_attempts", "training.epochs", "training.batch_size", "training.seeds"),
+    *("llm.concurrency", "executor.workers", "executor.per_gpu"),
+]
+
+
+@pytest.mark.parametrize("command", ["replay", "show", "report", "tables"])
+def test_count_beyond_all_bounds_is_told_by_its_key(
+    command: str, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is made of it, whichever command reads the bundle, and whether or not it has an effect."""
+    for key in COUNTS:
+        run = json.loads(whole["run/run.json"])
+        group, _, name = key.partition(".")
+        run["config"][group][name] = 10**9 + 1
+        bundle = resealed({**whole, "run/run.json": readable(run).encode()}, tmp_path / "x.zip")
+        output = ["-o", str(tmp_path / "out")] if command in {"report", "tables"} else []
+        assert main([command, str(bundle), *output]) in {1, 2}
+        (said,) = [line for line in capsys.readouterr().err.splitlines() if "1000000001" in line]
+        assert f"x.zip, run/run.json: expected a configuration of this version; got {key}: expected an integer" in said
+
+
+def test_study_has_as_many_scores_as_its_header_says(
+    whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where header, study.json and all hashes agree on ten digits, and nothing is replayed."""
+    name = next(name for name in whole if name.endswith("study.json"))
+    scores = name.replace("study.json", "scores.jsonl")
+    header, *rows = (
+        {key: value for key, value in json.loads(line).items() if key not in {"previous", "hash"}}
+        for line in whole[scores].splitlines()
+    )
+    previous, text = GENESIS, ""
+    for line in ({**header, "seeds": 10**9}, *rows):
+        sealed_line, previous = seal(line, previous)
+        text += f"{canonical(sealed_line)}\n"
+    study = {**json.loads(whole[name]), "seeds": 10**9, "digest": previous}
+    members = {**whole, scores: text.encode(), name: readable(study).encode()}
+    bundle = resealed(members, tmp_path / "x.zip")
+    for command in (["report", str(bundle), "-o", str(tmp_path / "page.html")], ["replay", str(bundle)]):
+        assert main(command) == 1
+        (said,) = [line for line in capsys.readouterr().err.splitlines() if "expected 2000000000 scores" in line]
+        assert "got 8" in said
+        assert "tacevo-" not in said  # the private directory
+
+
+def test_contract_follows_from_settings_and_data(whole: Members, refused: Refused) -> None:
+    """What run.json says of a task is one thing in all places."""
+    others = {"outputs": 2, "class_name": "Another", "output_argument": "values"}
+    for key, value in others.items():
+        run = json.loads(whole["run/run.json"])
+        run["config"]["task"][key] = value
+        refused({**whole, "run/run.json": readable(run).encode()}, "x.zip, run/run.json, task.")
 
 
 @pytest.mark.parametrize("name", ["../../evil", "/tmp/evil", "..", "", "a/b", "x" * 300, 5, None, "a\nb"])

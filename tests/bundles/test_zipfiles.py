@@ -2,8 +2,10 @@
 
 import io
 import re
+import shutil
 import struct
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -234,3 +236,37 @@ def test_member_has_a_limit_of_its_own(file: Path) -> None:
     file.write_bytes(packed({"a.txt": b"0" * (MOST_OF_A_MEMBER + 1)}))
     with refused(BundleError, expected=f"at most {MOST_OF_A_MEMBER} bytes"):
         unpacked(file, budget=MOST_OF_A_MEMBER)
+
+
+SENT = "send the file that `tacevo publish` wrote"
+
+
+def dated(info: zipfile.ZipInfo) -> None:
+    """Give a member a time, as programs that pack files do."""
+    info.date_time = (2026, 11, 24, 12, 0, 0)
+
+
+def owned(info: zipfile.ZipInfo) -> None:
+    """Record the mode of another umask; only the directory at the end has it."""
+    info.external_attr = 0o100600 << 16
+
+
+@pytest.mark.parametrize("change", [dated, owned])
+def test_file_that_was_packed_again_is_told_so(change: Callable[[zipfile.ZipInfo], None], file: Path) -> None:
+    """Equal members in another program's zip file are another file, and no download mends that."""
+    with refused(BundleError, place="x.zip", remedy=SENT):
+        unpacked(zipped(MEMBERS, file, change))
+
+
+@pytest.mark.parametrize("kind", ["zip", "gztar", "tar"])
+@pytest.mark.parametrize("inside", [".", "a folder"])
+def test_folder_that_was_packed_is_told_so(kind: str, inside: str, tmp_path: Path) -> None:
+    """With its directories, below one of another name, or by another kind of program."""
+    whole = tmp_path / "whole"
+    for name, data in MEMBERS.items():
+        (whole / inside / name).parent.mkdir(parents=True, exist_ok=True)
+        (whole / inside / name).write_bytes(data)
+    made = Path(shutil.make_archive(str(tmp_path / "made"), kind, whole))
+    (tmp_path / "alone").mkdir()
+    with refused(BundleError, place=made.name, remedy=SENT):
+        unpacked(made.rename(tmp_path / "alone" / made.name))

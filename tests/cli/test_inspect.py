@@ -68,6 +68,19 @@ def test_candidate_is_shown(name: str, words: str, shown: Path, capsys: pytest.C
     assert words in told
 
 
+def test_source_that_was_edited_is_marked(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its hash is not the ledger's, if only by the ends of its lines; the true one is shown without a mark."""
+    source = folder / "run" / "candidates" / "g00s00.py"
+    for edit, is_marked in ((b"\n", False), (b"\r\n", True), (b"  \n", True)):
+        kept = source.read_bytes()
+        source.write_bytes(kept.replace(b"\n", edit))
+        assert main(["show", "run", "g00s00"]) == 0
+        said = capsys.readouterr().out
+        assert ("EDITED" in said) == is_marked
+        assert "class " in said
+        source.write_bytes(kept)
+
+
 def test_run_without_its_ledger_names_the_ledger(shown: Path) -> None:
     """And not the archive, whose elites are then unknown."""
     (shown / "ledger.jsonl").unlink()

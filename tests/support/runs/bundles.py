@@ -12,11 +12,12 @@ from typing import Any
 
 import pytest
 
-from tacevo.bundles.format import MANIFEST, STORE, sealed
+from tacevo.bundles.format import STORE, sealed
 from tacevo.cli.app import main
 from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import pack
 from tacevo.storage.ledger import GENESIS, seal
+from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import Entry
 
 Members = dict[str, bytes]
