@@ -17,6 +17,7 @@ from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import shown_address
 from tacevo.tracking.facts import read_settings
+from tacevo.tracking.page import MakePage
 from tacevo.tracking.process import prepare, store_address, without_address
 
 #: A directory with one of these is that of a run, perhaps a damaged one.
@@ -37,13 +38,14 @@ class _MlflowError(RunError):
     """MLflow failed, and would fail with the next run."""
 
 
-def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
+def track(path: Path, uri: str, show: Callable[[int, int], None], make_page: MakePage | None = None) -> Tracked:
     """Mirror run directories into MLflow.
 
     Args:
         path: a run directory, the directory of a sweep, or one that contains either.
         uri: the tracking URI; empty for the one in each run's configuration or else in MLFLOW_TRACKING_URI.
         show: receives the number of runs that are done, and of all.
+        make_page: as of `mirror`.
 
     Raises:
         RunError: `path` holds no run; MLflow fails; or `path` is a run directory, and it is damaged.
@@ -58,13 +60,13 @@ def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
     for number, run in enumerate(runs):
         show(number, len(runs))
         try:
-            done[_mirror(run, uri)] += 1
+            done[_mirror(run, uri, make_page)] += 1
         except TacevoError as error:
             if run == path or isinstance(error, _MlflowError):
                 raise
             failed.append(str(error))
     show(len(runs), len(runs))
-    return Tracked(done=done, failed=tuple(failed))
+    return Tracked(done=done, failed=tuple(dict.fromkeys(failed)))  # a deleted experiment is the same of all
 
 
 def find_runs(path: Path) -> tuple[Path, ...]:
@@ -92,7 +94,7 @@ def find_runs(path: Path) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def _mirror(path: Path, given: str) -> str:
+def _mirror(path: Path, given: str, make_page: MakePage | None) -> str:
     """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
     directory = RunDirectory(path)
     settings = read_settings(directory.read_run(), f"{path}/run.json")
@@ -103,7 +105,7 @@ def _mirror(path: Path, given: str) -> str:
         from tacevo.tracking.mirror import mirror
 
         logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported below, in one line
-        mirror(path, uri=address, experiment=settings.experiment, finished=None)
+        mirror(path, uri=address, experiment=settings.experiment, finished=None, make_page=make_page)
     except TacevoError:
         raise
     except LookupError as error:  # a line names a record that is missing
@@ -117,6 +119,6 @@ def _mirror(path: Path, given: str) -> str:
             f"{type(error).__name__}: {reason}",
             place=f"{path} into {shown_address(uri)}",
             expected="an MLflow store that can be written",
-            remedy=f"{driver}run the same command again: it writes what is missing",
+            remedy=f"{driver}run the same command again when the store can be used: it writes what is missing",
         ) from error
     return uri

@@ -1,18 +1,28 @@
 """An MLflow store: opened, its experiment and its runs found or created."""
 
+import contextlib
+import getpass
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mlflow import MlflowClient
-from mlflow.entities import Metric, Param, Run
+from mlflow.entities import LifecycleStage, Metric, Param, Run
 from mlflow.exceptions import MlflowException
 
+from tacevo.errors import RunError
 from tacevo.storage.files import flock
-from tacevo.tracking.entries import Measure
+from tacevo.tracking.entries import URI_VARIABLE, Measure, quoted_address
 
 #: The tag by which MLflow nests runs.
 PARENT_TAG = "mlflow.parentRunId"
+
+#: The tag by which MLflow says who wrote a run.
+USER_TAG = "mlflow.user"
+
+#: The tag by which MLflow's pages open an experiment: on its runs, and not on the traces of an application.
+_KIND = {"mlflow.experimentKind": "custom_model_development"}
 
 # What MLflow takes in one batch: 100 params, 1,000 values in all.
 _PARAMS_PER_BATCH = 100
@@ -25,7 +35,14 @@ _SQLITE = "sqlite:///"
 def find_or_create_run(client: MlflowClient, experiment: str, *, tag: str, key: str, name: str) -> Run:
     """Return the run of an experiment whose `tag` is `key`; a new one is called `name`."""
     found = next(tagged_runs(client, experiment, tag, key), None)
-    return found or client.create_run(experiment, run_name=name, tags={tag: key})
+    return found or client.create_run(experiment, run_name=name, tags={tag: key, **user_tags()})
+
+
+def user_tags() -> dict[str, str]:
+    """Return the tag of who writes; none where this machine does not know the user."""
+    with contextlib.suppress(OSError, KeyError, ImportError):  # of releases of Python
+        return {USER_TAG: getpass.getuser()}
+    return {}
 
 
 def tagged_runs(client: MlflowClient, experiment: str, tag: str, value: str) -> Iterator[Run]:
@@ -64,16 +81,39 @@ def open_store(uri: str) -> MlflowClient:
 
 
 def find_or_create_experiment(client: MlflowClient, name: str) -> str:
-    """Return the id of an experiment; a new one in a SQLite store keeps its artifacts beside the database."""
+    """Return the id of an experiment; a new one in a SQLite store keeps its artifacts beside the database.
+
+    Raises:
+        RunError: it was deleted, which in MLflow hides it and keeps its name.
+        MlflowException: it cannot be created.
+    """
     found = client.get_experiment_by_name(name)
-    if found is None:
+    if found is not None:
+        if found.lifecycle_stage != LifecycleStage.ACTIVE:
+            raise RunError(
+                "one that was deleted",
+                place=f"MLflow experiment {name}",
+                expected="an active one",
+                remedy=f"`{_restoring(client.tracking_uri, found.experiment_id)}` restores it, and then `tacevo track` "
+                "writes what is missing; or set tracking.experiment=NAME",
+            )
+        for tag in _KIND.keys() - found.tags.keys():
+            client.set_experiment_tag(found.experiment_id, tag, _KIND[tag])
+    else:
+        place = _artifact_location(client.tracking_uri)
         try:
-            return client.create_experiment(name, artifact_location=_artifact_location(client.tracking_uri))
+            return client.create_experiment(name, artifact_location=place, tags=_KIND)
         except MlflowException:
             found = client.get_experiment_by_name(name)  # the mirror of another search may have created it
             if found is None:
                 raise
     return str(found.experiment_id)
+
+
+def _restoring(uri: str, experiment: str) -> str:
+    """Return the command that restores an experiment; the address may stand in the environment already."""
+    command = f"mlflow experiments restore --experiment-id {experiment}"
+    return command if os.environ.get(URI_VARIABLE) == uri else f"{URI_VARIABLE}={quoted_address(uri)} {command}"
 
 
 def _create(database: Path) -> None:

@@ -15,6 +15,9 @@ from tacevo.storage.canonical import leaves
 #: The longest param, in characters: older MLflow servers refuse more.
 LONGEST_PARAM = 500
 
+#: The longest description of a run, in characters, for the same reason.
+_LONGEST_NOTE = 5_000
+
 #: The environment variable in which MLflow itself looks for a tracking URI.
 URI_VARIABLE = "MLFLOW_TRACKING_URI"
 
@@ -119,6 +122,14 @@ def cost_measures(spent: Spending, step: int) -> tuple[Measure, ...]:
 def shorten(text: str) -> str:
     """Cut a text to `LONGEST_PARAM` characters, of which the last is then an ellipsis."""
     return text if len(text) <= LONGEST_PARAM else text[: LONGEST_PARAM - 1] + "…"
+
+
+def note(summary: str) -> str:
+    """Return a run's summary as its description: whole lines, as many as MLflow takes."""
+    if len(summary) <= _LONGEST_NOTE:
+        return summary
+    more = "\n\n… (the rest is in summary.md, among the artifacts)"
+    return summary[: _LONGEST_NOTE - len(more)].rpartition("\n")[0] + more
 
 
 def shown_address(uri: str) -> str:

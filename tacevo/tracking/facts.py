@@ -1,6 +1,7 @@
 """A run's data set and code as MLflow's pages show them; pure."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -61,6 +62,14 @@ def source_tags(code: Code | None) -> dict[str, str]:
     if code is not None:
         tags |= {"mlflow.source.git.commit": code.commit, "mlflow.source.git.dirty": json.dumps(code.dirty)}
     return tags
+
+
+def search_tags(run: RunRecord) -> dict[str, str]:
+    """Return the tags by which searches are found: task, and what answered, unless the networks were given."""
+    llm = run.config.get("llm", {})
+    asked = llm if isinstance(llm, Mapping) and not run.task.given else {}
+    answered = {f"tacevo.{key}": str(asked[key]) for key in ("provider", "model") if key in asked}
+    return {"tacevo.task": run.task.name, **answered}
 
 
 def data_set(run: RunRecord) -> DataSet:

@@ -27,13 +27,22 @@ from tacevo.tracking.entries import (
     reference_measures,
     total_measures,
 )
-from tacevo.tracking.facts import data_set, source_tags
+from tacevo.tracking.facts import data_set, search_tags, source_tags
 from tacevo.tracking.lock import alone
+from tacevo.tracking.page import MakePage
 from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter
 
 
-def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool] | None) -> None:
+def mirror(
+    run_dir: Path,
+    *,
+    uri: str,
+    experiment: str,
+    finished: Callable[[], bool] | None,
+    reached: Callable[[], object] = bool,
+    make_page: MakePage | None = None,
+) -> None:
     """Write a run into MLflow, as it stands or until it is finished.
 
     The search's run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
@@ -46,10 +55,12 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         finished: whether no more lines will come; asked before each look at the ledger, so the time it takes to answer
             sets the pace. Another mirror of the directory is waited for. None writes what stands there now: another
             mirror is not waited for, and a search that is at work is left `RUNNING`.
+        reached: called when the store has answered.
+        make_page: makes the report page of a finished run, where none stands in its directory.
 
     Raises:
-        RunError: run.json, a ledger line or sweep.json is damaged; the store holds another search under this name; or
-            another mirror of the directory is at work.
+        RunError: run.json, a ledger line or sweep.json is damaged; the store holds another search under this name; its
+            experiment was deleted; or another mirror of the directory is at work.
         OSError: the run directory cannot be read, or the directory of a SQLite database cannot be created.
         MlflowException: the store cannot be written.
     """
@@ -63,6 +74,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         record, member = directory.read_run(), find_membership(run_dir)
         client = open_store(uri)
         place = find_or_create_experiment(client, experiment)
+        reached()
         nesting = {} if member is None else join_sweep(client, place, member)
         name = run_dir.resolve().name
         writer = SearchWriter(
@@ -70,7 +82,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             place,
             key=content_hash([header[0], name, "" if member is None else member.name]),
             name=name,
-            tags=nesting,
+            tags={**search_tags(record), **nesting},
             source=source_tags(record.code),
         )
         writer.write_params(config_params(record.config))
@@ -87,7 +99,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
                 measures = (*generation_measures(line), *beside, *sums.of_generation(line))
                 writer.write_generation(line.generation, measures)
         if directory.read_run().digest == last:
-            writer.finish(last)
+            writer.finish(last, run_dir, make_page)
         elif finished is not None or not directory.is_busy:
             writer.stop()
         if member is not None:

@@ -6,6 +6,7 @@ A mirror outlives a killed search by the time that it takes to write what was co
 
 import gc
 import os
+import select
 import shlex
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 from tacevo.errors import ConfigError
 from tacevo.tracking.entries import URI_VARIABLE, shown_address
+from tacevo.tracking.page import import_path
 
 
 class Mirror:
@@ -30,30 +32,35 @@ class Mirror:
         self._experiment = experiment
         self._log = run_dir / "tracking.log"
         self._process: subprocess.Popen[bytes] | None = None
+        self._heard = -1  # a file descriptor: the process writes a byte there when the store has answered
         self._failure = "it was not started"
 
     def start(self) -> None:
         """Start the process; a failure to start is kept for `finish`."""
         command = [sys.executable, "-P", "-m", "tacevo.tracking", str(self._run_dir), "--follow"]
-        paths = os.pathsep.join(os.path.abspath(path) for path in sys.path)
+        self._heard, said = os.pipe()
         try:
             with self._log.open("ab") as log:
                 self._process = subprocess.Popen(
-                    [*command, "--uri", self._uri, "--experiment", self._experiment],
-                    env={**os.environ, "PYTHONPATH": paths},
+                    [*command, "--uri", self._uri, "--experiment", self._experiment, "--reached", str(said)],
+                    env=import_path(),
                     stdin=subprocess.PIPE,
+                    pass_fds=[said],
                     stdout=log,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,  # Ctrl-C is the search's to handle
                 )
         except OSError as error:
             self._failure = str(error)
+        finally:
+            os.close(said)
 
     def finish(self, timeout: float | None) -> str | None:
         """End the input of the process: no more lines come. Wait so many seconds for its end, or as long as it takes.
 
         Returns:
-            None, or one line that warns the user: the mirror failed, or is still writing and continues by itself.
+            None, or one line that warns the user: the mirror failed; the store has not answered, for which it waits a
+            while longer; or the mirror is still writing, and continues by itself.
         """
         if self._process is None:
             return self._warning(self._failure)
@@ -62,6 +69,8 @@ class Mirror:
         try:
             status = self._process.wait(timeout)
         except subprocess.TimeoutExpired:
+            if not select.select([self._heard], [], [], 0)[0]:
+                return self._warning("the store has not answered yet")
             place = shown_address(self._uri)
             return f"the MLflow mirror is still writing to {place}; it continues by itself and logs to {self._log}"
         if status == 0:

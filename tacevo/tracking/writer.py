@@ -13,9 +13,10 @@ from mlflow.entities import Dataset, DatasetInput, InputTag
 
 from tacevo.errors import RunError
 from tacevo.search.lines import CandidateLine
-from tacevo.tracking.client import PARENT_TAG, find_or_create_run, log, tagged_runs
-from tacevo.tracking.entries import Measure
+from tacevo.tracking.client import PARENT_TAG, USER_TAG, find_or_create_run, log, tagged_runs, user_tags
+from tacevo.tracking.entries import Measure, note
 from tacevo.tracking.facts import DataSet
+from tacevo.tracking.page import PAGE, MakePage, page_of
 
 #: Tags that name a search, a candidate within it, and the digest of a finished search.
 RUN_TAG = "tacevo.run"
@@ -23,6 +24,9 @@ RUN_TAG = "tacevo.run"
 CANDIDATE_TAG = "tacevo.candidate"
 
 DIGEST_TAG = "tacevo.digest"
+
+#: The tag that MLflow shows as a run's description, in Markdown.
+_NOTE_TAG = "mlflow.note.content"
 
 #: The hash of the ledger line that a candidate comes from.
 LINE_TAG = "tacevo.line"
@@ -62,7 +66,11 @@ class SearchWriter:
         history = client.get_metric_history(self._search, _EVERY_GENERATION) if known else ()
         self._generations = {point.step for point in history}
         self._candidates = self._finished_candidates()
-        for tag, value in {**tags, **self._source}.items():
+        #: The digest of what stands there, if it is whole, and whether it has a description.
+        self._digest = search.data.tags.get(DIGEST_TAG)
+        self._is_described = _NOTE_TAG in search.data.tags
+        user = {} if USER_TAG in search.data.tags else user_tags()
+        for tag, value in {**tags, **self._source, **user}.items():
             if search.data.tags.get(tag) != value:
                 client.set_tag(self._search, tag, value)
         client.update_run(self._search, status="RUNNING")
@@ -100,15 +108,31 @@ class SearchWriter:
                     remedy="delete that run in MLflow, or rename the run directory, and run `tacevo track` again",
                 )
             return
-        tags = {PARENT_TAG: self._search, CANDIDATE_TAG: line.id, LINE_TAG: seal, **self._source}
+        tags = {PARENT_TAG: self._search, CANDIDATE_TAG: line.id, LINE_TAG: seal, **self._source, **user_tags()}
         run: str = self._client.create_run(self._experiment, run_name=line.id, tags=tags).info.run_id
         log(self._client, run, params, measures)
         if source.exists():
             self._client.log_artifact(run, str(source))
         self._client.set_terminated(run, "FINISHED" if line.stage is None else "FAILED")
 
-    def finish(self, digest: str) -> None:
-        """End the search's run as finished, with its digest."""
+    def finish(self, digest: str, run_dir: Path, make_page: MakePage | None) -> None:
+        """End the search's run as finished, with its digest, its summary as a description, and what there is to read.
+
+        Of a digest that stands there already, only what is missing is written.
+        """
+        is_new = self._digest != digest
+        files = () if is_new else (file.path for file in self._client.list_artifacts(self._search))
+        standing = frozenset(files)
+        summary = run_dir / "summary.md"
+        if summary.exists():
+            if is_new or not self._is_described:
+                self._client.set_tag(self._search, _NOTE_TAG, note(summary.read_text(encoding="utf-8")))
+            if summary.name not in standing:
+                self._client.log_artifact(self._search, str(summary))
+        if PAGE not in standing:
+            with page_of(run_dir, make_page) as page:
+                if page.exists():
+                    self._client.log_artifact(self._search, str(page))
         self._client.set_tag(self._search, DIGEST_TAG, digest)
         self._client.set_terminated(self._search, "FINISHED")
 
