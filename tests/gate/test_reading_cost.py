@@ -37,6 +37,9 @@ SLOW: dict[str, Callable[[int], str]] = {
     "comments": lambda size: f"It's:\n```\n{CLASS}  def forward(self):\n" + "    #\n" * (size // 6) + "    x y\n",
     "words": lambda size: "w\n" * (size // 2) + VALID,
     "names": lambda size: fenced("q = 1\n") + "\n" + fenced(VALID + "".join(f"a{i} = 1\n" for i in range(size // 9))),
+    "names of one function": lambda size: (
+        VALID + " = ".join(f"a{i}" for i in range(size // 9)) + f" = lambda: {' + '.join(['x'] * 50)}\n"
+    ),
     "scopes": lambda size: fenced("q = 1\n") + "\n" + fenced(VALID + ("lambda: " * 60 + "[a, b, c]\n") * (size // 490)),
 }
 

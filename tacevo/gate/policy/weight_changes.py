@@ -206,8 +206,12 @@ def _running(nodes: list[ast.AST]) -> Iterator[_Function]:
     named[""] = [node for node in nodes if isinstance(node, ast.Lambda) and id(node) not in known]
     reached = ["", "forward", *filter(is_special, named)]
     seen = {*reached}
+    walked: set[int] = set()  # ids of functions, each of which may have thousands of names
     for name in reached:  # grows while it is walked
         for function in named.get(name, ()):
+            if id(function) in walked:
+                continue
+            walked.add(id(function))
             if isinstance(function, _Function):
                 yield function
             new = _mentions(_own(_body(function)) if isinstance(function, _Function) else [function]) - seen
