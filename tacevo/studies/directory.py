@@ -30,6 +30,9 @@ NAME = r"(?:elites|networks|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0
 _LONGEST_WHERE = 40
 
 
+#: So many scores may be missing where a study is not whole.
+_MOST_MISSING = 1_000
+
 _CONTINUES = "the command that began it, `tacevo study` or `tacevo noise`, continues it; or delete it"
 
 
@@ -142,7 +145,8 @@ class StudyDirectory:
                 expected="a header, then scores",
                 remedy=_CONTINUES,
             )
-        if len(rows) != (wanted := len(headers[0].networks) * headers[0].seeds):
+        # What is missing is named by who reads the rows, unless a forged header makes that a list without end.
+        if (wanted := len(headers[0].networks) * headers[0].seeds) > len(rows) + _MOST_MISSING:
             expected = f"{wanted} scores, by its header"
             raise RunError(str(len(rows)), place=str(self.scores), expected=expected, remedy=self._remedy)
         return Scores(header=headers[0], rows=rows, hashes=sealed.hashes)
