@@ -66,7 +66,7 @@ def test_simulated_images_come_with_their_command() -> None:
     text = readme(subject(provider="grammar", source="simulated"), has_lock=True)
     assert (
         "tacevo data simulate task=force data.images=600 data.image_size=32 data.seed=0 data.sensor_seed=0 "
-        "data.light=standard data.spacings_mm=[0.5,1.0] out=DIR" in text
+        "data.light=standard 'data.spacings_mm=[0.5,1.0]' out=DIR" in text
     )
 
 
