@@ -216,7 +216,7 @@ def _noise(options: argparse.Namespace) -> int:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
-    if run.answered and not run.shortfall:
+    if run.answered:
         print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('run', str(run.path)))} choose=reestimated")
     return _end(studied, "lower elites=")
 

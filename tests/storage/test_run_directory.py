@@ -102,7 +102,12 @@ def test_published_run_json_comes_back(bundle: Path, tmp_path: Path) -> None:
         text = next(members.read(name) for name in members.namelist() if name.endswith("/run.json"))
     (tmp_path / "run.json").write_bytes(text)
     written = json.loads(text)
-    assert {**to_json(RunDirectory(tmp_path).read_run()), **written} == {"code": None, "pages": 1, **written}
+    assert {**to_json(RunDirectory(tmp_path).read_run()), **written} == {
+        "code": None,
+        "pages": 1,
+        "trivial": None,
+        **written,
+    }
 
 
 def test_directory_without_a_run_is_an_error(directory: RunDirectory) -> None:

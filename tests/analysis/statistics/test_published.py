@@ -112,7 +112,8 @@ def run_of(*settings: str, image_size: int = 256) -> Run:
         [hand_runs.closed(0, 0.5), hand_runs.closed(1, 0.4, candidates=50, trained=48, coverage=0.88)],
     )
     facts = replace(bare.facts, counts=(2400, 300, 300), image_size=image_size)
-    return replace(bare, config=compose([*FAITHFUL, *settings]), facts=facts)
+    config = compose([*FAITHFUL, *settings])
+    return replace(bare, config=config, facts=facts, model=config.llm.name)
 
 
 def test_runs_stand_beside_the_published_searches() -> None:
@@ -142,7 +143,7 @@ def test_kinds_of_data_and_names_of_models_are_told() -> None:
         (["llm.model=claude-haiku-4-5-20251001"], "model"),
         (["search.candidates=10"], "candidates per generation"),
         (["search.generations=8", "training.epochs=5"], "generations, epochs"),
-        (["llm=grammar", "llm.model=grammar-1", "data=simulated"], "model, data"),
+        (["llm=grammar", "llm.model=grammar-1", "data=simulated", "data.root=null"], "model, data"),
     ],
 )
 def test_differences_of_the_set_up_are_named(settings: list[str], named: str) -> None:
