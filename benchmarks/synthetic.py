@@ -71,7 +71,10 @@ def made_up(baseline: Profile, epochs: int, outputs: int) -> Run:
         rng = np.random.default_rng(list(hashlib.sha256(header["source"].encode()).digest()))
         if entry == "probe":
             return Finished((Frame({"profile": to_json(_resized(baseline, rng))}, b""),))
-        return Finished(tuple(_trained(rng, epochs, outputs)))
+        batch = header["recipe"]["batch_size"]
+        steps, groups = max(1, header["train"] // batch), header.get("groups", [header["validation"]])
+        counts = {"steps": steps, "passes": steps + sum(-(-count // batch) for count in groups)}
+        return Finished(tuple(_trained(rng, epochs, outputs, counts)))
 
     return run
 
@@ -87,12 +90,13 @@ def _resized(profile: Profile, rng: np.random.Generator) -> Profile:
     )
 
 
-def _trained(rng: np.random.Generator, epochs: int, outputs: int) -> Iterator[Frame]:
-    """Return the frames of a training whose losses fall."""
+def _trained(rng: np.random.Generator, epochs: int, outputs: int, counts: dict[str, int]) -> Iterator[Frame]:
+    """Return the frames of a training whose losses fall; `counts` are the steps and passes of one epoch."""
     spread = rng.uniform(0.05, 0.3)
     for epoch in range(epochs):
         values = (0.5 + rng.normal(size=(_VALIDATED, outputs)) * spread / (1 + epoch)).astype(np.float32)
-        yield Frame({"epoch": epoch, "train_loss": float(spread / (1 + epoch))}, values.tobytes())
+        told = {"steps": (epoch + 1) * counts["steps"], "passes": counts["passes"]}
+        yield Frame({"epoch": epoch, "train_loss": float(spread / (1 + epoch)), **told}, values.tobytes())
     yield Frame({"weights_sha256": hashlib.sha256(rng.bytes(32)).hexdigest()}, b"")
 
 

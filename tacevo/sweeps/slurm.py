@@ -176,6 +176,7 @@ def _apart(log: Path) -> Iterator[None]:
     They would stop before they had stopped their jobs, since `_cancel` interrupts them, too; and each time they print a
     traceback.
     """
+    log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("ab") as file:
         started = partial(subprocess.Popen, start_new_session=True, stderr=file)
         vars(local)["subprocess"] = SimpleNamespace(Popen=started)
