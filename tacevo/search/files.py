@@ -172,13 +172,7 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
     ids: set[str] = set()
     generation = 0
     for line in lines:
-        if not isinstance(line, RunLine) and line.generation != generation:
-            got, expected = f"a line of generation {line.generation}", f"one of generation {generation}"
-            raise RunError(got, place=str(place), expected=expected, remedy="restore the ledger")
-        generation += isinstance(line, GenerationLine)
-        if not isinstance(line, TrainedLine):
-            continue
-        sound = line.id in ids
+        sound = line.id in ids if isinstance(line, TrainedLine) else True
         if isinstance(line, CandidateLine):
             is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
             is_there = line.operator is not Operator.given or 1 <= line.slot <= len(record.task.given)
@@ -193,6 +187,10 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
                 expected="candidates that name earlier ones, and instructions and networks of the task",
                 remedy="restore the ledger",
             )
+        if not isinstance(line, RunLine) and line.generation != generation:
+            got, expected = f"a line of generation {line.generation}", f"one of generation {generation}"
+            raise RunError(got, place=str(place), expected=expected, remedy="restore the ledger")
+        generation += isinstance(line, GenerationLine)
 
 
 def eras_of(lines: Sequence[Line]) -> tuple[RulesLine, ...]:
