@@ -172,14 +172,16 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
     ids: set[str] = set()
     generation = 0
     for line in lines:
-        sound = line.id in ids if isinstance(line, TrainedLine) else True
+        sound = True
+        if isinstance(line, TrainedLine):
+            sound = line.id in ids
         if isinstance(line, CandidateLine):
             is_known = line.prompt is None or 0 <= line.prompt < len(record.task.instructions)
             is_there = line.operator is not Operator.given or 1 <= line.slot <= len(record.task.given)
             begins = bool(ids) or line.operator is Operator.baseline
             sound = bool(_ID.fullmatch(line.id)) and is_known and is_there and ids.issuperset(line.parents) and begins
             ids.add(line.id)
-        if not sound:
+        if isinstance(line, TrainedLine) and not sound:
             raise RunError(
                 f"{line.id} with an unknown parent, instruction or network, with another id, or without a baseline "
                 "before it",
