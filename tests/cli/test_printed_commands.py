@@ -35,13 +35,13 @@ def printed(text: str) -> list[list[str]]:
 @given(st.text("ab1/. '\"\\$[]{},:=()~#&*|!%ü-@\n", min_size=1))
 def test_any_text_can_be_the_value_of_a_setting(value: str) -> None:
     """Hydra reads it back, quotes, backslashes and what looks like an interpolation among it."""
-    assert compose([as_override("data.root", value)]).data.root == value
+    assert compose(["data=folder", as_override("data.root", value)]).data.root == value
 
 
 @pytest.mark.parametrize("word", ["null", "True", "5", "1e5", "nan"])
 def test_word_that_hydra_would_read_as_something_else_is_quoted(word: str) -> None:
     """A directory may be called so."""
-    assert compose([as_override("data.root", word)]).data.root == word
+    assert compose(["data=folder", as_override("data.root", word)]).data.root == word
 
 
 def test_plain_value_needs_no_quotes() -> None:
