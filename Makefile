@@ -19,12 +19,14 @@ help: ## list the targets
 
 setup: $(READY) ## build the environment in .venv, and nothing else
 
-$(READY): requirements.lock pyproject.toml
+$(READY): requirements.lock torch.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "tacevo needs Python 3.11 or later; got $$($(PYTHON) --version); give one with PYTHON=..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --requirement requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --require-hashes --requirement requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --requirement torch.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(BIN)/pip check
 	@touch $@
 
 demo: $(READY) ## run a small search, train its best networks again with other seeds, and print what was found
@@ -95,12 +97,17 @@ paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR
 	@for sweep in $(SWEEPS); do \
 		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
 
-lock: ## resolve the dependencies again into requirements.lock
+lock: ## resolve the dependencies again into requirements.lock, with the hashes of every file that the index has
 	rm -rf build/lock
 	$(PYTHON) -m venv build/lock
-	build/lock/bin/pip install --quiet --disable-pip-version-check torch==2.13.0 hatchling editables '.[dev]'
-	build/lock/bin/pip freeze --all --exclude tacevo --exclude pip --exclude setuptools --exclude wheel \
-		| sed -E 's/\+cpu$$//' > requirements.lock
+	build/lock/bin/pip install --quiet --disable-pip-version-check --requirement torch.lock hatchling editables '.[dev]'
+	build/lock/bin/pip freeze --all --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel \
+		> build/lock/versions
+	build/lock/bin/pip install --quiet --disable-pip-version-check uv
+	@sed '/^[^#]/,$$d' requirements.lock > build/lock/requirements.lock
+	build/lock/bin/uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate build/lock/versions \
+		>> build/lock/requirements.lock
+	cp build/lock/requirements.lock requirements.lock
 
 clean: ## remove the environment, builds and caches of tools; runs and stores stay
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage*

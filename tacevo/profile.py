@@ -62,6 +62,14 @@ class Graph(Record):
     #: Output features of every linear layer but the last one called.
     hidden: tuple[_Size, ...]
 
+    def __post_init__(self) -> None:
+        """Raise ValueError where the parts do not fit together, as those of a traced network do."""
+        nodes = len(self.nodes)
+        rising = all(0 <= producer < consumer < nodes for producer, consumer in self.edges)
+        once = len(set(self.edges)) == len(self.edges)
+        if not (rising and once and max(len(self.channels) + len(self.hidden), len(self.kernels)) <= nodes):
+            raise ValueError("edges, channels, kernels and hidden layers of its own nodes")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step(Record):
@@ -109,6 +117,13 @@ class Profile(Record):
     #: FLOPs that one image takes in a training pass beyond `flops`: of what runs in training only.
     extra_flops: _Size = 0
 
+    def __post_init__(self) -> None:
+        """Raise ValueError where a step or the output comes from no earlier step."""
+        paired = all(len(step.sources) == len(step.operands) for step in self.steps)
+        before = all(_are_rising(one, below=index) for index, step in enumerate(self.steps) for one in step.sources)
+        if not (paired and before and _are_rising(self.output, below=len(self.steps))):
+            raise ValueError("steps and an output that come from earlier steps")
+
     @property
     def learnt(self) -> int:
         """Values that a training changes or may change: parameters, and what is learnt outside them."""
@@ -118,3 +133,7 @@ class Profile(Record):
     def training_flops(self) -> int:
         """Floating-point operations of one forward pass of one image in training mode; at least `flops`."""
         return self.flops + self.extra_flops
+
+
+def _are_rising(indices: tuple[int, ...], *, below: int) -> bool:
+    return all(0 <= index < below for index in indices) and list(indices) == sorted(set(indices))

@@ -4,6 +4,7 @@ Equal runs give equal bytes wherever, whenever and by whomever they are publishe
 Matplotlib and of the libraries that compress. Nothing in a bundle names a directory or a host of the machine.
 """
 
+import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -302,10 +303,11 @@ def _papers(subject: Subject, terms: Terms, members: Iterable[str]) -> dict[str,
 
 
 def _lock(versions: Mapping[str, str]) -> str | None:
-    """Read the lock file of this package, if it came with one and it is of the versions that the run had."""
-    path = conf_root().parent / LOCK
-    text = path.read_text(encoding="utf-8") if path.exists() else ""
-    pins = set(text.lower().replace("_", "-").split())
+    """Return a pin of every package, from the lock files of this one, if it has them and they are what the run had."""
+    locks = [path for name in (LOCK, "torch.lock") if (path := conf_root().parent / name).exists()]
+    pins = [pin for path in locks for pin in re.findall(r"^\S+==\S+", path.read_text(encoding="utf-8"), re.MULTILINE)]
+    known = {pin.lower().replace("_", "-") for pin in pins}
     # torch adds its build to its version
     had = {name: versions.get(name, "absent").partition("+")[0] for name in PACKAGES if name != "tacevo"}
-    return text if all(f"{name}=={version}" in pins for name, version in had.items() if version != "absent") else None
+    whole = all(f"{name}=={version}" in known for name, version in had.items() if version != "absent")
+    return "".join(f"{pin}\n" for pin in sorted(pins, key=str.lower)) if whole else None

@@ -14,14 +14,14 @@ from gate_cases import VALID, candidate, completion, contract, examples, needs_s
 from refusals import refused
 
 from tacevo.choices import Numerics
-from tacevo.errors import CacheMissError, SandboxError
+from tacevo.errors import CacheMissError, SandboxError, StoreError
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted, Graph, Node, Profile, Step
 from tacevo.records import Contract, Limits, Mode, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.search.descriptors import describe
-from tacevo.storage.store import Store
+from tacevo.storage.store import Store, check_entry
 
 LIMITS = GateLimits(parameters=20_000_000, flops=10**11, modules=1_000)
 PROBE_LIMITS = Limits(seconds=60.0, memory_mib=2_000)
@@ -313,6 +313,17 @@ def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Any]) -> None:
     found = gate(FakeSandbox(sent(*headers)).run, tmp_path).inspect(VALID)
     assert isinstance(found, Rejection)
     assert (found.stage, found.reason) == (Stage.probe, Reason.crashed)
+
+
+@pytest.mark.parametrize("forged", [_with_profile(output=[2]), _with_step(sources=[[1]]), _with_graph(edges=[[0, 9]])])
+def test_forged_entry_of_a_store_is_refused(tmp_path: Path, forged: dict[str, Any]) -> None:
+    """A published store may hold indices that lead nowhere; readers of the profile would fail on them much later."""
+    gate(FakeSandbox(sent(ANSWER)).run, tmp_path).inspect(VALID)
+    (path,) = (tmp_path / "probes").rglob("*.json")
+    entry = check_entry(path, path.read_bytes(), "probes", path.stem)
+    Store(tmp_path, "probes").write(entry.request, forged)
+    with refused(StoreError, place="profile"):
+        gate(FakeSandbox(SandboxError("no probe is wanted")).run, tmp_path).inspect(VALID)
 
 
 def test_every_admitted_profile_has_finite_descriptors(tmp_path: Path) -> None:

@@ -192,7 +192,7 @@ def test_missing_profile_and_one_without_steps_are_rejected() -> None:
     """A profile of an older version shows no motif, which is not the same as having none."""
     hand, profiles = searched()
     without = {name: profile for name, profile in profiles.items() if name != "g01s02"}
-    for faulty in (without, {**profiles, "g01s02": replace(profiles["g01s02"], steps=())}):
+    for faulty in (without, {**profiles, "g01s02": replace(profiles["g01s02"], steps=(), output=())}):
         with refused(RunError, place="runs/hand, g01s02", expected="a recorded probe with its steps"):
             read_anatomies(hand, faulty)
 

@@ -79,3 +79,11 @@ def test_damaged_centroids_are_told(published: Path, tmp_path: Path) -> None:
         path.write_text("{}")
     with refused(StoreError, expected="a value"):
         load_niches(load_run(published / "run"), tmp_path)
+
+
+def test_niches_that_would_take_hours_are_asked_for(published: Path, tmp_path: Path) -> None:
+    """A record can name a billion of them; where no store has them, they are not computed."""
+    run = load_run(published / "run")
+    huge = replace(run, config=replace(run.config, archive=replace(run.config.archive, niches=10**9)))
+    with refused(RunError, place=str(tmp_path), expected="the centroids of 1000000000 niches"):
+        load_niches(huge, tmp_path)
