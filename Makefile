@@ -33,7 +33,7 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
 	$(BIN)/tacevo noise runs/demo elites=2 seeds=12
 
-test: $(READY) ## run the tests, two at a time (six to nine minutes on two cores)
+test: $(READY) ## run the tests, two at a time (minutes)
 	$(BIN)/pytest $(TWO)
 
 test-slow: $(READY) ## run the tests that attack each promise further (five minutes)

@@ -28,6 +28,21 @@ settings.register_profile("thorough", settings.get_profile("tacevo"), max_exampl
 settings.load_profile("tacevo")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Keep N parameters of a test that is marked `few(N)` in a quick run, spread evenly; the others are slow."""
+    marked: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("few"):
+            marked.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for cases in marked.values():
+        (kept,) = cases[0].get_closest_marker("few").args  # type: ignore[union-attr]  # it was looked for above
+        quick = {len(cases) * number // kept for number in range(kept)}
+        for number, case in enumerate(cases):
+            if number not in quick:
+                case.add_marker("slow")
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _few_objects_to_collect() -> None:
     """Keep what earlier modules made out of garbage collections, each of which would look at all of it again."""

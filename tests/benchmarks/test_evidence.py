@@ -23,6 +23,7 @@ def outside(rates: list[Rate]) -> set[str]:
     return errors | {rate.name for rate in rates if rate.promised > 0.5 and rate.observed < rate.promised - rate.error}
 
 
+@pytest.mark.slow
 def test_no_test_errs_more_often_than_its_level() -> None:
     """But those whose assumption is broken on purpose, which the tables name."""
     assert outside(list(type_one_errors(TRIALS // 2))) <= TOO_MANY_ERRORS
@@ -56,6 +57,7 @@ def test_flat_landscape_has_an_improvement_on_record_only() -> None:
     assert abs(found.reestimated) < 0.15
 
 
+@pytest.mark.slow
 def test_search_beats_its_controls_where_there_is_a_signal() -> None:
     """By the truth, at an equal budget, and with little noise; the intervals hold the chance of what was selected."""
     landscape = Landscape(signal=1.0, noise=0.1)

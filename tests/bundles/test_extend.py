@@ -119,6 +119,7 @@ def test_folder_of_another_run_is_refused(
     assert content(place / "mine") == before
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("override", "named"),
     [
@@ -146,6 +147,7 @@ def test_run_that_is_not_longer_is_refused(generations: int) -> None:
         continued(compose(TINY), [f"search.generations={generations}"], end=1, spent=0)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("override", "fits"),
     [

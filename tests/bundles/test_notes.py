@@ -29,6 +29,7 @@ def test_paragraphs_and_items_are_told_apart(noted: Path) -> None:
     assert read_note(noted) == ("A model answered, which nobody can ask again.", "One search.", "One split.")
 
 
+@pytest.mark.slow
 def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """README, metadata, citation, report and `tacevo show` have it; the bundle replays."""
     bundle = tmp_path / "run.zip"
@@ -76,6 +77,7 @@ def test_note_cannot_draw_on_the_terminal(noted: Path, capsys: pytest.CaptureFix
     assert r"wiped \x1b[2J" in told
 
 
+@pytest.mark.slow
 def test_note_that_no_command_could_show_is_refused_with_its_bundle(
     noted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -82,6 +82,7 @@ def test_settings_of_one_machine_and_unfinished_studies_are_left_out(
     assert main(["replay", str(tmp_path / "x.zip")]) == 0
 
 
+@pytest.mark.slow
 def test_run_of_another_release_is_published_with_todays_summary(
     published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -285,6 +285,7 @@ def test_packed_candidates_are_the_files_of_the_sweep(swept: Path, whole: Member
     assert all((swept / "sweep" / path).read_bytes() == data for path, data in unpacked.items())
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "file",
     [

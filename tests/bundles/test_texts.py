@@ -106,6 +106,7 @@ def place_of_refusal(members: Members, target: Path) -> str:
     return caught.value.place
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [*FILES, "ro-crate-metadata.json"])
 def test_other_text_of_the_same_value_is_refused(name: str, whole: Members, tmp_path: Path) -> None:
     """Whatever the way, with all checksums anew, and the member is named."""
@@ -142,6 +143,7 @@ def test_rewrites_leave_the_value(whole: Members) -> None:
             assert values_of(REWRITES[way](text)) == values_of(text), (name, way)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("way", ["key twice", "other order", "space", "no last line feed"])
 def test_files_of_the_first_releases_keep_to_their_own_form(way: str, tmp_path: Path) -> None:
     """They lack later settings, wrote times with spaces and a study's name first; nothing else of them is free."""
@@ -223,6 +225,7 @@ def test_candidates_file_with_other_line_ends_is_refused(whole: Members, refused
     refused({**whole, name: whole[name].replace(b"\n", b"\r\n")}, "g00s00.py: expected the text that was judged")
 
 
+@pytest.mark.slow
 def test_lines_that_a_kill_tore_are_not_published(folder: Path, tmp_path: Path) -> None:
     """Times are appended without care; a bundle holds whole lines only, and its replay accepts no other."""
     timings = folder / "run" / "timings.jsonl"

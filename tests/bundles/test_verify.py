@@ -163,6 +163,7 @@ def test_edited_answer_is_found(whole: Members, refused: Refused) -> None:
     refused(with_entries(whole, entries), "no recorded answer for")
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "edit",
     [
@@ -299,6 +300,7 @@ COUNTS = [
 ]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("command", ["replay", "show", "report", "tables"])
 def test_count_beyond_all_bounds_is_told_by_its_key(
     command: str, whole: Members, tmp_path: Path, capsys: pytest.CaptureFixture[str]

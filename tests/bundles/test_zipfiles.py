@@ -206,6 +206,7 @@ def test_overlapping_members_are_refused(file: Path) -> None:
         unpacked(file)
 
 
+@pytest.mark.slow
 def test_too_many_members_are_refused(file: Path) -> None:
     """A file has no more than one run of ten thousand candidates needs."""
     buffer = io.BytesIO()

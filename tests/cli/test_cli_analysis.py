@@ -65,6 +65,7 @@ def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pyt
     assert contents(Path()) == before
 
 
+@pytest.mark.slow
 def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The samples, the search's and the study's; drawn again, they are the same bytes."""
     assert main(["figures", str(run), "--format", "svg"]) == 0

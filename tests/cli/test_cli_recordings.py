@@ -43,6 +43,7 @@ def test_search_on_tactip_recordings(place: Path, capsys: pytest.CaptureFixture[
     assert "2400 training, 300 validation and 300 test images" in found
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_search_on_gelsight_recordings(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Ten materials from 1,000 GelSight images: the stand-in for gratings."""

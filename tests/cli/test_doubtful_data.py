@@ -61,6 +61,7 @@ def test_cameras_of_users_are_told(case: str, most: int, capsys: pytest.CaptureF
     assert f"data.white_point={most}" in found["warnings"][0]
 
 
+@pytest.mark.slow
 def test_search_warns_and_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     """Also where the images were made by a check, and of what the prompt tells the model."""
     overrides = save(noise(4095), "depth_mm,roll_deg,pitch_deg")
@@ -74,6 +75,7 @@ def test_search_warns_and_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert "warning: " not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_check_says_what_the_prompt_tells_the_model(capsys: pytest.CaptureFixture[str]) -> None:
     """The names are those of the data, and what they are said to be is the task's; a mismatch is a warning."""
     overrides = save(noise(65535), "depth_mm,roll_deg,pitch_deg")
@@ -134,6 +136,7 @@ def test_groups_are_told_and_frames_in_two_parts_are_warned_of(capsys: pytest.Ca
     assert "groups:      10 of 4 images, none in two parts (data.group_column)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_size_that_no_experiment_was_asked_for_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     """A search of an experiment may take another; with the same experiment it takes the same."""
     overrides = save(noise(255, np.uint8))

@@ -55,6 +55,7 @@ def test_package_of_the_same_name_is_named_and_not_run(name: str, command: str, 
     assert "Traceback" not in told.stderr
 
 
+@pytest.mark.slow
 def test_directory_of_the_same_name_harms_nobody(tmp_path: Path) -> None:
     """Without Python in it, it is no package, and ours is found; a search needs neither."""
     (tmp_path / "analysis").mkdir()

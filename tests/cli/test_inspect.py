@@ -116,6 +116,7 @@ def test_half_an_emoji_of_a_recording_is_judged_as_from_a_server(
     assert "deep.json: expected JSON" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_words_say_what_json_says(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One line a file: a source in a recording that is admitted, and an answer that was cut off."""
     baseline = (conf_root() / "library" / "force" / "baseline.py").read_text()

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 
@@ -32,6 +32,7 @@ def printed(text: str) -> list[list[str]]:
     return [shlex.split(command) for command in re.findall("`(tacevo [^`]*)`", text)]
 
 
+@settings(max_examples=15)  # each composes a configuration
 @given(st.text("ab1/. '\"\\$[]{},:=()~#&*|!%ü-@\n", min_size=1))
 def test_any_text_can_be_the_value_of_a_setting(value: str) -> None:
     """Hydra reads it back, quotes, backslashes and what looks like an interpolation among it."""

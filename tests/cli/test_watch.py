@@ -247,6 +247,7 @@ def test_what_the_system_refuses_is_said(file: str, begun: Path) -> None:
     assert len(contents.runs) == 1
 
 
+@pytest.mark.slow
 def test_command_serves_until_it_is_interrupted(tmp_path: Path) -> None:
     """Its first line is the address, also of a search that is not begun; Ctrl-C ends it."""
     command = [sys.executable, "-m", "tacevo.cli.app", "watch", str(tmp_path / "later")]

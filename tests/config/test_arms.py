@@ -85,6 +85,7 @@ def common(one: list[dict[str, Any]], other: list[dict[str, Any]], generation: i
     return first == second
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("arm_name", "clash"),
     [
@@ -169,6 +170,7 @@ def test_arm_of_a_setting_that_is_none_is_refused(settings: dict[str, Any]) -> N
         check_change("mine", settings, {"seed": 0, "prompts": {"policy": "uniform"}})
 
 
+@pytest.mark.slow
 def test_arms_are_pairwise_different_runs() -> None:
     """No two arms share a ledger's first line."""
     told = [str(identity(arm(name))) for name in groups()["ablation"]]

@@ -99,6 +99,7 @@ def test_every_group_is_there() -> None:
     assert " ".join(sorted(groups())) == GROUPS
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize(("group", "choice"), CHOICES)
 def test_every_shipped_config_composes(group: str, choice: str) -> None:
     """Each choice of each group gives a whole, checked configuration, which run.json holds and gives back."""

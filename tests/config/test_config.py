@@ -136,6 +136,7 @@ def test_ends_of_a_range_are_possible(key: str, value: Any) -> None:
     assert canonical(identity(changed(key, value)))
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize(
     ("overrides", "place", "expected"),
     [

@@ -101,6 +101,7 @@ def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
     assert said == ["data: another process makes this data set; waiting for it"]
 
 
+@pytest.mark.slow
 def test_process_that_finds_a_killed_one_while_others_start_is_safe(tmp_path: Path) -> None:
     """Two data sets made at once after a kill: neither takes the other's unfinished directory for a leftover."""
     start(tmp_path, "die").communicate()

@@ -21,6 +21,7 @@ def searches() -> list[str]:
     return [command.strip() for command in found if not NOT_WHOLE.search(command)]
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("command", dict.fromkeys(searches()))
 def test_written_search_can_be_typed(command: str) -> None:
     """Every value of every setting; an estimate needs no model."""

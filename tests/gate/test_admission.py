@@ -364,6 +364,7 @@ def test_candidate_over_its_time_is_rejected(tmp_path: Path, sandbox: Sandbox) -
     assert found.reason is Reason.out_of_time
 
 
+@pytest.mark.few(12)
 @needs_shared
 @pytest.mark.parametrize("image_size", [32, 64])
 @pytest.mark.parametrize("example", examples("llm_answers"), ids=lambda example: example["file"])

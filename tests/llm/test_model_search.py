@@ -103,6 +103,7 @@ def test_offline_process_is_offline() -> None:
     assert "this process has no network" in done.stderr
 
 
+@pytest.mark.slow
 def test_key_is_written_nowhere_and_an_unknown_price_is_said(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Neither run, store nor output holds it, where the server repeats it in answers and in errors that are retried.
 

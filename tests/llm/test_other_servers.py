@@ -84,6 +84,7 @@ def test_name_that_another_server_gave_is_said_to_be_so(place: Path, capsys: pyt
     check_said("run", published("run"), server, capsys)
 
 
+@pytest.mark.slow
 def test_server_that_only_the_sdk_was_told_of_is_another_one(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its variable counts; and a later run that finds these answers in the store says the same and asks nobody."""
     with serving(Script(answer=network)) as server:
@@ -97,6 +98,7 @@ def test_server_that_only_the_sdk_was_told_of_is_another_one(place: Path, monkey
         assert json.loads((place / run / "run.json").read_text())["elsewhere"] is True
 
 
+@pytest.mark.slow
 def test_run_of_an_earlier_release_says_so_when_it_is_published(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -188,6 +190,7 @@ def test_path_as_a_models_name_is_told_and_a_label_stands_for_it(
         assert {value_at(told, ("model",)) for told in (entry.request, entry.answer)} == {"llama-8b"}
 
 
+@pytest.mark.slow
 def test_path_that_only_the_server_says_is_not_published_either(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -215,6 +215,7 @@ def admit(source: str) -> Admitted:
     return replace(admitted, source=source)
 
 
+@pytest.mark.slow
 def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Trainer) -> None:
     """Hostile neighbours, before and at the same time, change nothing for the others."""
     expected = {source: trainer.train(source) for source in GOOD}

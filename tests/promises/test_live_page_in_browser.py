@@ -4,6 +4,7 @@ import shutil
 import threading
 from pathlib import Path
 
+import pytest
 from pages import SHIPPED
 from playwright.sync_api import Browser, expect
 
@@ -11,6 +12,7 @@ from tacevo.bundles.open import opened
 from tacevo.cli.watch import LivePage, Server
 
 
+@pytest.mark.slow
 def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: Path) -> None:
     """The page shows what was added to the run without a reload, keeps the choice, and says that nobody answers."""
     with opened(SHIPPED) as place:
@@ -51,6 +53,7 @@ def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: P
     page.close()
 
 
+@pytest.mark.slow
 def test_address_is_followed_once_the_search_has_begun(browser: Browser, tmp_path: Path) -> None:
     """Before, there is no run to choose from."""
     page = browser.new_page()

@@ -202,6 +202,7 @@ def test_arrow_keys_walk_the_rows_that_are_shown(shipped: PageContents, open_pag
     assert walked == rows
 
 
+@pytest.mark.slow
 def test_page_keys_visit_every_elite(shipped: PageContents, open_page: Opener) -> None:
     """Two can be at one point, between which no arrow leads."""
     page, _ = open_page(shipped)

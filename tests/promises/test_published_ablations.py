@@ -13,6 +13,7 @@ def written(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_bundle_and_folder_give_the_same_files(swept: Path, tmp_path: Path) -> None:
     """Tables and figures, byte by byte, whatever the directory of the sweep is called."""
     assert main(["ablations", str(swept / "sweep"), "-o", str(tmp_path / "folder")]) == 0

@@ -85,6 +85,7 @@ def test_changed_record_is_found(folder: Path) -> None:
         again()
 
 
+@pytest.mark.slow
 def test_changed_trivial_loss_is_found(folder: Path) -> None:
     """It follows from the validation labels, which a replay does not have; without one the rest is compared."""
     directory = RunDirectory(folder / "run")
@@ -96,6 +97,7 @@ def test_changed_trivial_loss_is_found(folder: Path) -> None:
         again(1)
 
 
+@pytest.mark.slow
 def test_record_without_digests_is_compared_as_far_as_it_goes(folder: Path) -> None:
     """What an older run does not record is said, and the rest is compared; what it ran on is doubted."""
     rewritten(folder, lambda line: replace(line, weights=None, predictions=None))

@@ -85,6 +85,7 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("chosen", [[], ["llm=openai"], ["llm.model=claude-opus-5"]])
 def test_estimate_needs_no_choice_of_a_model(chosen: list[str], tmp_path: Path) -> None:
     """Of an experiment that leaves it to the user, nor of a server's model; requests and tokens do not depend on it."""
@@ -259,6 +260,7 @@ def test_baseline_that_does_not_train_has_no_pace(overrides: Estimating, tmp_pat
         measure(compose(overrides(f"task.baseline={broken}")))
 
 
+@pytest.mark.slow
 def test_estimate_after_a_search_on_gratings_knows_its_first_answers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -77,6 +77,7 @@ def confinement(run: Path) -> Any:
     return json.loads((run / "run.json").read_text())["confinement"]
 
 
+@pytest.mark.slow
 def test_walls_are_those_that_held_the_candidates(place: Path) -> None:
     """Nothing is claimed for a run whose candidates were all recalled, and nothing twice for one that is repeated."""
     assert main(["search", *TINY, "search.generations=0"]) == 0

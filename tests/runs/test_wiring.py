@@ -118,6 +118,7 @@ def test_archive_of_the_other_kind_is_refused(
         load(tmp_path, "data=numpy", f"task={task}")
 
 
+@pytest.mark.slow
 def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     """On a GPU the walls are left out, which is told as it is; a search on a CPU tells those of the machine."""
     overrides = ["training.device=cuda", "training.gpu=NVIDIA H200", "sandbox.require=none", "numerics=fast"]

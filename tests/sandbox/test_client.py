@@ -260,6 +260,7 @@ def test_half_a_message_is_out_of_time(sandbox: Sandbox) -> None:
     assert death(sandbox, "write_raw", SHORT, half).reason is Reason.out_of_time
 
 
+@pytest.mark.slow
 def test_stopped_supervisor_does_not_stop_the_search(sandbox: Sandbox) -> None:
     """Where a candidate stops its supervisor, the search itself ends both."""
     assert death(sandbox, "stop_supervisor", SHORT).detail == "ran for more than 1 s, and its supervisor was stopped"

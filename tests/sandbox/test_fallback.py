@@ -30,6 +30,7 @@ def test_search_that_demands_the_walls_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_doctor_names_the_missing_wall(tmp_path: Path) -> None:
     """A machine that is weaker is still fit for a search, and its report says where it is weaker."""
     done = tacevo("doctor", cwd=tmp_path, before=WEAKER)

@@ -74,6 +74,7 @@ def test_probe_and_training_need_no_compiler(sandbox: Sandbox, force: Task) -> N
     assert len(children(os.getpid())) == before + 1
 
 
+@pytest.mark.slow
 def test_process_that_imports_more_runs_where_all_of_it_is(sandbox: Sandbox) -> None:
     """It begins again, so that it finds the compiler there, and no module that is nowhere; nothing comes twice."""
     answer = sandbox.run("import_modules", ["torch._dynamo", "no_such_module"], b"", LIMITS)

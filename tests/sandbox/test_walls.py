@@ -143,6 +143,7 @@ def test_images_are_read_and_not_changed(walled: Sandbox) -> None:
     assert answer(walled, "sum_images") == 12
 
 
+@pytest.mark.slow
 def test_module_that_was_not_imported_before_is_missing(walled: Sandbox, plain: Sandbox) -> None:
     """An import that comes too late fails alike at each level, as an import."""
     name = next(module for module in ("tabnanny", "sndhdr", "chunk") if module not in sys.modules)

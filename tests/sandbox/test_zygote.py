@@ -146,6 +146,7 @@ def test_signal_that_cancels_a_run_is_no_verdict(sandbox: Sandbox, number: signa
         assert waiting.result() == "answered"
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "members", [(1,), (2,), (0, 1), (0, 1, 2)], ids=["supervisor", "candidate", "both above it", "all"]
 )

@@ -294,6 +294,7 @@ def test_generation_draws_its_instructions_from_one_pool(policy: PromptPolicy) -
     assert set().union(*pools) == set(range(5))
 
 
+@pytest.mark.slow
 def test_curious_draw_prefers_what_is_productive_in_its_pool() -> None:
     """A pool without a productive instruction is drawn from alike; one with it yields that one more often."""
     many = replace(ALWAYS, candidates=GENERATIONS, prompts=PromptPolicy.curiosity, pool=2)

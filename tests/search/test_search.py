@@ -79,6 +79,7 @@ def test_many_workers_with_uneven_delays_give_the_digest_of_one(plan: Plan) -> N
     assert many == run(plan)[0]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("name", "step"), [(name, 1 if name == "uniform" else 6) for name in PLANS])
 def test_run_killed_at_any_training_continues_to_the_same_bytes(name: str, step: int, tmp_path: Path) -> None:
     """Whenever it stops, the same command ends with the ledger of an uninterrupted run; `step` thins the stops."""
@@ -234,6 +235,7 @@ def test_sum_of_curiosities_is_that_of_all_of_them() -> None:
     assert {name: found.scores for name, found in kept.items()} == {n: len(v) for n, v in scores.items()}
 
 
+@pytest.mark.slow
 def test_states_share_what_they_have_in_common() -> None:
     """Every state of a long search can be kept: one takes no copy of the candidates before it, and none changes."""
     tracemalloc.start()

@@ -283,6 +283,7 @@ def test_elites_can_be_chosen_by_their_re_estimates(folder: Path, capsys: pytest
     assert "that the elites of a study were chosen by; got studies of the digests " in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_loss_of_a_study_at_the_searchs_epoch_is_a_fitness(folder: Path) -> None:
     """Bit for bit what the search's training gives under that seed: more epochs and test images change nothing."""
     assert main(["study", "run=run", "elites=1", "seeds=1", "epochs=2"]) == 0

@@ -125,6 +125,7 @@ def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureF
     assert {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")} == entries
 
 
+@pytest.mark.slow
 def test_fewer_elites_than_asked_for_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Where the archive has no more, it is the study of those there are, and that is said."""
     study, before = only(folder), files(folder)
@@ -147,6 +148,7 @@ def test_too_few_seeds_are_told_before_anything_is_trained(folder: Path, capsys:
     assert "no comparison" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_log_counts_on_from_what_was_recorded(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of another seed, two trainings are new; the four of before are not told as if they were trained now."""
     assert main(["study", *STUDY[:2], "seeds=3", STUDY[3]]) == 0

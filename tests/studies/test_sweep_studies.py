@@ -214,6 +214,7 @@ def test_score_that_no_training_gave_is_found_in_a_published_sweep(
     assert "metrics.mse" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

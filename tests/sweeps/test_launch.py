@@ -141,6 +141,7 @@ def test_user_has_the_last_word_on_the_launcher() -> None:
     assert fitted(slurm, jobs=4, needed=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
 
 
+@pytest.mark.slow
 def test_view_that_fails_stops_the_other_jobs_and_is_raised(place: Path) -> None:
     """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
     directory = SweepDirectory(place / "all")

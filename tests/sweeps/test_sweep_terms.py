@@ -187,6 +187,7 @@ def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
     assert directory.read().terms.plan == PLAN
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("metric", "primary", "told"),
     [

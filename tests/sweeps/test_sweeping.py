@@ -165,6 +165,7 @@ def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
     assert folder([*SHARED, "search.candidates=3"], other) != name
 
 
+@pytest.mark.slow
 def test_finished_jobs_are_left_alone(place: Path) -> None:
     """The same command launches nothing, and touches no file of a job."""
     launched = Launched()

@@ -56,6 +56,7 @@ def test_file_is_not_a_directory_of_runs(tmp_path: Path, capsys: pytest.CaptureF
     assert "run.zip: Not a directory" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_damaged_run_is_named_and_the_others_are_written(
     tmp_path: Path, uri: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -81,6 +82,7 @@ def test_damaged_run_is_named_and_the_others_are_written(
     assert files_below(runs) == before
 
 
+@pytest.mark.slow
 def test_tracking_a_directory_twice_changes_nothing(tmp_path: Path, uri: str) -> None:
     """A sweep and a run beside it, begun and finished jobs: the second time finds all of it."""
     build_sweep(tmp_path / "runs" / "sweep", LINES)

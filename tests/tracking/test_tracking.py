@@ -101,6 +101,7 @@ def test_finished_search_carries_its_digest(tmp_path: Path, uri: str) -> None:
     assert contents(uri)["parent"][3]["tacevo.digest"] == digest
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("length", range(1, len(LINES)))
 def test_interrupted_search_is_completed(
     length: int, run_dir: Path, uri: str, tmp_path: Path, empty_store: Path

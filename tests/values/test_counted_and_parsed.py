@@ -25,6 +25,7 @@ def test_fitness_is_of_so_many_draws() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_threads_may_parse_at_once() -> None:
     """CPython 3.11 counts the depth of its parser for all threads, and fails where they switch within it."""
     source = "\n".join(f"def f{number}(x): return [x + {number}, (x,), {{x: [x]}}]" for number in range(200))

@@ -68,6 +68,7 @@ def _hidden_ticks(axes: Axes) -> list[Text]:
     return hidden
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", DRAWN)
 def test_drawn_twice_it_has_the_same_bytes(name: str) -> None:
     """Two drawings of the same records are one file."""
@@ -107,6 +108,7 @@ def test_text_of_an_svg_is_text() -> None:
     assert b">Architectural Diversity<" in render(network_map(RUN, CENTROIDS), ".svg")
 
 
+@pytest.mark.slow
 def test_drawing_leaves_no_state_behind() -> None:
     """Neither the global settings change nor does pyplot, which keeps every figure, ever come in."""
     before = dict(mpl.rcParams)

@@ -212,6 +212,7 @@ def test_endless_repetition_is_not_compared(kinds: int) -> None:
     assert kept_lines(text, f"{text}\n0") == ()
 
 
+@pytest.mark.slow
 def test_arms_are_those_of_the_tables(swept: Path) -> None:
     """A band lies between the quartiles, and every seed has an end."""
     found = collect_sweep(swept / "sweep", swept / "cache")

@@ -51,6 +51,7 @@ def policy_of(page: str) -> dict[str, str]:
     return dict(rule.split(" ", 1) for rule in policy.split("; "))
 
 
+@pytest.mark.slow
 def test_hostile_texts_add_no_element(shipped: PageContents, hostile: PageContents) -> None:
     """The elements and attributes of the page are those of the same page with harmless texts."""
     calm, attacked = Elements(as_html(shipped)), Elements(as_html(hostile))

@@ -40,6 +40,7 @@ def test_settings_compose_wherever_the_recording_lies(name: str) -> None:
     assert (config.data.root, config.data.image_size) == ("somewhere", 64)
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_tactip_poses_are_loaded(tmp_path: Path) -> None:
     """All rows arrive, with the labels of the table in their ranges and images that show something."""
