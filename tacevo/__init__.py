@@ -1,3 +1,68 @@
-"""TacEvo: architecture search for vision-based tactile sensors that can be replayed bit for bit."""
+"""TacEvo: architecture search for vision-based tactile sensors that can be replayed bit for bit.
+
+`tacevo.open` reads what was recorded; `tacevo.search`, `study`, `noise` and `publish` do what the commands of these
+names do. docs/python.md lists columns, units and shapes.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+#: The public names, each with its module, which is imported when the name is used: torch and pandas take seconds.
+_PLACES = {
+    "open": "api.opening",
+    "search": "api.actions",
+    "study": "api.actions",
+    "noise": "api.actions",
+    "publish": "api.actions",
+    "Run": "api.runs",
+    "Study": "api.studies",
+    "Sweep": "api.sweeps",
+    "Table": "api.tables",
+    "TacevoError": "errors",
+    "ConfigError": "errors",
+    "RunError": "errors",
+    "BundleError": "errors",
+    "DivergenceError": "errors",
+    "CacheMissError": "errors",
+}
+
+if TYPE_CHECKING:
+    from tacevo.api.actions import noise, publish, search, study
+    from tacevo.api.opening import open
+    from tacevo.api.runs import Run
+    from tacevo.api.studies import Study
+    from tacevo.api.sweeps import Sweep
+    from tacevo.api.tables import Table
+    from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError, TacevoError
+
+__all__ = [
+    "BundleError",
+    "CacheMissError",
+    "ConfigError",
+    "DivergenceError",
+    "Run",
+    "RunError",
+    "Study",
+    "Sweep",
+    "Table",
+    "TacevoError",
+    "noise",
+    "open",
+    "publish",
+    "search",
+    "study",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'tacevo' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"tacevo.{_PLACES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return [*__all__, "__version__"]

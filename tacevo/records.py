@@ -268,6 +268,11 @@ class Contract(Record):
     #: What the baseline's constructor calls the number of outputs, e.g. `num_classes`.
     output_argument: str
 
+    @property
+    def offered(self) -> dict[str, int]:
+        """The arguments that a constructor may take, by name."""
+        return {"in_channels": self.in_channels, self.output_argument: self.outputs}
+
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:
         """Read what `to_json` wrote."""

@@ -25,9 +25,11 @@ from analysis.report.sweep_collection import SweepCollection, collect_sweep, swe
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
 from analysis.sweeps.metrics import TESTS
+from tacevo.api.opening import run_in
+from tacevo.api.runs import Run
 from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DONE, RUN, Parser, as_typed, existing_store, output_directory, place_of_results
-from tacevo.cli.tables import Gathered, finish, gather, place_of, read_gathered, say, show, with_published
+from tacevo.cli.tables import finish, gather, place_of, remarks_on, say, show, status_of, with_published
 from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress
@@ -101,9 +103,9 @@ def _figures(options: argparse.Namespace) -> int:
     with _shown("figures", len(pictures)) as on_drawn:
         write_pictures(pictures, directory, endings, on_drawn)
     names, every = {picture.name for picture in pictures}, [f".{name}" for name in _FORMATS]
-    say([*remarks, *remove_outdated(directory, names, task=gathered.found.run.task, endings=every)])
+    say([*remarks, *remove_outdated(directory, names, task=gathered.collection.run.task, endings=every)])
     print(f"figures: {directory}")
-    return gathered.status
+    return status_of(gathered)
 
 
 def _report(options: argparse.Namespace) -> int:
@@ -112,21 +114,21 @@ def _report(options: argparse.Namespace) -> int:
     if source.parent.is_file():
         name = f"{source.parent.name}/{name}"
     with opened(source) as place:
-        gathered = [read_gathered(run, place, store) for run in place.runs]
+        gathered = [run_in(place, run, store) for run in place.runs]
         if place.jobs is None:
             page, missing = page_of_run(gathered[0], place, name)
         else:
             page, missing = page_of_sweep(gathered, place, name, store)
     write_durably(path, as_html(page))
-    say([*(remark for one in gathered if one.status for remark in one.remarks), *missing])
+    say([*(remark for one in gathered if status_of(one) for remark in remarks_on(one)), *missing])
     print(f"report: {path}")
-    return max(one.status for one in gathered)
+    return max(map(status_of, gathered))
 
 
 def _paper(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as open_bundles:
         gathered = [_for_paper(open_bundles.enter_context(gather(run, options.store))) for run in options.runs]
-        found = [one.found for one in gathered]
+        found = [one.collection for one in gathered]
         _check_names([one.run.name for one in found])
         check_alike([compared.study for one in found for compared in one.studies])
         directory = output_directory(options.output)
@@ -143,7 +145,7 @@ def _paper(options: argparse.Namespace) -> int:
     pdf = make_pdf(document, shutil.which)
     engines = " or ".join(command[0] for command, _ in ENGINES)
     print(f"PDF: {pdf}" if pdf else f"no PDF: install {engines}, and run the same command again")
-    return max(one.status for one in gathered)
+    return max(map(status_of, gathered))
 
 
 def _check_names(names: Sequence[str]) -> None:
@@ -155,20 +157,20 @@ def _check_names(names: Sequence[str]) -> None:
         )
 
 
-def _for_paper(gathered: Gathered) -> Gathered:
+def _for_paper(gathered: Run) -> Run:
     """Keep one study of a run on each data set, and print which are passed over."""
-    chosen = with_largest_studies(gathered.found)
+    chosen = gathered.collection = with_largest_studies(gathered.collection)
     say(
         f"passed over: {compared.name}; the paper takes the run's largest study on each data set"
         for compared in chosen.passed_over
     )
-    return replace(gathered, found=chosen)
+    return gathered
 
 
-def _chapter(gathered: Gathered, directory: Path) -> Chapter:
+def _chapter(gathered: Run, directory: Path) -> Chapter:
     """Write the tables and figures of a run into a directory."""
-    name = gathered.found.run.name
-    tables, missing = gathered.tables()
+    name = gathered.collection.run.name
+    tables, missing = gathered.all_tables()
     pictures, undrawn = _pictures(gathered)
     with _shown(name, len(pictures)) as on_drawn:
         chapter = write_chapter(name, tables, pictures, directory, on_drawn)
@@ -176,10 +178,10 @@ def _chapter(gathered: Gathered, directory: Path) -> Chapter:
     return chapter
 
 
-def _pictures(gathered: Gathered) -> tuple[list[Picture], list[str]]:
+def _pictures(gathered: Run) -> tuple[list[Picture], list[str]]:
     """List the pictures of a run, sample images first; or the reason why they are missing."""
-    run = gathered.found.run
-    pictures, missing = list(pictures_of(gathered.found)), list(undrawn(run))
+    run = gathered.collection.run
+    pictures, missing = list(pictures_of(gathered.collection)), list(undrawn(run))
     try:
         figure = samples_of_run(run.path, gathered.store, Console(stderr=True))
     except (ConfigError, DataError) as error:
@@ -220,7 +222,7 @@ def _collected_sweep(path: Path, store: Path | None, reference: str | None) -> S
         return collect_sweep(published.folder, store or published.store, reference)
 
 
-def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageContents, list[str]]:
+def page_of_run(gathered: Run, place: Opened, name: str) -> tuple[PageContents, list[str]]:
     """Return all that the page of a run shows, and what is missing of it.
 
     Args:
@@ -229,16 +231,14 @@ def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageConte
         name: what the user calls it.
     """
     shown, missing = _material(gathered, place, name)
-    samples, unseen = _samples_of(gathered.found.run.path, gathered.store)
+    samples, unseen = _samples_of(gathered.collection.run.path, gathered.store)
     absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
     shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
     page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
     return page, [*missing, *unseen]
 
 
-def page_of_sweep(
-    runs: Sequence[Gathered], place: Opened, name: str, store: str | None
-) -> tuple[PageContents, list[str]]:
+def page_of_sweep(runs: Sequence[Run], place: Opened, name: str, store: str | None) -> tuple[PageContents, list[str]]:
     """Return all that the page of a sweep shows, and what is missing: of a run, or why its arms are not compared.
 
     Args:
@@ -250,7 +250,7 @@ def page_of_sweep(
     materials, missing = zip(*(_material(one, place, name) for one in runs), strict=True)
     sweep, state = None, ""
     try:
-        known = {one.found.run.path.name: one.found.run for one in runs}
+        known = {one.collection.run.path.name: one.collection.run for one in runs}
         found = collect_sweep(place.folder, place.store if store is None else Path(store), known=known)
         sweep = sweep_contents(found)
     except IncomparableError as error:
@@ -263,18 +263,18 @@ def page_of_sweep(
         checked=_checked(place, name),
         commands=replay_commands(name),
     )
-    of_runs = [f"{one.found.run.name}: {lack}" for one, lacks in zip(runs, missing, strict=True) for lack in lacks]
+    of_runs = [f"{one.name}: {lack}" for one, lacks in zip(runs, missing, strict=True) for lack in lacks]
     return page, [*of_runs, *([state] if state else [])]
 
 
-def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
+def _material(gathered: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
     """Return what the page of a run is made from, and which tables are missing.
 
     Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
     """
-    found = gathered.found
-    tables, missing = gathered.tables()
-    remarks = [*gathered.remarks, *missing]
+    found = gathered.collection
+    tables, missing = gathered.all_tables()
+    remarks = [*remarks_on(gathered), *missing]
     for path, word in ((str(place.folder), name), (gathered.store or str(place.store), "its stores")):
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]

@@ -4,10 +4,10 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from tacevo.api.pages import pages
 from tacevo.bundles.pages import Terms
 from tacevo.bundles.publish import publish
 from tacevo.cli.common import DONE, Parser
-from tacevo.cli.tables import pages
 from tacevo.runs.progress import Progress
 from tacevo.text import counted, listed
 

@@ -4,15 +4,15 @@ import argparse
 import secrets
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
+from tacevo.api.replaying import replay, verified_bundle
 from tacevo.bundles.open import Opened, check_walls, opened
-from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, rerun_published, verify
+from tacevo.bundles.verify import Rerun, Verified, rerun_published
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, RUN, Parser, existing_store, whole_number
 from tacevo.costs import in_words, total
 from tacevo.reproduce import compare
-from tacevo.reproduce.replay import replay
+from tacevo.reproduce.replay import replay as replay_search
 from tacevo.reproduce.retrain import describe, retrain
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
@@ -70,26 +70,15 @@ def _replay(options: argparse.Namespace) -> int:
         if options.retrain is not None:
             check_walls(found)
         beside: list[str] = []
-        if found.digest is None:
-            store = existing_store(options.store)
-            runs = rerun_all(found, lambda run: rerun(found.read(run, store), view), view)
-        elif found.root is None:
-            runs = (rerun_published(found, found.folder, view),)
-        else:  # its --store is for the images of --retrain, and need not exist yet
-            verified = _verified(found, view)
-            runs = verified.runs
-            beside = [_in_bundle(verified), f"bundle digest: {found.digest}"]
+        # The --store of a published run is for the images of --retrain, and need not exist yet.
+        done = replay(found, None if found.digest else existing_store(options.store), view)
+        runs = done.runs
+        if done.verified is not None:
+            beside = [_in_bundle(done.verified), f"bundle digest: {found.digest}"]
         trained = [] if options.retrain is None else [_retrain(runs, options, view)]
     for text in [*_told(found, runs), *beside, *trained, f"digest: {_digest(found, runs)}"]:
         print(printable(text))
     return DONE
-
-
-def _verified(bundle: Opened, view: Progress) -> Verified:
-    """Verify a bundle with the tables of the analysis."""
-    from tacevo.cli.tables import table_files  # what draws and computes takes two seconds to import
-
-    return verify(bundle, partial(table_files, say=view.say), view)
 
 
 def _in_bundle(verified: Verified) -> str:
@@ -196,10 +185,10 @@ def _continue(options: argparse.Namespace) -> int:
 def _checked(published: Opened, view: Progress) -> set[Path]:
     """Replay a run, and of a bundle verify all of it; return the store entries that it needs."""
     if published.root is not None:
-        _verified(published, view)
+        verified_bundle(published, view)
         return set(published.store.rglob("*.json"))
     read: set[Path] = set()
     if published.digest is not None:  # compares its studies, too, whose entries a search does not need
         rerun_published(published, published.folder, view)
-    replay(published.read(published.folder), view, seen=read.add)
+    replay_search(published.read(published.folder), view, seen=read.add)
     return read

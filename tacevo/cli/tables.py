@@ -9,68 +9,25 @@ import contextlib
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from analysis.report.collection import Collection, collection_of, compared_studies, read_studies, tables_of
-from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated, write_tables
 from analysis.rounding import shown
-from analysis.runs.run import Run, finished_run, load_run
+from analysis.runs.run import Run as Record
+from analysis.runs.run import load_run
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
-from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns, table_texts
-from tacevo.bundles.open import Opened, opened
-from tacevo.bundles.verify import Rerun
+from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns
+from tacevo.api.opening import ONE_RUN, open_run
+from tacevo.api.runs import Run
+from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, RUN, Parser, existing_store, output_directory, place_of_results
-from tacevo.config.recorded import RecordedRun
-from tacevo.errors import CacheMissError, ConfigError, IncomparableError, RunError
-from tacevo.runs.profiles import recall_profiles
-from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.errors import ConfigError
 from tacevo.text import as_override, printable
-
-#: The remedy where one run is needed and a sweep was named.
-_ONE = "compare its arms by `tacevo ablations`, or name one of its jobs, SWEEP/JOB"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gathered:
-    """A run with its studies, from a directory or a bundle."""
-
-    recorded: RecordedRun
-    found: Collection
-    #: The directory of the stores that it is read with; None for the run's own.
-    store: str | None
-    is_bundle: bool
-
-    @property
-    def remarks(self) -> list[str]:
-        """The settings that were not sent, the studies that were left out, and how to make a first one."""
-        remarks = [*self.found.run.not_sent.values(), *(f"left out: {reason}" for reason in self.found.left_out)]
-        remarks += self.found.remarks
-        if not self.found.studies and not self.found.left_out:
-            run = shlex.quote(as_override("run", str(self.found.run.path)))
-            make = f"`tacevo study {run}` makes one, with its tables and figures"
-            remarks.append(
-                "no study: it was published without one" if self.is_bundle else f"no finished study yet: {make}"
-            )
-        return remarks
-
-    @property
-    def status(self) -> int:
-        """The exit status: a study that was left out is a failed check."""
-        return DIFFERENT if self.found.left_out else DONE
-
-    def tables(self) -> tuple[tuple[Table, ...], list[str]]:
-        """Return its tables, and why there are none of motifs: a probe is missing, or a network was edited."""
-        try:
-            return tables_of(self.found, recall_profiles(self.recorded)), []
-        except (CacheMissError, RunError) as error:
-            return tables_of(self.found, None), [f"no tables of motifs: {error}"]
 
 
 def add_tables(parser: Parser) -> None:
@@ -107,14 +64,15 @@ def _tables(options: argparse.Namespace) -> int:
             expected="the directory or bundle of a run, or --paper for the paper's tables",
         )
     place = place_of(options, "tables")
-    with gather(options.run, options.store) as gathered:
+    with gather(options.run, options.store) as run:
         directory = output_directory(place)
-        tables, remarks = gathered.tables()
+        tables, remarks = run.all_tables()
+        task, status = run.collection.run.task, status_of(run)
     show(tables, directory)
     names = {table.name for table in tables}
-    say([*remarks, *remove_outdated(directory, names, task=gathered.found.run.task, endings=WRITERS)])
+    say([*remarks, *remove_outdated(directory, names, task=task, endings=WRITERS)])
     print(f"tables: {directory}")
-    return gathered.status
+    return status
 
 
 def _paper_tables(options: argparse.Namespace) -> int:
@@ -123,7 +81,7 @@ def _paper_tables(options: argparse.Namespace) -> int:
         tables = with_published([])
     else:
         with opened(Path(options.run)) as place:
-            tables = with_published([load_run(place.one_run(_ONE))])
+            tables = with_published([load_run(place.one_run(ONE_RUN))])
     directory = None if options.output is None else output_directory(options.output)
     show(tables, directory)
     if directory is not None:
@@ -132,23 +90,28 @@ def _paper_tables(options: argparse.Namespace) -> int:
 
 
 @contextlib.contextmanager
-def gather(run: str, store: str | None) -> Iterator[Gathered]:
-    """Read a run and its studies from a directory or a bundle, and print what is missing."""
-    named = existing_store(store)
-    with opened(Path(run)) as place:
-        gathered = read_gathered(place.one_run(_ONE), place, named)
-        say(gathered.remarks)
-        yield gathered
+def gather(name: str, store: str | None) -> Iterator[Run]:
+    """Open a run, and print what is missing of its studies."""
+    with open_run(name, store=existing_store(store)) as run:
+        say(remarks_on(run))
+        yield run
 
 
-def read_gathered(run: Path, place: Opened, store: str | None) -> Gathered:
-    """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
-    is_bundle = place.digest is not None
-    used = str(place.store) if is_bundle and store is None else store
-    recorded, root = place.read(run, used), None if used is None else Path(used)
-    shown = _shown(recorded)
-    found = collection_of(shown, read_studies(shown, root), root)
-    return Gathered(recorded=recorded, found=found, store=used, is_bundle=is_bundle)
+def remarks_on(run: Run) -> list[str]:
+    """List the settings that were not sent, the studies that were left out, and how to make a first one."""
+    found = run.collection
+    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.left_out), *found.remarks]
+    if not found.studies and not found.left_out:
+        named = shlex.quote(as_override("run", str(run.path)))
+        make = f"`tacevo study {named}` makes one, with its tables and figures"
+        is_bundle = run.place.digest is not None
+        remarks.append("no study: it was published without one" if is_bundle else f"no finished study yet: {make}")
+    return remarks
+
+
+def status_of(run: Run) -> int:
+    """Return the exit status: a study that was left out is a failed check."""
+    return DIFFERENT if run.collection.left_out else DONE
 
 
 def place_of(options: argparse.Namespace, name: str) -> Path:
@@ -179,7 +142,7 @@ def print_table(table: Table, console: Console) -> None:
     console.print(grid, "", *(Text(printable(note)) for note in table.notes), "", sep="\n")
 
 
-def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:
+def with_published(runs: Sequence[Record]) -> tuple[Table, ...]:
     """Return the paper's own tables, and with runs the table that compares them."""
     return (*published_tables(), beside_published(runs)) if runs else published_tables()
 
@@ -188,62 +151,3 @@ def say(remarks: Iterable[str]) -> None:
     """Print remarks on standard error."""
     for remark in remarks:
         print(remark, file=sys.stderr)
-
-
-def table_files(directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]) -> dict[str, bytes]:
-    """Make every table of a run or a sweep from its records and recorded probes; return contents by file name.
-
-    `say` is called with the reason if a sweep has no tables of its arms.
-    """
-    if SweepDirectory(directory).is_one:
-        return _of_sweep(directory, runs, say)[0]
-    (done,) = runs
-    return _files(tables_of(_collected(done), recall_profiles(done.run)))
-
-
-def pages(
-    directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
-) -> tuple[dict[str, bytes], dict[str, bytes]]:
-    """Make every table, as `table_files`, and every figure that follows from the records; return contents by name."""
-    from analysis.figures.style import render  # Matplotlib takes a second to import, and a replay draws nothing
-    from analysis.report.figure_list import pictures_of, sweep_pictures
-
-    if SweepDirectory(directory).is_one:
-        tables, swept = _of_sweep(directory, runs, say)
-        pictures = () if swept is None else sweep_pictures(swept)
-    else:
-        (done,) = runs
-        found = _collected(done)
-        tables = _files(tables_of(found, recall_profiles(done.run)))
-        pictures = pictures_of(found)
-    return tables, {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
-
-
-def _shown(run: RecordedRun) -> Run:
-    """Return a run as the analysis sees it."""
-    return finished_run(run.directory, run.record, run.ledger)
-
-
-def _collected(done: Rerun) -> Collection:
-    """Gather a run that was run again, with its studies."""
-    run, store = _shown(done.run), Path(done.run.config.store.root)
-    return collection_of(run, compared_studies(run, done.studies.values(), store), store)
-
-
-def _of_sweep(
-    directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
-) -> tuple[dict[str, bytes], SweepCollection | None]:
-    """Make the tables of a sweep, and read what its figures show; without a fair comparison there are none of arms."""
-    shown = [_shown(done.run) for done in runs]
-    beside, known = beside_published(shown), {run.path.name: run for run in shown}
-    try:
-        found = collect_sweep(directory, Path(runs[0].run.config.store.root), known=known)
-    except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
-        reason = str(error).replace(str(directory), "the sweep")  # which may lie in a private directory
-        say(f"no table or figure compares the arms: {reason}")
-        return _files([beside]), None
-    return _files([beside, *sweep_tables(found)]), found
-
-
-def _files(tables: Iterable[Table]) -> dict[str, bytes]:
-    return {name: text.encode() for table in tables for name, text in table_texts(table).items()}

@@ -3,11 +3,13 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from types import ModuleType
 from typing import Any
 
 from tacevo.sandbox.kernel import end_with
@@ -41,9 +43,11 @@ def mapper(workers: int, pictures: int) -> Iterator[Callable[..., Iterator[Any]]
         resource_tracker.ensure_running()  # else the pool would start it, which unblocks the signal again
         with _interrupted_later():
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # workers inherit it: Ctrl-C is ours alone
-            try:
+            program, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+            try:  # a worker would import the program that started it, which need not have a `__name__ == "__main__"`
                 return pool.map(*arguments)  # starts the workers
             finally:
+                sys.modules["__main__"] = program
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     try:

@@ -105,9 +105,8 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     made = module.__dict__.get(contract.class_name)
     if not (isinstance(made, type) and issubclass(made, nn.Module)):
         raise TypeError(f"expected a class {contract.class_name} that extends nn.Module; got {type(made).__name__}")
-    offered = {"in_channels": contract.in_channels, contract.output_argument: contract.outputs}
     parameters = inspect.signature(made).parameters
-    network: nn.Module = made(**{name: value for name, value in offered.items() if name in parameters})
+    network: nn.Module = made(**{name: value for name, value in contract.offered.items() if name in parameters})
     if not issubclass(type(network), nn.Module):
         raise TypeError(f"expected {contract.class_name}() to be an nn.Module; got {type(network).__name__}")
     return network

@@ -1,0 +1,1 @@
+"""Runs, studies and sweeps from Python; the commands print what is made here."""

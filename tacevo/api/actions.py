@@ -1,0 +1,153 @@
+"""What trains, asks a model or writes: the same as the commands of these names, with their progress."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tacevo.api.opening import open_run
+from tacevo.api.pages import pages
+from tacevo.api.runs import Run, progress
+from tacevo.api.studies import Study
+from tacevo.bundles.pages import Terms
+from tacevo.bundles.publish import publish as publish_bundle
+from tacevo.config.compose import compose, compose_noise, compose_study
+from tacevo.errors import ConfigError, RunError
+from tacevo.runs.providers import check_temperature
+from tacevo.runs.session import search as run_search
+from tacevo.studies.study import Studied, estimate_noise
+from tacevo.studies.study import study as run_study
+from tacevo.text import as_override, counted
+
+
+def search(*overrides: str, quiet: bool = False) -> Run:
+    """Run a search, or continue one that was stopped; the same call repeats a finished one in seconds.
+
+    Args:
+        overrides: as of `tacevo search`: `GROUP=CHOICE` or `KEY=VALUE`, such as `"experiment=demo", "seed=1"`.
+        quiet: whether to show no progress on standard error.
+
+    Raises:
+        ConfigError: an override is wrong, or settings do not go together.
+        LLMError: the model gave no answers; what was answered is kept.
+        RunError: another run lies in `run.dir`.
+        KeyboardInterrupt: it was stopped; what was computed is kept, and the same call continues.
+    """
+    config = compose(overrides)
+    check_temperature([override for override in overrides if override.startswith("ablation=")], config)
+    with progress(quiet) as view:
+        done = run_search(config, view)
+    return open_run(done.directory)
+
+
+def study(run: Run | str | os.PathLike[str], *data: str, quiet: bool = False, **settings: Any) -> Study:
+    """Train a run's best networks and the baseline fully, with several seeds each, and test them.
+
+    Args:
+        run: a finished run in a directory.
+        data: settings of other data to study them on, such as `"data.split_seed=7"`.
+        quiet: whether to show no progress on standard error.
+        settings: as of `tacevo study`, such as `elites=2, seeds=5, epochs=40`.
+
+    Raises:
+        ConfigError: a setting is wrong; or the run is a bundle, which nothing is written into.
+        RunError: the run is not finished; or trainings of the study failed.
+    """
+    given = compose_study(_settings(settings))
+    with progress(quiet) as view:
+        done = run_study(replace(given, run=str(_directory(run))), view, data)
+    return _study_of(done, given.store.root)
+
+
+def noise(run: Run | str | os.PathLike[str], *, quiet: bool = False, **settings: Any) -> Study:
+    """Train a run's elites again as its search did, with other seeds, to see how much of each fitness was luck.
+
+    Args:
+        run: a finished run in a directory.
+        quiet: whether to show no progress on standard error.
+        settings: as of `tacevo noise`, such as `elites=2, seeds=12`.
+
+    Returns:
+        The noise run, whose `reestimates` are the fitnesses under the other seeds.
+
+    Raises:
+        ConfigError: as `study`.
+        RunError: as `study`.
+    """
+    given = compose_noise(_settings(settings))
+    with progress(quiet) as view:
+        done = estimate_noise(replace(given, run=str(_directory(run))), view)
+    return _study_of(done, given.store.root)
+
+
+def publish(
+    run: Run | str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    authors: Sequence[str] = (),
+    licence: str = "CC-BY-4.0",
+    date: str = "",
+    quiet: bool = False,
+) -> str:
+    """Replay a finished run or a sweep with its studies, and write all that belongs to it into one file.
+
+    Args:
+        run: the run, or the directory of a run or a sweep.
+        target: the file to write, such as `mine.zip`; one that stands there is replaced.
+        authors: of the publication; none is `anonymous`.
+        licence: of what is published, an SPDX identifier.
+        date: of publication, YYYY-MM-DD; the day on which the run ended if empty.
+        quiet: whether to show no progress on standard error.
+
+    Returns:
+        The digest of the bundle.
+
+    Raises:
+        DivergenceError: the run is not what its stores give.
+        RunError: it is not finished.
+    """
+    terms = Terms(licence=licence, authors=tuple(authors), published=date)
+    with progress(quiet) as view:
+        done = publish_bundle(
+            _directory(run),
+            Path(target),
+            terms=terms,
+            make_pages=partial(pages, say=view.say),
+            view=view,
+            studies=(),
+            store=None,
+        )
+    return done.digest
+
+
+def _settings(settings: dict[str, Any]) -> list[str]:
+    """Write keyword arguments as overrides; the run is named afterwards, since its path may be any text."""
+    return ["run=RUN", *(as_override(name, str(value)) for name, value in settings.items())]
+
+
+def _directory(run: Run | str | os.PathLike[str]) -> Path:
+    """Return the directory of a run; nothing is written into a bundle."""
+    if not isinstance(run, Run):
+        return Path(run)
+    if run.place.digest is not None:
+        raise ConfigError(
+            "a published run", place=run.name, expected="a run in a directory", remedy="`tacevo continue` makes one"
+        )
+    return run.path
+
+
+def _study_of(done: Studied, store: str | None) -> Study:
+    """Return a study that was just finished."""
+    if done.failed:
+        raise RunError(
+            f"{counted(len(done.failed), 'training')} that failed: {done.failed[0]}",
+            place=str(done.directory),
+            expected="a training of every network with every seed",
+            remedy="raise seconds= or memory_mib=, or lower elites=",
+        )
+    run = open_run(done.directory.parents[1], store=store)
+    return next(study for study in run.studies if study.name == done.directory.name)

@@ -1,0 +1,178 @@
+"""Rows as DataFrames, with the columns and dtypes that docs/python.md lists.
+
+A missing value is missing: NaN in `float64`, NA in `Int64`, `boolean` and `string`, None in `object`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: The dtype of each column, in order.
+Columns = Mapping[str, str]
+
+CANDIDATES: Columns = {
+    "id": "string",
+    "generation": "Int64",
+    "slot": "Int64",
+    "operator": "string",
+    "parents": "object",
+    "instruction": "string",
+    "temperature": "float64",
+    "outcome": "string",
+    "stage": "string",
+    "reason": "string",
+    "repairs": "Int64",
+    "fitness": "float64",
+    "recorded_fitness": "float64",
+    "parameters": "Int64",
+    "flops": "Int64",
+    "learnt_outside": "Int64",
+    "extra_flops": "Int64",
+    "entropy": "float64",
+    "variation": "float64",
+    "density": "float64",
+    "arch_div": "float64",
+    "eff_ratio": "float64",
+    "niche": "Int64",
+    "is_elite": "boolean",
+    "curiosity": "float64",
+    "usd": "float64",
+    "cpu_seconds": "float64",
+    "source": "string",
+}
+
+GENERATIONS: Columns = {
+    "generation": "Int64",
+    "temperature": "float64",
+    "next_temperature": "float64",
+    "candidates": "Int64",
+    "trained": "Int64",
+    "repaired": "Int64",
+    "reevaluated": "Int64",
+    "best": "float64",
+    "generation_best": "float64",
+    "generation_median": "float64",
+    "coverage": "float64",
+    "qd_score": "float64",
+    "prompt_coverage": "float64",
+}
+
+ELITES: Columns = {
+    "niche": "Int64",
+    "id": "string",
+    "fitness": "float64",
+    "parameters": "Int64",
+    "flops": "Int64",
+    "arch_div": "float64",
+    "eff_ratio": "float64",
+    "centroid": "object",
+}
+
+PROMPTS: Columns = {
+    "niche": "Int64",
+    "id": "string",
+    "instruction": "string",
+    "temperature": "float64",
+    "inserted": "boolean",
+    "curiosity": "float64",
+    "centroid": "object",
+}
+
+NETWORKS: Columns = {
+    "network": "string",
+    "id": "string",
+    "fitness": "float64",
+    "parameters": "Int64",
+    "flops": "Int64",
+    "source": "string",
+}
+
+#: Of a study's scores, before a column for each metric.
+SCORES: Columns = {
+    "network": "string",
+    "id": "string",
+    "seed": "Int64",
+    "epoch": "Int64",
+    "validation_loss": "float64",
+    "failed": "string",
+}
+
+VERDICTS: Columns = {
+    "network": "string",
+    "id": "string",
+    "metric": "string",
+    "median": "float64",
+    "baseline_median": "float64",
+    "u": "float64",
+    "p": "float64",
+    "p_holm": "float64",
+    "a12": "float64",
+    "a12_low": "float64",
+    "a12_high": "float64",
+    "difference": "float64",
+    "difference_low": "float64",
+    "difference_high": "float64",
+    "margin": "float64",
+    "p_equivalence": "float64",
+    "p_equivalence_holm": "float64",
+    "verdict": "string",
+    "cautions": "object",
+}
+
+REESTIMATES: Columns = {
+    "network": "string",
+    "id": "string",
+    "recorded": "float64",
+    "seed": "Int64",
+    "fitness": "float64",
+}
+
+#: Of a sweep's jobs, before a column for each metric.
+JOBS: Columns = {
+    "job": "string",
+    "arm": "string",
+    "seed": "Int64",
+    "state": "string",
+    "reason": "string",
+    "digest": "string",
+}
+
+CONTRASTS: Columns = {
+    "arm": "string",
+    "jobs": "Int64",
+    "median": "float64",
+    "low": "float64",
+    "high": "float64",
+    "comparability": "string",
+    "u": "float64",
+    "p": "float64",
+    "p_holm": "float64",
+    "a12": "float64",
+    "a12_low": "float64",
+    "a12_high": "float64",
+    "difference": "float64",
+    "difference_low": "float64",
+    "difference_high": "float64",
+    "better": "Int64",
+    "equal": "Int64",
+    "worse": "Int64",
+    "cautions": "object",
+}
+
+
+def frame(rows: Iterable[Mapping[str, Any]], columns: Columns, *, index: str | None = None) -> pd.DataFrame:
+    """Return a DataFrame of these columns and dtypes, also where there are no rows; a key that a row lacks is missing.
+
+    The index is a column of that name, or else counts the rows.
+    """
+    import pandas as pd  # takes half a second, which no command that prints no frame pays
+
+    rows = list(rows)
+    made = pd.DataFrame(
+        {name: pd.Series([row.get(name) for row in rows], dtype=dtype) for name, dtype in columns.items()}
+    )
+    return made if index is None else made.set_index(index)

@@ -1,0 +1,277 @@
+"""A finished run: its candidates, elites, networks, studies, tables and figures."""
+
+from __future__ import annotations
+
+import contextlib
+import html
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+from analysis.report.collection import Collection, collection_of, read_studies, tables_of
+from analysis.runs.run import Run as Record
+from analysis.runs.run import finished_run
+from analysis.table import Table as Rows
+from tacevo.api import frames, network
+from tacevo.api.replaying import replay
+from tacevo.api.studies import Study
+from tacevo.api.tables import Named, Table, short_names
+from tacevo.bundles.open import Opened
+from tacevo.config.recorded import RecordedRun
+from tacevo.config.schema import RunConfig
+from tacevo.errors import CacheMissError, ConfigError, RunError
+from tacevo.runs.profiles import recall_profiles
+from tacevo.runs.progress import Progress
+from tacevo.search.lines import CandidateLine
+from tacevo.studies.directory import FinishedStudy, studies_of
+from tacevo.text import nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+    from torch import nn
+
+T = TypeVar("T")
+
+Draw = Callable[[], "Figure"]
+
+
+class Run:
+    """A finished run, whose ledger, archives and digest were compared with each other when it was opened.
+
+    It is a context manager; without `with`, a bundle is closed when the last reference to it goes.
+    """
+
+    def __init__(self, place: Opened, recorded: RecordedRun, store: str | None, release: contextlib.ExitStack) -> None:
+        self._release = release
+        #: Where it lies: a directory, a bundle or a job of one.
+        self.place = place
+        #: As records: run.json, the ledger, settings for this machine.
+        self.recorded = recorded
+        #: The directory of the stores that it is read with; None for the run's own.
+        self.store = store
+        self._run: Record = finished_run(recorded.directory, recorded.record, recorded.ledger)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the files of a bundle; a run is not read any more afterwards."""
+        self._release.close()
+
+    @property
+    def path(self) -> Path:
+        """Its directory."""
+        return self._run.path
+
+    @property
+    def name(self) -> str:
+        """Of its directory."""
+        return self._run.name
+
+    @property
+    def digest(self) -> str:
+        """The last hash of its ledger, which stands for every decision of the search; 64 hexadecimal digits."""
+        return self._run.digest
+
+    @property
+    def config(self) -> RunConfig:
+        """Its settings as they were recorded, such as `run.config.search.generations`."""
+        return self._run.config
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Of Python and the packages that made it, by name."""
+        return self._run.versions
+
+    @property
+    def candidates(self) -> pd.DataFrame:
+        """A row a candidate in the order of the ledger, by id; columns: docs/python.md."""
+        known, elites = self._run.fitness, {elite.id for elite in self._run.elites}
+        rows = (self._candidate(line, known, elites) for line in self._run.candidates)
+        return frames.frame(rows, frames.CANDIDATES, index="id")
+
+    @property
+    def generations(self) -> pd.DataFrame:
+        """A row a generation, from 0 (the baseline and the initial networks); columns: docs/python.md."""
+        return frames.frame(map(asdict, self._run.generations), frames.GENERATIONS, index="generation")
+
+    @property
+    def elites(self) -> pd.DataFrame:
+        """The network archive by niche, the best fitness first; columns: docs/python.md."""
+        lines = {line.id: line for line in self._run.candidates}
+        rows = ({**asdict(lines[elite.id]), **asdict(elite)} for elite in self._run.ranked())
+        return frames.frame(rows, frames.ELITES, index="niche")
+
+    @property
+    def prompts(self) -> pd.DataFrame:
+        """The prompt archive by niche; without rows where the search kept none; columns: docs/python.md."""
+        return frames.frame(map(asdict, self._run.prompt_trials), frames.PROMPTS, index="niche")
+
+    def source(self, candidate: str) -> str:
+        """Return the source of an admitted candidate, with the imports that the sandbox gave it: it runs as a file.
+
+        Raises:
+            ConfigError: the run has no such candidate, or the gate rejected it.
+            RunError: the file is not what the ledger has the hash of.
+        """
+        return network.with_imports(self._read_source(candidate))
+
+    def network(self, candidate: str, *, trust: bool = False) -> nn.Module:
+        """Build a candidate's network in this process, with fresh weights that follow from `torch.manual_seed`.
+
+        It maps float32 images `(N, channels, size, size)` to float32 `(N, outputs)`.
+
+        Args:
+            candidate: its id.
+            trust: that you have read its source: a model wrote it, and no sandbox confines it here.
+
+        Raises:
+            ConfigError: without `trust=True`; or as `source`.
+            RunError: as `source`.
+        """
+        if not trust:
+            raise ConfigError(
+                "trust=False",
+                place=f"network({candidate!r})",
+                expected="trust=True: the code of the candidate runs in this process, where nothing confines it",
+                remedy=f"read run.source({candidate!r}) first",
+            )
+        source = self._read_source(candidate)
+        return network.build(source, f"candidate_{candidate}", self.recorded.record.task.contract)
+
+    @cached_property
+    def studies(self) -> tuple[Study, ...]:
+        """Its finished studies and noise runs that are whole: those on the run's own data first, then by name."""
+        found = self.collection
+        compared = {one.name: one for one in found.studies}
+        again = {one.name: one for one in found.reestimates}
+        known = [one for one in self._finished() if one.path.name in compared.keys() | again.keys()]
+        return tuple(
+            Study(one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
+            for one in sorted(known, key=lambda one: (bool(one.record.other_data), one.path.name))
+        )
+
+    @cached_property
+    def tables(self) -> Mapping[str, Table]:
+        """Every table of `tacevo tables` by name: `gate`, `prompts`; of a study `verdicts`, `STUDY/verdicts`."""
+        return self._named({table.name: Table(table) for table in self.all_tables()[0]}, "run.tables")
+
+    @cached_property
+    def figures(self) -> Mapping[str, Draw]:
+        """Every figure of `tacevo figures` by name, as `fitness`; each is a function that draws one."""
+        from analysis.report.figure_list import pictures_of  # Matplotlib takes a second to import
+
+        return self._named({picture.name: picture.draw for picture in pictures_of(self.collection)}, "run.figures")
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Why studies of the run, or their comparisons or re-estimates, are not shown, a sentence each."""
+        return (*self.collection.left_out, *self.collection.remarks)
+
+    def replay(self, *, quiet: bool = False) -> str:
+        """Run the search and its studies again from their stores, without model or training; compare every line.
+
+        Of a bundle, everything that its records give is compared: tables, summary, the use of every store entry.
+
+        Returns:
+            The digest.
+
+        Raises:
+            DivergenceError: the first difference.
+            CacheMissError: a store lacks an answer.
+            BundleError: the records of a bundle do not suit each other.
+        """
+        with progress(quiet) as view:
+            return replay(self.place, self.store, view).runs[0].replayed.digest
+
+    def all_tables(self) -> tuple[tuple[Rows, ...], list[str]]:
+        """Return its tables under the names of their files; and why there are none of motifs, if there are none."""
+        try:
+            return tables_of(self.collection, recall_profiles(self.recorded)), []
+        except (CacheMissError, RunError) as error:
+            return tables_of(self.collection, None), [f"no tables of motifs: {error}"]
+
+    def __repr__(self) -> str:
+        return f"<run {self.name}: {self._run.task}, {len(self._run.candidates)} candidates, digest {self.digest[:12]}>"
+
+    def _repr_html_(self) -> str:
+        facts = {
+            "task": self._run.task,
+            "answers by": self._run.model,
+            "candidates": f"{len(self._run.candidates)}, {len(self._run.trained)} trained",
+            "elites": f"{len(self._run.elites)} of {self._run.places}",
+            "digest": self.digest,
+        }
+        rows = "".join(f"<tr><th>{name}</th><td>{html.escape(str(value))}</td></tr>" for name, value in facts.items())
+        return f"<p>run {html.escape(self.name)}</p><table>{rows}</table>{self.elites.head(10).to_html(na_rep='')}"
+
+    @cached_property
+    def collection(self) -> Collection:
+        """As records: the run with its studies and what their test images say."""
+        root = None if self.store is None else Path(self.store)
+        return collection_of(self._run, read_studies(self._run, root), root)
+
+    def _finished(self) -> Iterator[FinishedStudy]:
+        for directory in studies_of(self._run.path):
+            with contextlib.suppress(RunError):  # `left_out` says why
+                yield directory.read_finished()
+
+    def _named(self, values: Mapping[str, T], what: str) -> Named[T]:
+        return Named(short_names(values, self._run.task, tuple(study.name for study in self.studies)), what)
+
+    def _pages_of(self, study: str) -> tuple[Mapping[str, Table], Mapping[str, Draw]]:
+        return _below(study, self.tables, "study.tables"), _below(study, self.figures, "study.figures")
+
+    def _read_source(self, candidate: str) -> str:
+        sources = {line.id: line.source for line in self._run.candidates if line.source is not None}
+        if candidate not in sources:
+            is_there = any(line.id == candidate for line in self._run.candidates)
+            raise ConfigError(
+                f"{candidate!r}, which the gate rejected" if is_there else repr(candidate),
+                place="candidate",
+                expected=f"the id of an admitted candidate of {self.name}",
+                remedy=nearest(candidate, sources, "run.candidates has all"),
+            )
+        return self.recorded.directory.read_source(candidate, str(sources[candidate]))
+
+    def _candidate(self, line: CandidateLine, known: Mapping[str, float], elites: set[str]) -> dict[str, Any]:
+        spent = self._run.spent.get(line.id)
+        return {
+            **asdict(line),
+            "instruction": None if line.prompt is None else self._run.instructions[line.prompt],
+            "temperature": line.sent_temperature,
+            "outcome": _outcome(line),
+            "repairs": len(line.repairs),
+            "fitness": known.get(line.id),
+            "recorded_fitness": line.fitness,
+            "is_elite": line.id in elites,
+            "usd": None if spent is None or spent.unpriced else spent.usd,
+            "cpu_seconds": self._run.cpu_seconds.get(line.id),
+        }
+
+
+def _below(study: str, named: Mapping[str, T], what: str) -> Named[T]:
+    begin = f"{study}/"
+    return Named({name.removeprefix(begin): value for name, value in named.items() if name.startswith(begin)}, what)
+
+
+def _outcome(line: CandidateLine) -> str:
+    """Return what became of a candidate: `rejected` by gate or training; or trained, and what the archive did."""
+    if line.status is None:
+        return "rejected"
+    return {"new": "new", "improved": "improved", "rejected": "not_kept"}[line.status.value]
+
+
+@contextlib.contextmanager
+def progress(quiet: bool) -> Iterator[Progress]:
+    """Show how far work is on standard error, or nothing."""
+    from rich.console import Console
+
+    with Progress(Console(quiet=True) if quiet else None) as view:
+        yield view

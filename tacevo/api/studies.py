@@ -1,0 +1,148 @@
+"""A finished study, or noise run, of a run's networks."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from analysis.report.collection import Compared
+from analysis.studies.noise import Reestimates
+from tacevo.api import frames
+from tacevo.api.tables import Table
+from tacevo.studies.directory import FinishedStudy
+from tacevo.studies.lines import FailedLine, Row
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+class Study:
+    """A finished study: networks of a run, each trained again with several seeds; unless it is a noise run, tested."""
+
+    def __init__(
+        self,
+        finished: FinishedStudy,
+        compared: Compared | None,
+        reestimates: Reestimates | None,
+        pages: Callable[[str], tuple[Mapping[str, Table], Mapping[str, Callable[[], Figure]]]],
+    ) -> None:
+        self._finished, self._compared, self._reestimates, self._pages = finished, compared, reestimates, pages
+
+    @property
+    def name(self) -> str:
+        """Of its directory."""
+        return self._finished.path.name
+
+    @property
+    def digest(self) -> str:
+        """The last hash of its scores, which stands for all of them."""
+        return self._finished.scores.digest
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether it trains as the search did and tests nothing (`tacevo noise`)."""
+        return self._finished.record.terms is None
+
+    @property
+    def networks(self) -> pd.DataFrame:
+        """The networks, the baseline first; columns: `tacevo.api.frames.NETWORKS`."""
+        return frames.frame(map(asdict, self._finished.scores.header.networks), frames.NETWORKS, index="network")
+
+    @property
+    def scores(self) -> pd.DataFrame:
+        """A row a network and seed, a column a test metric; columns: docs/python.md.
+
+        A metric is of the test images, by the weights of the epoch with the lowest validation loss; in training units,
+        an accuracy in [0, 1]. A training that failed has its reason in `failed`, and no other value.
+        """
+        rows = self._finished.scores.rows
+        metrics = dict.fromkeys((name for row in rows for name in getattr(row, "metrics", ())), "float64")
+        return frames.frame(map(_score, rows), {**frames.SCORES, **metrics})
+
+    @property
+    def verdicts(self) -> pd.DataFrame:
+        """A row a variant: its comparison with the baseline; columns: docs/python.md.
+
+        Mann-Whitney's U and p, p after Holm over all variants, A12 and the difference of medians with intervals, the
+        test of equivalence, a verdict in a word. Without rows where nothing could be compared: a noise run, a baseline
+        alone, too few seeds.
+        """
+        rows = [] if self._compared is None or self._compared.comparisons is None else [*_verdicts(self._compared)]
+        return frames.frame(rows, frames.VERDICTS, index="network")
+
+    @property
+    def reestimates(self) -> pd.DataFrame:
+        """A row a network and seed: the recorded fitness, and that under this seed; columns: docs/python.md.
+
+        Without rows where the losses are no fitnesses: other data, another recipe, fewer epochs.
+        """
+        return frames.frame([] if self._reestimates is None else _estimated(self._reestimates), frames.REESTIMATES)
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """Its tables by name, as `verdicts`."""
+        return self._pages(self.name)[0]
+
+    @property
+    def figures(self) -> Mapping[str, Callable[[], Figure]]:
+        """Its figures by name, as `seed_boxes`; each is a function that draws one."""
+        return self._pages(self.name)[1]
+
+    def __repr__(self) -> str:
+        header = self._finished.scores.header
+        what = "noise run" if self.is_noise else "study"
+        return f"<{what} {self.name}: {len(header.networks)} networks, {header.seeds} seeds>"
+
+    def _repr_html_(self) -> str:
+        shown = self.reestimates if self.is_noise else self.verdicts
+        return f"<p>{html.escape(repr(self)[1:-1])}</p>{shown.to_html(na_rep='')}"
+
+
+def _score(row: Row) -> dict[str, Any]:
+    if isinstance(row, FailedLine):
+        return {"network": row.network, "id": row.id, "seed": row.seed, "failed": row.reason.value}
+    return {**asdict(row), **row.metrics}
+
+
+def _verdicts(compared: Compared) -> Iterator[dict[str, Any]]:
+    comparisons = compared.comparisons
+    assert comparisons is not None  # its caller looked
+    ids = {network.name: network.id for network in compared.study.networks}
+    for one in comparisons.variants:
+        a12, difference = one.effects.a12, one.effects.median_difference
+        yield {
+            "network": one.network,
+            "id": ids[one.network],
+            "metric": comparisons.metric,
+            "median": one.median,
+            "baseline_median": comparisons.baseline_median,
+            "u": one.test.u,
+            "p": one.test.p,
+            "p_holm": one.p_holm,
+            "a12": a12.estimate,
+            "a12_low": a12.low,
+            "a12_high": a12.high,
+            "difference": difference.estimate,
+            "difference_low": difference.low,
+            "difference_high": difference.high,
+            "margin": one.equivalence.margin,
+            "p_equivalence": one.equivalence.p,
+            "p_equivalence_holm": one.equivalence_p_holm,
+            "verdict": one.verdict.value,
+            "cautions": tuple(caution.name for caution in one.cautions),
+        }
+
+
+def _estimated(again: Reestimates) -> Iterator[dict[str, Any]]:
+    for network, estimates in zip(again.networks, again.estimates, strict=True):
+        for seed, fitness in enumerate(estimates):
+            yield {
+                "network": network.name,
+                "id": network.id,
+                "recorded": network.fitness,
+                "seed": seed,
+                "fitness": fitness,
+            }

@@ -1,0 +1,191 @@
+"""A sweep: its jobs, and its arms compared."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
+from analysis.sweeps.ablation import Summary
+from analysis.sweeps.metrics import Metric
+from tacevo.api import frames
+from tacevo.api.replaying import replay
+from tacevo.api.runs import Draw, Run, progress
+from tacevo.api.tables import Named, Table
+from tacevo.bundles.open import Opened, located
+from tacevo.errors import ConfigError
+from tacevo.storage.sweep_directory import SweepDirectory, sweep_digest
+from tacevo.text import listed, nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Sweep:
+    """A sweep of runs; of a directory, those of its jobs that are finished.
+
+    It is a context manager; without `with`, a bundle is closed when the last reference to it goes.
+    """
+
+    def __init__(self, name: str, place: Opened, store: str | None, release: contextlib.ExitStack) -> None:
+        self._release = release
+        #: Of its directory, or of its bundle without the ending.
+        self.name = name
+        #: Where it lies: a directory or a bundle.
+        self.place = place
+        #: The directory of the stores, where it was moved; None for the sweep's own.
+        self.store = store
+        self._record = SweepDirectory(place.folder).read()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the files of a bundle; a sweep is not read any more afterwards."""
+        self._release.close()
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """The names of its arms, in the order of its jobs."""
+        return tuple(dict.fromkeys(job.arm for job in self._record.jobs))
+
+    @property
+    def jobs(self) -> pd.DataFrame:
+        """A row a job by name: arm, seed, state, a column for each metric; columns: docs/python.md.
+
+        `state` is `finished`, `failed` or `missing`, with the reason; a job that has no result has no values.
+        """
+        collected = self.collection()
+        outcomes = {one.job: one for one in collected.found.outcomes}
+        missing = {one.job.name: one for one in collected.sweep.missing}
+        digests = {one.job.name: one.run.digest for one in collected.sweep.finished}
+        metrics = collected.found.metrics
+        rows = []
+        for job in self._record.jobs:
+            row: dict[str, Any] = {"job": job.name, "arm": job.arm, "seed": job.seed, "state": "finished"}
+            if job.name in missing:
+                one = missing[job.name]
+                row |= {"state": "failed" if one.has_failed else "missing", "reason": one.reason}
+            else:
+                row |= {"digest": digests[job.name]}
+                row |= {metric.name: outcomes[job.name].values[metric] for metric in metrics}
+            rows.append(row)
+        columns = {**frames.JOBS, **dict.fromkeys((metric.name for metric in metrics), "float64")}
+        return frames.frame(rows, columns, index="job")
+
+    def contrasts(self, metric: str, *, reference: str | None = None) -> pd.DataFrame:
+        """Compare the arms in one metric; a row an arm, the reference first; columns: docs/python.md.
+
+        Args:
+            metric: a column of `jobs`, such as `qd_score` or `best_fitness`.
+            reference: the arm that the others are compared with; the sweep's own if None.
+
+        Raises:
+            ConfigError: there is no such metric or arm.
+            IncomparableError: the jobs cannot be compared.
+        """
+        found = self.collection(reference).found
+        names = [one.name for one in found.metrics]
+        if metric not in names:
+            remedy = nearest(metric, names, "sweep.jobs has a column for each")
+            raise ConfigError(repr(metric), place="metric", expected=f"one of {listed(names)}", remedy=remedy)
+        rows = [_contrast(arm.name, arm.metrics[Metric[metric]]) for arm in found.arms]
+        return frames.frame(rows, frames.CONTRASTS, index="arm")
+
+    def run(self, job: str) -> Run:
+        """Open the run of a finished job.
+
+        Raises:
+            ConfigError: the sweep has no such job.
+            RunError: it is not finished.
+        """
+        names = [one.name for one in self._record.jobs]
+        if job not in names:
+            expected = f"one of {listed(names)}"
+            raise ConfigError(repr(job), place="job", expected=expected, remedy=nearest(job, names, ""))
+        place = self.place.job(job) if self.place.digest is not None else located(self.place.folder / job)
+        store = str(place.store) if self.place.digest is not None else self.store
+        keeping = contextlib.ExitStack()
+        keeping.callback(lambda sweep: None, self)  # whose bundle stays open as long as the run is used
+        return Run(place, place.read(place.folder, store), store, keeping)
+
+    @cached_property
+    def tables(self) -> Mapping[str, Table]:
+        """Every table of `tacevo ablations` by name."""
+        collected = self.collection()
+        made = {_short(table.name, collected.sweep.task): Table(table) for table in sweep_tables(collected)}
+        return Named(made, "sweep.tables")
+
+    @cached_property
+    def figures(self) -> Mapping[str, Draw]:
+        """Every figure of `tacevo ablations` by name; each is a function that draws a Matplotlib figure."""
+        from analysis.report.figure_list import sweep_pictures  # Matplotlib takes a second to import
+
+        collected = self.collection()
+        task, pictures = collected.sweep.task, sweep_pictures(collected)
+        drawn: dict[str, Callable[[], Any]] = {_short(picture.name, task): picture.draw for picture in pictures}
+        return Named(drawn, "sweep.figures")
+
+    def replay(self, *, quiet: bool = False) -> str:
+        """Run every search and study again, as `Run.replay`; return the digest of the sweep."""
+        place = self.place if self.place.digest is not None else located(self.place.folder)
+        with progress(quiet) as view:
+            done = replay(place, self.store, view)
+        digests = [run.replayed.digest for run in done.runs]
+        return sweep_digest(dict(zip(place.jobs or (), digests, strict=True)))
+
+    def collection(self, reference: str | None = None) -> SweepCollection:
+        """As records: its runs, the archive that measures them, their comparison with the reference.
+
+        Raises:
+            RunError: no job is finished, or one of them was edited.
+            IncomparableError: the jobs cannot be compared.
+        """
+        if reference not in self._collected:
+            place = self.place
+            store = place.store if place.digest is not None else None if self.store is None else Path(self.store)
+            self._collected[reference] = collect_sweep(place.folder, store, reference)
+        return self._collected[reference]
+
+    @cached_property
+    def _collected(self) -> dict[str | None, SweepCollection]:
+        return {}
+
+    def __repr__(self) -> str:
+        return f"<sweep {self.name}: {len(self._record.jobs)} jobs of {len(self.arms)} arms>"
+
+    def _repr_html_(self) -> str:
+        title = f"sweep {self.name}: {len(self._record.jobs)} jobs of {len(self.arms)} arms"
+        return f"<p>{title}</p>{self.jobs.to_html(na_rep='')}"
+
+
+def _short(name: str, task: str) -> str:
+    return name.removesuffix(f"_{task}")
+
+
+def _contrast(arm: str, summary: Summary) -> dict[str, Any]:
+    row: dict[str, Any] = {"arm": arm, "jobs": len(summary.values), "median": summary.median}
+    if summary.interval is not None:
+        row |= {"low": summary.interval.low, "high": summary.interval.high}
+    one = summary.contrast
+    if one is None:  # the reference itself
+        return row
+    row |= {
+        "comparability": one.comparability.name,
+        "p_holm": one.p_holm,
+        "better": one.paired.better,
+        "equal": one.paired.equal,
+        "worse": one.paired.worse,
+        "cautions": tuple(caution.name for caution in one.cautions),
+    }
+    if one.test is not None and one.effects is not None:
+        a12, difference = one.effects.a12, one.effects.median_difference
+        row |= {"u": one.test.u, "p": one.test.p, "a12": a12.estimate, "a12_low": a12.low, "a12_high": a12.high}
+        row |= {"difference": difference.estimate, "difference_low": difference.low, "difference_high": difference.high}
+    return row
