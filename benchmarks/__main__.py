@@ -31,6 +31,7 @@ from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
 from tacevo.config.recorded import read_recorded
 from tacevo.data.sources.images import decode
+from tacevo.evolution.archive import Archive, Elite, Tessellation, insert
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, to_json
 from tacevo.reproduce.replay import replay
@@ -38,7 +39,6 @@ from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
 from tacevo.sandbox.client import Sandbox
-from tacevo.search.archive import Archive, Elite, Tessellation, insert
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import environment
 

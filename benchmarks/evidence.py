@@ -23,7 +23,7 @@ from analysis.statistics.tests import holm, hypergeometric_p, mann_whitney
 from benchmarks import evidence_images
 from benchmarks.evidence_power import power_table
 from benchmarks.landscape import BASELINE, Floats, Landscape, Searched, Strategy, search
-from tacevo.search.archive import Tessellation, find_centroids, qd_score
+from tacevo.evolution.archive import Tessellation, find_centroids, qd_score
 
 ALPHA = 0.05
 

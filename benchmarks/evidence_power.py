@@ -15,9 +15,9 @@ from analysis.sweeps.ablation import ALPHA, Outcome, compare_arms
 from analysis.sweeps.metrics import Metric
 from analysis.sweeps.sweep import REFERENCE
 from benchmarks.landscape import Landscape, Searched, Strategy, search
+from tacevo.evolution.archive import Tessellation, find_centroids
+from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Operator
-from tacevo.search.archive import Tessellation, find_centroids
-from tacevo.search.lines import CandidateLine
 from tacevo.storage.canonical import content_hash
 
 #: The controls, by the names of their arms.

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.choices import ParentPolicy
+from tacevo.evolution.archive import Archive, Bounds, Elite, Individual, NetworkArchive, Tessellation
+from tacevo.evolution.proposals import Candidate, draw_parents, pool_of_parents
 from tacevo.randomness import stream
-from tacevo.search.archive import Archive, Bounds, Elite, Individual, NetworkArchive, Tessellation
-from tacevo.search.proposals import Candidate, draw_parents, pool_of_parents
 
 Floats = NDArray[np.float64]
 

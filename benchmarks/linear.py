@@ -19,15 +19,15 @@ import numpy as np
 from benchmarks.timing import Figure
 from tacevo.config.compose import compose
 from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.archive import Tessellation
+from tacevo.evolution.development import Effects, Outcome
+from tacevo.evolution.files import line_kind
+from tacevo.evolution.lines import SearchLine
+from tacevo.evolution.state import Plan, SearchState
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import Completion, Mode, Request, Training, to_json
 from tacevo.runs.wiring import build_plan
-from tacevo.search.algorithm import run_search
-from tacevo.search.archive import Tessellation
-from tacevo.search.development import Effects, Outcome
-from tacevo.search.files import line_kind
-from tacevo.search.lines import SearchLine
-from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 

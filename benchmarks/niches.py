@@ -22,8 +22,8 @@ from analysis.runs.run import Run, descriptors_of, load_run
 from tacevo.bundles.open import opened
 from tacevo.choices import Scale
 from tacevo.config.compose import compose
-from tacevo.search.archive import Bounds, Elite, Individual, NetworkArchive, Point, Tessellation, find_centroids
-from tacevo.search.descriptors import scaled
+from tacevo.evolution.archive import Bounds, Elite, Individual, NetworkArchive, Point, Tessellation, find_centroids
+from tacevo.evolution.descriptors import scaled
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

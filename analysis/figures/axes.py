@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from analysis.figures.style import BLACK, GREY, PALE
 from analysis.runs.run import Run
-from tacevo.search.lines import TEMPERATURE
+from tacevo.evolution.lines import TEMPERATURE
 
 #: The longest line of a title over a single column, in characters.
 _TITLE = 40

@@ -13,8 +13,8 @@ from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERM
 from analysis.rounding import shown
 from analysis.runs.lineage import Ancestor
 from tacevo.data.figures import WIDTHS
+from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Operator
-from tacevo.search.lines import CandidateLine
 
 #: Ancestors that a figure shows, at most: the latest.
 ROWS = 45

@@ -28,8 +28,8 @@ from analysis.studies.scores import Study
 from analysis.table import PValue
 from analysis.tables.archives_of_arms import common_note
 from tacevo.choices import PromptPolicy
+from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind
-from tacevo.search.lines import TEMPERATURE
 from tacevo.storage.files import write_durably
 
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from analysis.runs.coverage_map import descriptors
 from analysis.runs.run import Run
 from tacevo.choices import BoundsRule
-from tacevo.search.archive import Archive, Elite, Individual, NetworkArchive, Tessellation, TopK
-from tacevo.search.reevaluation import Estimates
+from tacevo.evolution.archive import Archive, Elite, Individual, NetworkArchive, Tessellation, TopK
+from tacevo.evolution.reevaluation import Estimates
 
 
 def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, ...]:

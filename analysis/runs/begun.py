@@ -7,9 +7,9 @@ from analysis.runs.archive_history import archive_history
 from analysis.runs.coverage_map import descriptors
 from analysis.runs.niches import Niches, load_niches
 from analysis.runs.run import Run, as_run
-from tacevo.search.archive import AddStatus
-from tacevo.search.files import EliteEntry, TrialEntry, read_ledger
-from tacevo.search.lines import GenerationLine
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.files import EliteEntry, TrialEntry, read_ledger
+from tacevo.evolution.lines import GenerationLine
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 

@@ -8,8 +8,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule, Scale
+from tacevo.evolution.archive import Tessellation
 from tacevo.rounding import rounded
-from tacevo.search.archive import Tessellation
 
 #: Points a side of the lattice that looks for niches; 200 x 200 put 400 points into a niche of the default 100.
 LATTICE = 200

@@ -12,10 +12,10 @@ from scipy.stats import binomtest
 
 from analysis.runs.run import Run
 from tacevo.costs import Spending, total
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 from tacevo.records import Operator, Stage
 from tacevo.rounding import DIGITS
-from tacevo.search.archive import AddStatus
-from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 
 #: Confidence of every interval here.
 LEVEL = 0.95

@@ -15,7 +15,7 @@ from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effectiv
 from analysis.runs.dynamics import by_prompt, copies, progress, repeats
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
-from tacevo.search.lines import TEMPERATURE, gate_stages
+from tacevo.evolution.lines import TEMPERATURE, gate_stages
 from tacevo.text import counted
 
 #: Below this part of reachable niches, coverage says more about the bounds than about the search: the paper's own runs

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from analysis.runs.run import Run
 from tacevo.errors import RunError
-from tacevo.search.lines import CandidateLine
+from tacevo.evolution.lines import CandidateLine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from scipy.spatial import Voronoi
 from analysis.runs.run import Run
 from tacevo.config.schema import ArchiveConfig
 from tacevo.errors import RunError, StoreError
-from tacevo.search.archive import find_centroids
+from tacevo.evolution.archive import find_centroids
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Store
 from tacevo.typed import convert

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.run import Run
-from tacevo.search.archive import Tessellation
-from tacevo.search.prompts import prompt_point
-from tacevo.search.proposals import next_temperature
+from tacevo.evolution.archive import Tessellation
+from tacevo.evolution.prompts import prompt_point
+from tacevo.evolution.proposals import next_temperature
 
 
 def reachable_temperatures(run: Run) -> frozenset[float]:

@@ -14,11 +14,10 @@ from tacevo.config.recorded import answered_by, read_config
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.records import DataFacts, Task, to_json
-from tacevo.search.archive import Bounds, best_distinct
-from tacevo.search.chance import shortfall
-from tacevo.search.descriptors import on_axis
-from tacevo.search.files import (
+from tacevo.evolution.archive import Bounds, best_distinct
+from tacevo.evolution.chance import shortfall
+from tacevo.evolution.descriptors import on_axis
+from tacevo.evolution.files import (
     EliteEntry,
     Line,
     RulesLine,
@@ -29,8 +28,9 @@ from tacevo.search.files import (
     read_archives,
     read_finished,
 )
-from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, not_sent
-from tacevo.search.reevaluation import fitness_by_id
+from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, not_sent
+from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.records import DataFacts, Task, to_json
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -121,7 +121,7 @@ class Run:
 
     @property
     def shortfall(self) -> str:
-        """That it learned nothing, or found nothing, and what to raise (`tacevo.search.chance`); empty where it did."""
+        """That it learned or found nothing, and what to raise (`tacevo.evolution.chance`); empty where it did."""
         best, known = self.generations[-1].best, self.fitness.get(self.baseline.id)
         if best is None:
             return ""
@@ -129,7 +129,7 @@ class Run:
 
     @property
     def not_sent(self) -> Mapping[str, str]:
-        """Words on the sampling settings that were not sent, by setting (see `tacevo.search.lines.not_sent`)."""
+        """Words on the sampling settings that were not sent, by setting (see `tacevo.evolution.lines.not_sent`)."""
         return not_sent([one.dropped for one in self.answered])
 
     def ranked(self) -> tuple[EliteEntry, ...]:
@@ -139,7 +139,7 @@ class Run:
     def best(self, count: int = TOP) -> tuple[CandidateLine, ...]:
         """Return the best elites with distinct sources, at most `count`: those that a study would choose.
 
-        The rule is `tacevo.search.archive.best_distinct`.
+        The rule is `tacevo.evolution.archive.best_distinct`.
         """
         candidates = {candidate.id: candidate for candidate in self.candidates}
         entries = [(elite.fitness, elite.id, candidates[elite.id].source) for elite in self.elites]

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from analysis.studies.noise import Reestimates
+from tacevo.evolution.archive import Archive, Elite, coverage, insert, qd_score
+from tacevo.evolution.files import EliteEntry
 from tacevo.rounding import rounded
-from tacevo.search.archive import Archive, Elite, coverage, insert, qd_score
-from tacevo.search.files import EliteEntry
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,8 +11,8 @@ from statistics import fmean
 import numpy as np
 
 from analysis.studies.scores import LOWER_IS_BETTER, Study
+from tacevo.evolution.chance import MARGIN, is_at_chance
 from tacevo.rounding import rounded
-from tacevo.search.chance import MARGIN, is_at_chance
 from tacevo.studies.lines import ScoreLine
 from tacevo.training.losses import entropy
 from tacevo.training.metrics import Confusion, macro_f1
@@ -29,7 +29,7 @@ def trivial_metrics(study: Study) -> dict[str, float]:
 
 
 def at_chance(study: Study) -> tuple[str, ...]:
-    """Say that no network's median score is better than chance (`tacevo.search.chance`); nothing where one is."""
+    """Say that no network's median score is better than chance (`tacevo.evolution.chance`); nothing where one is."""
     trivial, is_error = trivial_score(study), LOWER_IS_BETTER[study.primary]
     if trivial is None:
         return ()

@@ -22,9 +22,9 @@ from analysis.studies.warnings import Caution, cautions
 from analysis.sweeps.common_archive import CommonArchive, Filled, filled
 from analysis.sweeps.metrics import LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.sweeps.sweep import REFERENCE, Finished
+from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
-from tacevo.search.lines import CandidateLine
 from tacevo.storage.sweep_directory import Job
 
 #: The level that cautions are judged at, after Holm's correction.

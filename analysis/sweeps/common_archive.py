@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import BoundsRule, Scale
+from tacevo.evolution.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score
 from tacevo.rounding import rounded
-from tacevo.search.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

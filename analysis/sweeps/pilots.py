@@ -15,7 +15,7 @@ from analysis.studies.scores import Study
 from analysis.sweeps.ablation import slots_of
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import RunError
-from tacevo.search.lines import CandidateLine
+from tacevo.evolution.lines import CandidateLine
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining

@@ -9,7 +9,7 @@ from analysis.runs.run import Run, load_run
 from analysis.sweeps.tested import FailedTestError, JobScore, job_score
 from tacevo.config.identity import config_hash
 from tacevo.errors import RunError
-from tacevo.search.files import finished_digest
+from tacevo.evolution.files import finished_digest
 from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms, name_arm
 
 #: The arm that all others are compared with unless the sweep states another: the search as it is.

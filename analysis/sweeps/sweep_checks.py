@@ -10,9 +10,9 @@ from typing import NoReturn
 
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import IncomparableError
+from tacevo.evolution.files import eras_in_words
+from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Json, to_json
-from tacevo.search.files import eras_in_words
-from tacevo.search.lines import TEMPERATURE
 from tacevo.storage.canonical import canonical, differences, shown, value_at
 
 #: Python and the packages that can change a request, a verdict of the gate, a niche or a fitness. The others compose

@@ -22,8 +22,8 @@ from analysis.runs.run import Run
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent, Table, percent
 from tacevo.costs import Spending
+from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.records import Stage
-from tacevo.search.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.text import counted, drawn
 
 #: Below every improvement.

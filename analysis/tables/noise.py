@@ -7,7 +7,7 @@ from analysis.studies.corrected import Corrected
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Cell, Percent, Table
 from analysis.tables.dynamics import TRIVIAL_LOSS
-from tacevo.search.chance import chance_in_words, is_at_chance
+from tacevo.evolution.chance import chance_in_words, is_at_chance
 from tacevo.studies.lines import Network
 from tacevo.text import counted, drawn
 

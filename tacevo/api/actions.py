@@ -126,7 +126,9 @@ def publish(
 
 def _settings(settings: dict[str, Any]) -> list[str]:
     """Write keyword arguments as overrides; the run is named afterwards, since its path may be any text."""
-    return ["run=RUN", *(as_override(name, str(value)) for name, value in settings.items())]
+    words = {name: "null" if value is None else value for name, value in settings.items()}
+    texts = (as_override(name, value) if isinstance(value, str) else f"{name}={value}" for name, value in words.items())
+    return ["run=RUN", *texts]
 
 
 def _directory(run: Run | str | os.PathLike[str]) -> Path:

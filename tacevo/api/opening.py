@@ -35,7 +35,11 @@ def open(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | None =
         found = entered.enter_context(opened(place))
         release = entered.pop_all()
     try:
-        made = Sweep(place.stem, found, None, release) if found.jobs is not None else run_in(found, found.folder, named, release)
+        made = (
+            Sweep(place.stem, found, None, release)
+            if found.jobs is not None
+            else run_in(found, found.folder, named, release)
+        )
     except BaseException:
         release.close()
         raise

@@ -22,9 +22,9 @@ from tacevo.bundles.open import Opened
 from tacevo.config.recorded import RecordedRun
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
+from tacevo.evolution.lines import CandidateLine
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
-from tacevo.search.lines import CandidateLine
 from tacevo.studies.directory import FinishedStudy, studies_of
 from tacevo.text import nearest
 

@@ -17,11 +17,11 @@ from tacevo.config.identity import identity, llm_identity
 from tacevo.config.recorded import read_recorded
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.errors import ConfigError, RunError
+from tacevo.evolution.files import RulesLine
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, needed_llm, record
-from tacevo.search.files import RulesLine
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
 from tacevo.storage.store import read_entry

@@ -19,7 +19,7 @@ from tacevo.bundles.format import JOBS, STORE, SWEEP, refusing, unpack_verified
 from tacevo.choices import Confinement
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.errors import BundleError, RunError, TacevoError
-from tacevo.search.files import finished_digest
+from tacevo.evolution.files import finished_digest
 from tacevo.storage.arrays import KIND
 from tacevo.storage.entries import MOST_BYTES
 from tacevo.storage.run_directory import RunDirectory

@@ -21,11 +21,11 @@ from tacevo.config.identity import config_hash
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
+from tacevo.evolution.files import read_elites
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import check_name, published_config, published_overrides
 from tacevo.runs.summary import summarise
-from tacevo.search.files import read_elites
 from tacevo.storage.arrays import KIND
 from tacevo.storage.canonical import value_at
 from tacevo.storage.entries import pack

@@ -17,8 +17,8 @@ from tacevo.config.recorded import RecordedRun
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.environment import PACKAGES
 from tacevo.errors import BundleError
+from tacevo.evolution.files import NETWORKS, PROMPTS, read_archive_files
 from tacevo.records import Json, to_json, written
-from tacevo.search.files import NETWORKS, PROMPTS, read_archive_files
 from tacevo.storage.canonical import readable
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import Timing, timing_text

@@ -17,12 +17,12 @@ from tacevo.bundles.texts import check_texts
 from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.environment import deviations, versions
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
+from tacevo.evolution.files import read_elites
+from tacevo.evolution.lines import TrainedLine
 from tacevo.reproduce.replay import Replayed, replay
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
-from tacevo.search.files import read_elites
-from tacevo.search.lines import TrainedLine
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import FinishedStudy, study_names

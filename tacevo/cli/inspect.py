@@ -27,16 +27,16 @@ from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, RunError, SandboxError, TacevoError
+from tacevo.evolution.files import Line, check_references, read_elites, read_ledger
+from tacevo.evolution.lines import TEMPERATURE, CandidateLine
+from tacevo.evolution.prompts import SAMPLING
+from tacevo.evolution.reevaluation import estimates_of
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Mode, Operator, Rejection, Task, to_json, written
 from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import report
-from tacevo.search.files import Line, check_references, read_elites, read_ledger
-from tacevo.search.lines import TEMPERATURE, CandidateLine
-from tacevo.search.prompts import SAMPLING
-from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.notes import HEADING, read_note
 from tacevo.storage.run_directory import RunDirectory, RunRecord

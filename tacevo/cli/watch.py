@@ -27,7 +27,7 @@ from analysis.report.sweep_collection import collect_sweep
 from analysis.runs.begun import load_begun
 from tacevo.cli.common import DONE, Parser, existing_store
 from tacevo.errors import ConfigError, TacevoError
-from tacevo.search.files import finished_digest
+from tacevo.evolution.files import finished_digest
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory

@@ -12,9 +12,17 @@ from tacevo.config.schema import LLMConfig, RunConfig, StoreConfig
 from tacevo.config.tasks import contract_of
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, TacevoError
+from tacevo.evolution.files import (
+    Line,
+    NetworkArchiveFile,
+    PromptFile,
+    RulesLine,
+    eras_of,
+    read_archives,
+    read_finished,
+)
+from tacevo.evolution.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 from tacevo.records import DataFacts, Task, to_json
-from tacevo.search.files import Line, NetworkArchiveFile, PromptFile, RulesLine, eras_of, read_archives, read_finished
-from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -52,7 +60,7 @@ class RecordedRun:
 
     @property
     def spent(self) -> int:
-        """What its trainings took in FLOPs, as its budget counts them (`tacevo.search.lines.training_flops`)."""
+        """What its trainings took in FLOPs, as its budget counts them (`tacevo.evolution.lines.training_flops`)."""
         images, training = self.record.data.counts[0], self.config.training
         trained = trained_networks(self.candidates)
         return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)

@@ -90,7 +90,7 @@ class SearchConfig(Record):
     candidates: Many
     #: Mutations of the baseline that start the archive, beside the baseline itself.
     initial: Bounded
-    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.search.lines.training_flops`) is the
+    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.evolution.lines.training_flops`) is the
     #: last; null for `generations` alone.
     training_flops: Positive | None = None
     #: Generations in a row without one usable answer after which the search stops; null for never.

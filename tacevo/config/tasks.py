@@ -14,8 +14,8 @@ from tacevo.config.folder import read_named
 from tacevo.config.schema import RunConfig, TaskConfig, is_a
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
+from tacevo.evolution.prompts import system_prompt
 from tacevo.records import Contract, DataFacts, Instruction, Kind, Record, Task
-from tacevo.search.prompts import system_prompt
 from tacevo.text import listed, parse_python
 from tacevo.typed import convert
 

@@ -24,7 +24,7 @@ class KeepingLLM(Protocol):
     """Answers what is not recorded."""
 
     def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
-        """Answer different requests (see `tacevo.search.development.LLM`).
+        """Answer different requests (see `tacevo.evolution.development.LLM`).
 
         Args:
             requests: what to answer.
@@ -97,7 +97,7 @@ class RecordingLLM:
     unlabelled: str | None = None
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer every request; recorded answers come first (see `tacevo.search.development.LLM`).
+        """Answer every request; recorded answers come first (see `tacevo.evolution.development.LLM`).
 
         Raises:
             CacheMissError: the store replays, and an answer was never recorded.

@@ -12,9 +12,9 @@ from pathlib import Path
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.recorded import read_recorded
+from tacevo.evolution.files import Line, RunLine
+from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Json
-from tacevo.search.files import Line, RunLine
-from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import first_difference, place_of
 from tacevo.studies.directory import Scores, studies_of

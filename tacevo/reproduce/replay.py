@@ -7,15 +7,15 @@ from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.costs import Spending, spending_on, total
 from tacevo.environment import deviations, versions
 from tacevo.errors import DivergenceError
+from tacevo.evolution.development import Outcome
+from tacevo.evolution.files import NETWORKS, PROMPTS, NetworkArchiveFile, read_archive_files
+from tacevo.evolution.reevaluation import Reevaluation
+from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
 from tacevo.rules import CORES, check_known
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.wiring import Workbench, build_plan
-from tacevo.search.development import Outcome
-from tacevo.search.files import NETWORKS, PROMPTS, NetworkArchiveFile, read_archive_files
-from tacevo.search.reevaluation import Reevaluation
-from tacevo.search.state import Plan, SearchState
 from tacevo.storage.ledger import Ledger, first_difference
 from tacevo.storage.run_directory import RunDirectory, rejected_text
 from tacevo.storage.store import Seen

@@ -5,13 +5,13 @@ from dataclasses import asdict, replace
 
 from tacevo.config.identity import identity, task_hash
 from tacevo.config.schema import RunConfig
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.archive import TopK, coverage, qd_score
+from tacevo.evolution.development import Effects
+from tacevo.evolution.files import EliteEntry, NetworkArchiveFile, PromptFile, RulesLine, RunLine, TrialEntry
+from tacevo.evolution.state import Observer, Plan, SearchState
 from tacevo.records import DataFacts, Task
 from tacevo.rules import Rules
-from tacevo.search.algorithm import run_search
-from tacevo.search.archive import TopK, coverage, qd_score
-from tacevo.search.development import Effects
-from tacevo.search.files import EliteEntry, NetworkArchiveFile, PromptFile, RulesLine, RunLine, TrialEntry
-from tacevo.search.state import Observer, Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 

@@ -14,14 +14,14 @@ from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import TacevoError
+from tacevo.evolution.prompts import crossover_text
+from tacevo.evolution.proposals import Settings, plan_initial
 from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.pace import Measure, growth, measure, training_images, trainings
 from tacevo.runs.providers import prices_of
 from tacevo.runs.wiring import build_settings
-from tacevo.search.prompts import crossover_text
-from tacevo.search.proposals import Settings, plan_initial
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import counted, table

@@ -2,11 +2,11 @@
 
 from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
+from tacevo.evolution.files import by_rules
+from tacevo.evolution.lines import CandidateLine
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
 from tacevo.runs.wiring import Workbench
-from tacevo.search.files import by_rules
-from tacevo.search.lines import CandidateLine
 
 
 def recall_profiles(run: RecordedRun) -> dict[str, Profile]:

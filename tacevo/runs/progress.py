@@ -16,12 +16,12 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 from rich.text import Text
 
+from tacevo.evolution.archive import coverage
+from tacevo.evolution.chance import is_at_chance
+from tacevo.evolution.development import Outcome
+from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine
+from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Operator
-from tacevo.search.archive import coverage
-from tacevo.search.chance import is_at_chance
-from tacevo.search.development import Outcome
-from tacevo.search.lines import CandidateLine, GenerationLine, SearchLine
-from tacevo.search.state import Plan, SearchState
 from tacevo.text import counted, printable
 
 

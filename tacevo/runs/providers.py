@@ -16,6 +16,8 @@ from tacevo.config.folder import read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
+from tacevo.evolution.development import LLM
+from tacevo.evolution.lines import TEMPERATURE
 from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.failures import Models
 from tacevo.llm.grammar.provider import MODEL as GRAMMAR
@@ -25,8 +27,6 @@ from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
 from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.redaction import names_place
-from tacevo.search.development import LLM
-from tacevo.search.lines import TEMPERATURE
 from tacevo.storage.store import Seen, Store
 from tacevo.typed import parse
 

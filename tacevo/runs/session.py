@@ -15,6 +15,11 @@ from tacevo.costs import Spending, spending_on, total
 from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
+from tacevo.evolution.development import LLM, Outcome
+from tacevo.evolution.files import Line, RulesLine, RunLine, line_kind, read_ledger, write_archives
+from tacevo.evolution.lines import GenerationLine, SearchLine
+from tacevo.evolution.reevaluation import Reevaluation
+from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
 from tacevo.rules import CURRENT, PAGES
@@ -27,11 +32,6 @@ from tacevo.runs.summary import has_shortfall, in_short, summarise
 from tacevo.runs.usable import Usable
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
 from tacevo.sandbox.client import Run, Zygote
-from tacevo.search.development import LLM, Outcome
-from tacevo.search.files import Line, RulesLine, RunLine, line_kind, read_ledger, write_archives
-from tacevo.search.lines import GenerationLine, SearchLine
-from tacevo.search.reevaluation import Reevaluation
-from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text

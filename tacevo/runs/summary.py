@@ -8,11 +8,11 @@ from tacevo.choices import ArchiveKind
 from tacevo.config.recorded import answered_by
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, token_cells, total, usd
+from tacevo.evolution.chance import shortfall
+from tacevo.evolution.files import Line, eras_in_words, eras_of
+from tacevo.evolution.lines import TEMPERATURE, CandidateLine, GenerationLine, gate_stages, misreported, not_sent
+from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import Operator
-from tacevo.search.chance import shortfall
-from tacevo.search.files import Line, eras_in_words, eras_of
-from tacevo.search.lines import TEMPERATURE, CandidateLine, GenerationLine, gate_stages, misreported, not_sent
-from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.run_directory import RunRecord
 from tacevo.text import counted, drawn, listed, table
 

@@ -3,9 +3,9 @@
 from collections import Counter
 
 from tacevo.errors import LLMError
+from tacevo.evolution.development import Outcome
+from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.records import Reason, Rejection, Stage
-from tacevo.search.development import Outcome
-from tacevo.search.reevaluation import Reevaluation
 from tacevo.text import counted, printable
 
 #: Characters of an answer that a warning shows, at most.

@@ -18,6 +18,11 @@ from tacevo.cluster.images import describe
 from tacevo.config.schema import ArchiveConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
+from tacevo.evolution.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
+from tacevo.evolution.descriptors import on_axis
+from tacevo.evolution.development import LLM, Effects
+from tacevo.evolution.proposals import Settings
+from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Task
@@ -26,11 +31,6 @@ from tacevo.runs.datasets import source_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
-from tacevo.search.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
-from tacevo.search.descriptors import on_axis
-from tacevo.search.development import LLM, Effects
-from tacevo.search.proposals import Settings
-from tacevo.search.state import Budget, Plan
 from tacevo.storage.arrays import KIND, ArrayStore
 from tacevo.storage.store import Seen, Store
 from tacevo.training import evaluation

@@ -71,7 +71,7 @@ class RunRecord(Record):
     digest: str | None
     #: Number of the summary and the tables (`tacevo.rules.PAGES`).
     pages: int = FIRST_PAGES
-    #: The trivial loss of the validation images (`tacevo.search.chance`); None in runs of earlier releases.
+    #: The trivial loss of the validation images (`tacevo.evolution.chance`); None in runs of earlier releases.
     trivial: Annotated[float, Ge(0)] | None = None
     #: Whether another server than the provider's own gave an answer, and so the model's name.
     elsewhere: bool = False

@@ -5,8 +5,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from statistics import median
 
 from tacevo.errors import RunError
-from tacevo.search.archive import best_distinct
-from tacevo.search.lines import CandidateLine
+from tacevo.evolution.archive import best_distinct
+from tacevo.evolution.lines import CandidateLine
 from tacevo.studies.lines import Network, Row, ScoreLine
 
 

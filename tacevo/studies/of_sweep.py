@@ -13,8 +13,8 @@ from pathlib import Path
 
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import RunError
+from tacevo.evolution.files import finished_digest
 from tacevo.runs.progress import Progress
-from tacevo.search.files import finished_digest
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming
 from tacevo.studies.directory import is_stated, studies_of
 from tacevo.studies.study import Studied, estimate_noise, study

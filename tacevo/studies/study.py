@@ -19,6 +19,7 @@ from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
+from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Limits, Mode, Rejection, Training
 from tacevo.rules import CURRENT, STUDY
@@ -26,7 +27,6 @@ from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
-from tacevo.search.reevaluation import fitness_by_id
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, remove_leftovers_in_stores
 from tacevo.studies.directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of

@@ -21,12 +21,12 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
+from tacevo.evolution.files import read_ledger
 from tacevo.redaction import check_address, secret_variables
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import needed_llm
-from tacevo.search.files import read_ledger
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of

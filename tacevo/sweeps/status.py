@@ -8,8 +8,8 @@ from enum import StrEnum
 from tacevo.config.identity import config_hash
 from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
-from tacevo.search.files import Line, finished_digest, read_ledger
-from tacevo.search.lines import GenerationLine
+from tacevo.evolution.files import Line, finished_digest, read_ledger
+from tacevo.evolution.lines import GenerationLine
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.text import counted, table

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.errors import RunError, TacevoError
+from tacevo.evolution.files import read_ledger
 from tacevo.redaction import check_address
-from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import shown_address
 from tacevo.tracking.facts import read_settings

@@ -8,8 +8,8 @@ from typing import Self
 
 from tacevo.choices import Axis
 from tacevo.costs import Spending, total
+from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Instruction, Json, Operator
-from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import leaves
 
 #: The longest param, in characters: older MLflow servers refuse more.

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
+from tacevo.evolution.files import Line, line_kind
+from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Operator
-from tacevo.search.files import Line, line_kind
-from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import read_line
 from tacevo.storage.run_directory import RunDirectory

@@ -12,7 +12,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag
 
 from tacevo.errors import RunError
-from tacevo.search.lines import CandidateLine
+from tacevo.evolution.lines import CandidateLine
 from tacevo.tracking.client import PARENT_TAG, USER_TAG, find_or_create_run, log, tagged_runs, user_tags
 from tacevo.tracking.entries import Measure, note
 from tacevo.tracking.facts import DataSet

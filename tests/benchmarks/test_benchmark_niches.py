@@ -6,7 +6,7 @@ from checkout import BUNDLES, ROOT
 from analysis.runs.run import load_run
 from benchmarks.niches import filled, rows
 from tacevo.bundles.open import opened
-from tacevo.search.archive import Bounds, Tessellation
+from tacevo.evolution.archive import Bounds, Tessellation
 
 FORCE = BUNDLES / "force-grammar.zip"
 

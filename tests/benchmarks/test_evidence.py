@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.evidence import Rate, chosen_differs, coverages, searches, type_one_errors
 from benchmarks.landscape import BASELINE, INITIAL, Landscape, Strategy, search
-from tacevo.search.archive import Tessellation
+from tacevo.evolution.archive import Tessellation
 
 TRIALS = 200
 

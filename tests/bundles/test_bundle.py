@@ -14,9 +14,9 @@ from tacevo.bundles.format import sealed
 from tacevo.bundles.verify import check_sizes, table_difference
 from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
+from tacevo.evolution.files import Line, RulesLine
+from tacevo.evolution.lines import SeedLine
 from tacevo.rules import FIRST
-from tacevo.search.files import Line, RulesLine
-from tacevo.search.lines import SeedLine
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 

@@ -15,9 +15,9 @@ from tacevo.bundles.extend import _eras, continued
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, RunError
+from tacevo.evolution.files import RulesLine
 from tacevo.rules import CURRENT, FIRST
 from tacevo.runs.progress import Progress
-from tacevo.search.files import RulesLine
 from tacevo.storage.run_directory import RunDirectory
 
 #: A real search of one generation, with stores of its own.

@@ -12,7 +12,7 @@ from refusals import refused
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.config.recorded import RecordedRun
 from tacevo.errors import ConfigError
-from tacevo.search.files import Line
+from tacevo.evolution.files import Line
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 

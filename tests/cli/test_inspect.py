@@ -15,8 +15,8 @@ from tacevo.cli.inspect import _sandbox, show_run, task_without_data
 from tacevo.config.folder import conf_root
 from tacevo.config.plain import to_plain
 from tacevo.errors import RunError, SandboxError
+from tacevo.evolution.lines import ReevaluationLine, RepairedAnswer
 from tacevo.records import Given, Operator, Reason, Stage
-from tacevo.search.lines import ReevaluationLine, RepairedAnswer
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import RunDirectory
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from refusals import refused
 
+from tacevo.api.pages import table_files
 from tacevo.bundles.open import located
 from tacevo.bundles.verify import Rerun, rerun
 from tacevo.cli.app import main
-from tacevo.api.pages import table_files
 from tacevo.config.recorded import read_recorded
 from tacevo.errors import IncomparableError, RunError
 from tacevo.runs.progress import Progress

@@ -23,14 +23,14 @@ from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data
 from tacevo.errors import ConfigError
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.descriptors import scaled
+from tacevo.evolution.lines import CandidateLine, GenerationLine
+from tacevo.evolution.proposals import Proposal, plan_initial
+from tacevo.evolution.state import Plan
 from tacevo.records import Mode, written
 from tacevo.runs.wiring import build_plan, build_settings
-from tacevo.search.algorithm import run_search
-from tacevo.search.archive import AddStatus
-from tacevo.search.descriptors import scaled
-from tacevo.search.lines import CandidateLine, GenerationLine
-from tacevo.search.proposals import Proposal, plan_initial
-from tacevo.search.state import Plan
 from tacevo.storage.ledger import Ledger
 
 ARMS = [arm for arm in groups()["ablation"] if arm != "none"]

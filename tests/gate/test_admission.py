@@ -15,12 +15,12 @@ from refusals import refused
 
 from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, SandboxError, StoreError
+from tacevo.evolution.descriptors import describe
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted, Graph, Node, Profile, Step
 from tacevo.records import Contract, Limits, Mode, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
-from tacevo.search.descriptors import describe
 from tacevo.storage.store import Store, check_entry
 
 LIMITS = GateLimits(parameters=20_000_000, flops=10**11, modules=1_000)

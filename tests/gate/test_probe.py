@@ -8,10 +8,10 @@ import torch
 from checkout import SHARED
 from gate_cases import VALID, candidate, contract, needs_shared
 
+from tacevo.evolution.descriptors import describe
 from tacevo.gate.probe import run
 from tacevo.profile import Profile
 from tacevo.records import Contract, Json, Reason, Rejection, Stage, to_json
-from tacevo.search.descriptors import describe
 from tacevo.storage.verdicts import read_verdict
 
 pytestmark = pytest.mark.usefixtures("torch_settings")

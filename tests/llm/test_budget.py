@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from tacevo.errors import BudgetError, TransportError
+from tacevo.evolution.development import LLM
 from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.prices import worst_case
 from tacevo.llm.recording import Keep, RecordingLLM
 from tacevo.records import Completion, Message, Mode, Price, Request
-from tacevo.search.development import LLM
 from tacevo.storage.store import Store
 
 #: A dollar a token, so that amounts are tokens.

@@ -15,8 +15,8 @@ from hosted import batched, hosted, request
 from llm_script import PASSING, Script, key_of
 from llm_server import listen, main, recorded_answers, serving
 
+from tacevo.evolution.development import LLM
 from tacevo.records import Completion, Request
-from tacevo.search.development import LLM
 
 ANSWERS = SHARED / "llm_answers"
 SERVER = ROOT / "tests" / "support" / "llm_server.py"

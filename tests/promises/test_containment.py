@@ -20,12 +20,12 @@ from waiting import eventually
 from witness import living, watching_candidates
 
 from tacevo.choices import Numerics
+from tacevo.evolution.algorithm import run_search
 from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Limits, Mode, Reason, Rejection, Request, Stage, Training, to_json
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.processes import descendants
-from tacevo.search.algorithm import run_search
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.store import Store

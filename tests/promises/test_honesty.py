@@ -13,13 +13,13 @@ from gate_cases import VALID, candidate, contract
 from honest_sources import HONEST
 from lying_sources import GOOD, LIES, RETURN, Lie
 
+from tacevo.evolution.lines import MISREPORTING
 from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.probe import run
 from tacevo.records import Reason, to_json
 from tacevo.sandbox import names
 from tacevo.sandbox.candidate import check_leaves
-from tacevo.search.lines import MISREPORTING
 
 #: Reasons that lies have, too, and that are older than these rules.
 OTHERS = {Reason.forbidden_construct, Reason.forbidden_name, Reason.construction_failed}

@@ -14,9 +14,9 @@ from refusals import refused
 from smallest import UNTRACKED
 
 from tacevo.errors import RunError
+from tacevo.evolution.files import Line, RulesLine, by_rules, eras_of, read_ledger
 from tacevo.records import written
 from tacevo.rules import CORES, CURRENT, FIRST, LAST_RELEASES, TRAININGS, check_known
-from tacevo.search.files import Line, RulesLine, by_rules, eras_of, read_ledger
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 from tacevo.typed import convert

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from ledger_lines import candidate, ended, header, score, study_header, trained
 
+from tacevo.evolution.files import Line, RunLine
 from tacevo.reproduce.compare import Compared, agreement, compare, describe, fitness_by_source
-from tacevo.search.files import Line, RunLine
 from tacevo.studies.directory import Scores
 
 HEADER, STUDY = header(), study_header()

@@ -23,6 +23,8 @@ from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import BundleError, DataError, DivergenceError
+from tacevo.evolution.files import read_ledger
+from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.reproduce.retrain import (
     Retrained,
@@ -36,8 +38,6 @@ from tacevo.reproduce.retrain import (
 )
 from tacevo.rules import FIRST
 from tacevo.runs.progress import Progress
-from tacevo.search.files import read_ledger
-from tacevo.search.lines import CandidateLine
 from tacevo.storage.ledger import Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store

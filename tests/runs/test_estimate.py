@@ -17,12 +17,12 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError, TacevoError
+from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.runs.estimate import describe_estimate, estimate
 from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings, trainings_at_once
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
-from tacevo.search.proposals import plan_initial
 from tacevo.storage.store import Store
 
 SMALL = [

@@ -7,10 +7,10 @@ import fakes
 import pytest
 from rich.console import Console
 
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.state import Budget, Plan
 from tacevo.records import Training
 from tacevo.runs.progress import Progress, Watcher
-from tacevo.search.algorithm import run_search
-from tacevo.search.state import Budget, Plan
 from tacevo.storage.ledger import Ledger
 
 PLAN = fakes.plan(generations=2)

@@ -14,12 +14,12 @@ from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.tasks import load_task
 from tacevo.errors import RunError, telling
+from tacevo.evolution.files import read_ledger
 from tacevo.records import written
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Walls, record
 from tacevo.sandbox.confinement import available, in_force
-from tacevo.search.files import read_ledger
 from tacevo.storage.run_directory import RunDirectory
 
 #: A real search, as small as one can be; with slips, so that answers are rejected, too.

@@ -13,11 +13,11 @@ from tacevo.choices import ArchiveKind
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
+from tacevo.evolution.files import Line, RulesLine
+from tacevo.evolution.lines import GenerationLine, ReevaluationLine, RepairedAnswer
 from tacevo.records import Operator, Reason, Stage
 from tacevo.rules import FIRST
 from tacevo.runs.summary import in_short, summarise
-from tacevo.search.files import Line, RulesLine
-from tacevo.search.lines import GenerationLine, ReevaluationLine, RepairedAnswer
 from tacevo.text import table
 
 CONFIG = compose(["experiment=published_force", "seed=3"])

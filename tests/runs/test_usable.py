@@ -14,6 +14,10 @@ from tacevo.cli.search import print_end
 from tacevo.config.compose import compose
 from tacevo.config.tasks import load_task
 from tacevo.errors import LLMError
+from tacevo.evolution.development import Outcome
+from tacevo.evolution.files import read_ledger
+from tacevo.evolution.lines import GenerationLine
+from tacevo.evolution.proposals import Proposal
 from tacevo.llm.grammar.provider import answer
 from tacevo.llm.recording import Keep, RecordingLLM
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage
@@ -21,10 +25,6 @@ from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record
 from tacevo.runs.usable import Usable
-from tacevo.search.development import Outcome
-from tacevo.search.files import read_ledger
-from tacevo.search.lines import GenerationLine
-from tacevo.search.proposals import Proposal
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 

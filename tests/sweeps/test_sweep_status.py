@@ -6,7 +6,7 @@ import pytest
 from sweeps import SHARED, begin, composed
 
 from tacevo.config.identity import config_hash
-from tacevo.search.files import finished_digest
+from tacevo.evolution.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import Standing, describe_jobs, status_of

@@ -32,7 +32,7 @@ from waiting import eventually
 
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.search.files import Line
+from tacevo.evolution.files import Line
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.process import Mirror
 

@@ -14,9 +14,9 @@ from mirrored import (
 )
 
 from tacevo.costs import Spending
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.lines import RepairedAnswer, SeedLine
 from tacevo.records import Json, Reason, Stage
-from tacevo.search.archive import AddStatus
-from tacevo.search.lines import RepairedAnswer, SeedLine
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
     Measure,

@@ -7,8 +7,8 @@ text only.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from tacevo.evolution.archive import AddStatus
 from tacevo.records import Json, Operator, Reason, Stage
-from tacevo.search.archive import AddStatus
 
 #: Corners of a polygon in order, each (x, y) in [0, 1].
 Corners = tuple[tuple[float, float], ...]

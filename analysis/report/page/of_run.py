@@ -37,10 +37,10 @@ from analysis.tables.dynamics import by_seeds, reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
+from tacevo.evolution.files import eras_in_words
+from tacevo.evolution.lines import CandidateLine
+from tacevo.evolution.reevaluation import estimates_of
 from tacevo.records import Kind
-from tacevo.search.files import eras_in_words
-from tacevo.search.lines import CandidateLine
-from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.text import counted
 

@@ -20,8 +20,8 @@ from analysis.runs.niches import Niches
 from analysis.runs.run import Run
 from analysis.sweeps.ablation import compare_arms
 from analysis.tables.dynamics import reestimated
-from tacevo.search.archive import AddStatus, find_centroids
-from tacevo.search.lines import ReevaluationLine
+from tacevo.evolution.archive import AddStatus, find_centroids
+from tacevo.evolution.lines import ReevaluationLine
 from tacevo.storage.sweep_directory import Job
 
 #: Of a run by hand, which has four niches.

@@ -20,7 +20,7 @@ from analysis.runs.run import Run
 from analysis.tables.dynamics import generations_table
 from tacevo.cli.app import main
 from tacevo.errors import RunError
-from tacevo.search.archive import find_centroids
+from tacevo.evolution.archive import find_centroids
 from tacevo.storage.canonical import content_hash
 
 NO_NICHES = Niches(networks=np.empty((0, 2)), prompts=np.array([[0.5, 0.5]]))

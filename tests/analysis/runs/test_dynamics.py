@@ -18,9 +18,9 @@ from analysis.tables.dynamics import (
     temperatures_table,
 )
 from tacevo.costs import Spending
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.lines import ReevaluationLine, gate_stages
 from tacevo.records import Reason, Stage
-from tacevo.search.archive import AddStatus
-from tacevo.search.lines import ReevaluationLine, gate_stages
 
 PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 

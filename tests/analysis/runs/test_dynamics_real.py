@@ -7,8 +7,8 @@ import pytest
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.run import Run, load_run
 from analysis.tables.dynamics import gate_table
+from tacevo.evolution.lines import gate_stages
 from tacevo.records import Stage
-from tacevo.search.lines import gate_stages
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ from analysis.runs.niches import Niches
 from analysis.runs.run import Run
 from analysis.table import Percent
 from analysis.tables.health import health_table, niches_table
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Reason, Stage
-from tacevo.search.archive import AddStatus
-from tacevo.search.lines import CandidateLine
 
 #: Four niches, one in each quarter of the unit square.
 QUARTERS = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])

@@ -10,7 +10,7 @@ from analysis.runs.lineage import ancestors, lineage
 from analysis.runs.run import Run
 from analysis.tables.dynamics import lineage_table
 from tacevo.errors import RunError
-from tacevo.search.lines import ReevaluationLine
+from tacevo.evolution.lines import ReevaluationLine
 
 
 def family() -> Run:

@@ -38,7 +38,7 @@ def test_elites_are_those_of_the_ledger(published: Path) -> None:
 
 @pytest.mark.parametrize("name", ["archive.json", "prompts.json"])
 def test_archive_that_the_ledger_does_not_have_is_refused(name: str, run: Path) -> None:
-    """What counts as another archive is in tests/search/test_files.py."""
+    """What counts as another archive is in tests/evolution/test_files.py."""
     (run / name).write_text("{}")
     with refused(RunError, place=name):
         load_run(run)

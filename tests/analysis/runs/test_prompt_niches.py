@@ -13,11 +13,11 @@ from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
 from analysis.runs.run import Run
 from tacevo.bundles.open import opened
+from tacevo.evolution.archive import Tessellation
+from tacevo.evolution.files import read_finished
+from tacevo.evolution.lines import CandidateLine
+from tacevo.evolution.prompts import prompt_point
 from tacevo.records import Json
-from tacevo.search.archive import Tessellation
-from tacevo.search.files import read_finished
-from tacevo.search.lines import CandidateLine
-from tacevo.search.prompts import prompt_point
 from tacevo.storage.run_directory import RunDirectory
 
 

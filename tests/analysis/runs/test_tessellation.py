@@ -13,7 +13,7 @@ from refusals import refused
 from analysis.runs.niches import Polygon, cells, load_niches
 from analysis.runs.run import load_run
 from tacevo.errors import RunError, StoreError
-from tacevo.search.archive import Tessellation, find_centroids
+from tacevo.evolution.archive import Tessellation, find_centroids
 
 
 def area(polygon: Polygon) -> float:

@@ -11,8 +11,8 @@ from ribs.archives import CVTArchive
 from analysis.runs.run import Run, descriptors_of
 from analysis.sweeps.common_archive import CommonArchive, common_archive, extents, filled
 from tacevo.choices import Scale
+from tacevo.evolution.archive import find_centroids
 from tacevo.randomness import stream
-from tacevo.search.archive import find_centroids
 
 #: A left and a right niche.
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])

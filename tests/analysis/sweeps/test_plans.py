@@ -23,8 +23,8 @@ from analysis.tables.plan import plan_table, planned_table
 from tacevo.choices import ChosenBy
 from tacevo.costs import Spending
 from tacevo.errors import RunError
+from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Kind, Stage
-from tacevo.search.lines import ReevaluationLine
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining, SweepTerms

@@ -13,8 +13,8 @@ from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
 from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.choices import Varied
 from tacevo.errors import IncomparableError
+from tacevo.evolution.files import RulesLine
 from tacevo.rules import FIRST
-from tacevo.search.files import RulesLine
 from tacevo.storage.sweep_directory import SweepTerms
 
 RUN = run_to(0.5, 0.4)

@@ -16,8 +16,8 @@ from analysis.studies.scores import Study
 from analysis.sweeps.tested import FailedTestError, JobScore, _score, job_score
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
+from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Reason, Stage
-from tacevo.search.lines import ReevaluationLine
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.studies.directory import StudyDirectory, is_stated
 from tacevo.studies.lines import Design, FailedLine

@@ -8,6 +8,8 @@ import yaml
 from checkout import LIBRARY
 from grammar_strategies import build, train_a_step
 
+from tacevo.evolution.development import LLM
+from tacevo.evolution.prompts import SAMPLING, sample_text
 from tacevo.llm.grammar import provider
 from tacevo.llm.grammar.bounds import fit
 from tacevo.llm.grammar.network import Network
@@ -15,8 +17,6 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.provider import MODEL, GrammarLLM
 from tacevo.randomness import stream
 from tacevo.records import Completion, Message, Request
-from tacevo.search.development import LLM
-from tacevo.search.prompts import SAMPLING, sample_text
 from tacevo.storage.canonical import content_hash
 
 BASELINE = (LIBRARY / "force" / "baseline.py").read_text()

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from gate_cases import VALID, candidate
 
+from tacevo.evolution.lines import MISREPORTING
 from tacevo.records import Reason
-from tacevo.search.lines import MISREPORTING
 
 NAMES, WEIGHTS, MODE, HIDDEN, BATCH = MISREPORTING
 HOOK = Reason.forbidden_name

@@ -32,6 +32,9 @@ from tacevo.choices import LightScene, SensorTask
 from tacevo.config.compose import compose
 from tacevo.data.simulator.tasks import Simulated, draw
 from tacevo.errors import StoreError
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.archive import find_centroids
+from tacevo.evolution.descriptors import describe
 from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
@@ -39,9 +42,6 @@ from tacevo.records import Contract, Limits, Loss, Recipe, Training, to_json
 from tacevo.runs.eras import archive_files
 from tacevo.runs.summary import summarise
 from tacevo.sandbox.client import Finished, Frame
-from tacevo.search.algorithm import run_search
-from tacevo.search.archive import find_centroids
-from tacevo.search.descriptors import describe
 from tacevo.storage.ledger import Ledger
 from tacevo.training import trainer
 from tacevo.training.evaluation import judge

@@ -17,8 +17,8 @@ from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.studies.images import image_findings
 from analysis.studies.scores import Study
+from tacevo.evolution.archive import find_centroids
 from tacevo.records import Kind, Reason, Stage
-from tacevo.search.archive import find_centroids
 
 CENTROIDS = np.array(find_centroids(niches=9, dimensions=2, samples=300, seed=0))
 

@@ -9,6 +9,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.archive import NetworkArchive, Tessellation, find_centroids
+from tacevo.evolution.development import Effects, Evaluate, Outcome
+from tacevo.evolution.files import line_kind
+from tacevo.evolution.lines import SearchLine
+from tacevo.evolution.proposals import Settings
+from tacevo.evolution.state import Plan, SearchState
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import (
     Completion,
@@ -24,13 +31,6 @@ from tacevo.records import (
     Training,
     to_json,
 )
-from tacevo.search.algorithm import run_search
-from tacevo.search.archive import NetworkArchive, Tessellation, find_centroids
-from tacevo.search.development import Effects, Evaluate, Outcome
-from tacevo.search.files import line_kind
-from tacevo.search.lines import SearchLine
-from tacevo.search.proposals import Settings
-from tacevo.search.state import Plan, SearchState
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Ledger
 

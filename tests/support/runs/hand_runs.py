@@ -12,11 +12,11 @@ from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
+from tacevo.evolution.archive import AddStatus, Bounds
+from tacevo.evolution.files import EliteEntry, RulesLine, TrialEntry
+from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
 from tacevo.records import DataFacts, Kind, Operator, Reason, Stage
 from tacevo.rules import FIRST
-from tacevo.search.archive import AddStatus, Bounds
-from tacevo.search.files import EliteEntry, RulesLine, TrialEntry
-from tacevo.search.lines import CandidateLine, GenerationLine, RepairedAnswer
 from tacevo.typed import convert
 
 FACTS = DataFacts(

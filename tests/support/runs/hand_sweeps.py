@@ -13,7 +13,7 @@ from analysis.sweeps.ablation import Ablation, compare_arms, outcome
 from analysis.sweeps.common_archive import common_archive
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.costs import Spending
-from tacevo.search.lines import CandidateLine
+from tacevo.evolution.lines import CandidateLine
 from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.storage.sweep_directory import Job
 

@@ -6,10 +6,10 @@ from fakes import TASK
 
 from tacevo.choices import Device, MarginKind, Numerics
 from tacevo.config.study import Margin
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.files import RunLine
+from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import DataFacts, Kind, Limits, Operator, Reason, Recipe, Stage
-from tacevo.search.archive import AddStatus
-from tacevo.search.files import RunLine
-from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.run_directory import RunRecord
 from tacevo.studies.lines import Network, ScoreLine, StudyHeader
 from tacevo.studies.terms import Terms

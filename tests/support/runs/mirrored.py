@@ -9,10 +9,10 @@ from fakes import TASK
 from ledger_lines import FACTS, ended, header, rejected, run_record, trained
 
 from tacevo.environment import Code
+from tacevo.evolution.archive import AddStatus
+from tacevo.evolution.files import Line, line_kind
+from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Instruction, Operator, to_json
-from tacevo.search.archive import AddStatus
-from tacevo.search.files import Line, line_kind
-from tacevo.search.lines import CandidateLine
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory

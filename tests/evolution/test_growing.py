@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tacevo.search.archive import Growing
+from tacevo.evolution.archive import Growing
 
 #: Which of the mappings so far is grown (counted from the latest), the key, the value.
 STEPS = st.lists(st.tuples(st.integers(0, 5), st.sampled_from("abcdef"), st.integers()), max_size=40)

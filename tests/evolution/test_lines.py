@@ -10,9 +10,9 @@ from checkout import GOLDEN, PUBLISHED
 from refusals import refused
 
 from tacevo.errors import RunError
+from tacevo.evolution.files import line_kind
+from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Operator, written
-from tacevo.search.files import line_kind
-from tacevo.search.lines import CandidateLine, GenerationLine
 from tacevo.storage.ledger import read_line, read_lines, seal
 
 LEDGER = GOLDEN / "ledger.jsonl"

@@ -11,11 +11,11 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
+from tacevo.evolution.lines import CandidateLine, ReevaluationLine, TrainedLine, source_hash
+from tacevo.evolution.proposals import Candidate, Settings
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
-from tacevo.search.archive import Growing, NetworkArchive, Tessellation, TopK
-from tacevo.search.lines import CandidateLine, ReevaluationLine, TrainedLine, source_hash
-from tacevo.search.proposals import Candidate, Settings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

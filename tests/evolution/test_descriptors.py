@@ -11,8 +11,8 @@ from graphs import BRANCH, CHAIN, EINSUM, NO_HIDDEN_LAYER, ONE_LAYER, RESIDUAL, 
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tacevo.evolution.descriptors import density, depth, describe, entropy, variation, width
 from tacevo.profile import Graph, Node, Profile
-from tacevo.search.descriptors import density, depth, describe, entropy, variation, width
 
 EMPTY = Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=())
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.choices import TemperatureRule
-from tacevo.search.proposals import clip, next_temperature
+from tacevo.evolution.proposals import clip, next_temperature
 
 LOSSES = st.floats(0, 1e6)
 

@@ -20,15 +20,15 @@ from analysis.sweeps.sweep_checks import check_sweep
 from analysis.tables.dynamics import generations_table, temperatures_table
 from tacevo.config.compose import compose
 from tacevo.errors import IncomparableError
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.archive import find_centroids
+from tacevo.evolution.files import RulesLine
+from tacevo.evolution.lines import CandidateLine, SearchLine, not_sent
+from tacevo.evolution.state import Plan
 from tacevo.records import Completion, Request
 from tacevo.rules import FIRST
 from tacevo.runs.eras import run_eras
 from tacevo.runs.summary import summarise
-from tacevo.search.algorithm import run_search
-from tacevo.search.archive import find_centroids
-from tacevo.search.files import RulesLine
-from tacevo.search.lines import CandidateLine, SearchLine, not_sent
-from tacevo.search.state import Plan
 from tacevo.storage.ledger import Ledger
 
 WORDS = "temperature was not sent: the model refuses it"

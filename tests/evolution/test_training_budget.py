@@ -3,8 +3,8 @@
 import pytest
 from ledger_lines import rejected, trained
 
-from tacevo.search.lines import trained_networks, training_flops
-from tacevo.search.state import Budget
+from tacevo.evolution.lines import trained_networks, training_flops
+from tacevo.evolution.state import Budget
 
 #: The second network came twice.
 TRAINED = [("a", 100), ("b", 30), ("b", 30), ("c", 0)]

@@ -11,10 +11,8 @@ from fractions import Fraction
 import numpy as np
 
 from tacevo.choices import OperatorScope, ParentPolicy, PromptPolicy, SystemTurn, TemperatureRule
-from tacevo.randomness import derived_seed, stream
-from tacevo.records import Message, Operator, Request, Setting, Task
-from tacevo.search.archive import Archive
-from tacevo.search.prompts import (
+from tacevo.evolution.archive import Archive
+from tacevo.evolution.prompts import (
     PromptArchive,
     crossover_text,
     draw_pool,
@@ -23,6 +21,8 @@ from tacevo.search.prompts import (
     mutation_text,
     sample_text,
 )
+from tacevo.randomness import derived_seed, stream
+from tacevo.records import Message, Operator, Request, Setting, Task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,9 +239,9 @@ def next_temperature(
     """Return the temperature of the next generation, T_{g+1}.
 
     `paper` is the formula as printed: up when the archive best is not worse than before, else down; an archive's
-    best never gets worse, so it only ever rises, except where elites are trained again (`tacevo.search.reevaluation`):
-    that can take the best away. `stall` raises it only when the generation brought no better best, and lowers it when
-    it did. `fixed` leaves it alone.
+    best never gets worse, so it only ever rises, except where elites are trained again
+    (`tacevo.evolution.reevaluation`): that can take the best away. `stall` raises it only when the generation brought
+    no better best, and lowers it when it did. `fixed` leaves it alone.
 
     The temperature is T_g, `best` and `best_before` are f*_g and f*_{g-1}, the archive's best fitness (lower is better)
     after this generation and the one before, and `step` is eta. Temperatures and eta are in [0, 1].

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from probabilities import agrees
 
 from tacevo.choices import PromptPolicy
+from tacevo.evolution.archive import AddStatus, Tessellation
+from tacevo.evolution.prompts import PromptArchive, Trial, curiosity, draw_prompt, draw_weighted
 from tacevo.randomness import stream
-from tacevo.search.archive import AddStatus, Tessellation
-from tacevo.search.prompts import PromptArchive, Trial, curiosity, draw_prompt, draw_weighted
 
 #: Two niches, of low and of high prompt indices.
 TWO = Tessellation([(0.0, 0.5), (1.0, 0.5)])

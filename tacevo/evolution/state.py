@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from tacevo.choices import PAPER_AXES, Axis, Scale, TemperatureRule
+from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
+from tacevo.evolution.development import Outcome
+from tacevo.evolution.lines import SearchLine, training_flops
+from tacevo.evolution.prompts import PromptArchive
+from tacevo.evolution.proposals import Candidate, Settings
+from tacevo.evolution.reevaluation import Estimates
 from tacevo.records import Task
-from tacevo.search.archive import Growing, NetworkArchive, Tessellation, TopK
-from tacevo.search.development import Outcome
-from tacevo.search.lines import SearchLine, training_flops
-from tacevo.search.prompts import PromptArchive
-from tacevo.search.proposals import Candidate, Settings
-from tacevo.search.reevaluation import Estimates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,14 +18,14 @@ from refusals import refused
 
 from analysis.runs.archive_history import archive_history
 from tacevo.errors import DivergenceError
+from tacevo.evolution.archive import Elite, Individual, NetworkArchive, TopK
+from tacevo.evolution.files import by_rules, line_kind
+from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine
+from tacevo.evolution.reevaluation import Estimates, fitness_by_id
+from tacevo.evolution.state import Plan, SearchState
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Given, Operator, Reason, Rejection, Request, Stage, Training
 from tacevo.rounding import rounded
-from tacevo.search.archive import Elite, Individual, NetworkArchive, TopK
-from tacevo.search.files import by_rules, line_kind
-from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine
-from tacevo.search.reevaluation import Estimates, fitness_by_id
-from tacevo.search.state import Plan, SearchState
 from tacevo.storage.ledger import read_lines
 
 #: Two slots of each generation train an elite again.

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tacevo.search.chance import MARGIN, is_at_chance, shortfall
+from tacevo.evolution.chance import MARGIN, is_at_chance, shortfall
 
 LN10 = math.log(10)
 SETTINGS = ("training.epochs", "number of images", "training.learning_rate", "search.candidates", "llm.model")

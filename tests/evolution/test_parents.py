@@ -9,9 +9,9 @@ import pytest
 from probabilities import agrees
 
 from tacevo.choices import ParentPolicy
+from tacevo.evolution.archive import Archive, Elite, insert
+from tacevo.evolution.proposals import Candidate, draw_parents, fittest, pool_of_parents
 from tacevo.randomness import stream
-from tacevo.search.archive import Archive, Elite, insert
-from tacevo.search.proposals import Candidate, draw_parents, fittest, pool_of_parents
 
 #: Losses in the order in which the candidates came; g3 is as fit as g1.
 LOSSES = (0.5, 0.2, 0.9, 0.2, 0.3, 0.8)

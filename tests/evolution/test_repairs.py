@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from tacevo.evolution.prompts import repair_request
 from tacevo.records import Message, Reason, Rejection, Request, Stage
-from tacevo.search.prompts import repair_request
 
 ASKED = Request(
     model="m",

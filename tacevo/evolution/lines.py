@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Literal, Self, TypeVar
 
+from tacevo.evolution.archive import AddStatus, Bounds
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
-from tacevo.search.archive import AddStatus, Bounds
 
 T = TypeVar("T", bound="TrainedLine")
 
@@ -227,7 +227,7 @@ def with_training(line: T, training: Training) -> T:
 def with_result(
     line: T, result: Training | Rejection, *, seed: int, trainings: Mapping[int, Training], keys: Mapping[int, str]
 ) -> T:
-    """Return a line with what gate and training found; the values are those of `tacevo.search.development.Outcome`."""
+    """Return a line with what gate and training found; values are as of `tacevo.evolution.development.Outcome`."""
     line = replace(line, seed=seed, evaluation=keys.get(seed))
     if isinstance(result, Rejection):
         return replace(line, stage=result.stage, reason=result.reason)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tacevo.choices import PromptPolicy
+from tacevo.evolution.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
 from tacevo.records import Contract, Message, Reason, Rejection, Request, to_json
-from tacevo.search.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
 from tacevo.storage.canonical import content_hash
 
 #: What is asked for where a network has no parent.

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from tacevo.errors import LLMError, SandboxError, TransportError
+from tacevo.evolution.development import LLM, Effects, Outcome, develop
+from tacevo.evolution.proposals import Proposal
 from tacevo.profile import Admitted, Graph, Profile
 from tacevo.records import Completion, Message, Operator, Reason, Rejection, Request, Stage, Training
-from tacevo.search.development import LLM, Effects, Outcome, develop
-from tacevo.search.proposals import Proposal
 
 PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=()))
 REFUSAL = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="there was no class")

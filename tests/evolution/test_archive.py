@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ribs.archives import CVTArchive
 
-from tacevo.randomness import stream
-from tacevo.search.archive import (
+from tacevo.evolution.archive import (
     AddStatus,
     Archive,
     Bounds,
@@ -23,6 +22,7 @@ from tacevo.search.archive import (
     insert,
     qd_score,
 )
+from tacevo.randomness import stream
 
 QUARTERS = Tessellation([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
 

@@ -1,6 +1,6 @@
 """The files of a search: its ledger with header and eras, and both archives.
 
-ledger.jsonl    the header, then the lines of the search (`tacevo.search.lines`), and where later rules begin
+ledger.jsonl    the header, then the lines of the search (`tacevo.evolution.lines`), and where later rules begin
 archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 """
@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from tacevo.errors import RunError
+from tacevo.evolution.archive import Bounds
+from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, TrainedLine
 from tacevo.records import DataFacts, Json, Operator, Record, written
 from tacevo.rules import FIRST, Rules
-from tacevo.search.archive import Bounds
-from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, TrainedLine
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import Sealed, read_lines
 from tacevo.storage.run_directory import RunDirectory, RunRecord

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from tacevo.errors import CacheMissError
+from tacevo.evolution.prompts import repair_request
+from tacevo.evolution.proposals import Proposal
+from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Operator, Rejection, Request, Training
-from tacevo.search.prompts import repair_request
-from tacevo.search.proposals import Proposal
-from tacevo.search.reevaluation import Reevaluation
 
 #: A slot of a generation.
 Job = Proposal | Reevaluation

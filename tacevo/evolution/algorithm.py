@@ -19,12 +19,10 @@ from fractions import Fraction
 
 from tacevo.choices import PromptPolicy
 from tacevo.errors import ConfigError
-from tacevo.profile import Admitted
-from tacevo.records import Operator, Rejection, Task, to_json
-from tacevo.search.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
-from tacevo.search.descriptors import describe
-from tacevo.search.development import Effects, Job, Outcome, develop
-from tacevo.search.lines import (
+from tacevo.evolution.archive import AddStatus, Elite, Growing, Individual, coverage, qd_score
+from tacevo.evolution.descriptors import describe
+from tacevo.evolution.development import Effects, Job, Outcome, develop
+from tacevo.evolution.lines import (
     CandidateLine,
     GenerationLine,
     ReevaluationLine,
@@ -32,8 +30,8 @@ from tacevo.search.lines import (
     source_hash,
     with_result,
 )
-from tacevo.search.prompts import Trial, curiosity
-from tacevo.search.proposals import (
+from tacevo.evolution.prompts import Trial, curiosity
+from tacevo.evolution.proposals import (
     Candidate,
     Proposal,
     elites_of,
@@ -42,8 +40,10 @@ from tacevo.search.proposals import (
     plan_initial,
     pool_of_parents,
 )
-from tacevo.search.reevaluation import Reevaluation, compete_again, plan_reevaluations
-from tacevo.search.state import Ledger, Observer, Plan, SearchState
+from tacevo.evolution.reevaluation import Reevaluation, compete_again, plan_reevaluations
+from tacevo.evolution.state import Ledger, Observer, Plan, SearchState
+from tacevo.profile import Admitted
+from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.storage.canonical import content_hash
 
 

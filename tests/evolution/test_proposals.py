@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from probabilities import agrees
 
 from tacevo.choices import ParentPolicy, PromptPolicy
+from tacevo.evolution.archive import Tessellation
+from tacevo.evolution.prompts import PromptArchive, Trial, crossover_text, mutation_text, system_prompt
+from tacevo.evolution.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
 from tacevo.records import Contract, Instruction, Kind, Loss, Operator, Request, Task
-from tacevo.search.archive import Tessellation
-from tacevo.search.prompts import PromptArchive, Trial, crossover_text, mutation_text, system_prompt
-from tacevo.search.proposals import Candidate, Proposal, Settings, plan_generation, plan_initial
 
 GENERATIONS = 2000
 

@@ -12,10 +12,8 @@ from ledger_lines import candidate, run_record
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.records import Operator
-from tacevo.runs.eras import archive_files
-from tacevo.search.algorithm import run_search
-from tacevo.search.files import (
+from tacevo.evolution.algorithm import run_search
+from tacevo.evolution.files import (
     check_references,
     finished_digest,
     line_kind,
@@ -25,7 +23,9 @@ from tacevo.search.files import (
     read_ledger,
     write_archives,
 )
-from tacevo.search.lines import CandidateLine, GenerationLine, ReevaluationLine
+from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine
+from tacevo.records import Operator
+from tacevo.runs.eras import archive_files
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import fakes
 import pytest
 
+from tacevo.evolution.lines import CandidateLine
+from tacevo.evolution.state import Plan
 from tacevo.records import Rejection, Stage, Training, written
-from tacevo.search.lines import CandidateLine
-from tacevo.search.state import Plan
 from tacevo.storage.canonical import content_hash
 
 
