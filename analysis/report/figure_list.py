@@ -97,7 +97,7 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
     drawn: list[tuple[str, Callable[[], Figure], str]] = [
         (
-            "fitness_evolution",
+            "fitness",
             partial(fitness_evolution, run, archive_medians(run, niches.networks)),
             "Best and median fitness of the network archive after each generation, and the median of its new "
             "candidates.",

@@ -51,7 +51,7 @@ def test_run_has_every_picture() -> None:
     """Those of the search first, those of the study last."""
     found = pictures_of(collection(Kind.classification, searched=searched()))
     assert [picture.name for picture in found] == [
-        "fitness_evolution_force", "trainable_force", "archive_growth_force", "temperature_force", "network_map_force",
+        "fitness_force", "trainable_force", "archive_growth_force", "temperature_force", "network_map_force",
         "prompt_map_force", "prompt_productivity_force", "lineage_force", "training_curves_force",
         "seed_boxes_grating_study1", "confusion_matrices_grating_study1"
     ]  # fmt: skip
@@ -70,7 +70,7 @@ def test_what_a_run_never_had_is_not_drawn() -> None:
     bare = replace(searched(), elites=(), instructions=(), candidates=())
     bare = replace(bare, config=configured(prompts={"policy": "none"}))
     found = [picture.name for picture in pictures_of(collection(searched=bare))]
-    expected = ["fitness_evolution", "trainable", "archive_growth", "temperature", "network_map"]
+    expected = ["fitness", "trainable", "archive_growth", "temperature", "network_map"]
     assert found == [f"{name}_force" for name in expected]
 
 

@@ -72,7 +72,7 @@ def test_map_that_would_mean_nothing_is_left_out_and_said(run: Run, niches: Nich
     """No picture of cells where there are none, and a sentence in its stead; the others are there."""
     names = [picture.name for picture in run_pictures(run, niches)]
     assert "network_map_force" not in names
-    assert {"archive_growth_force", "fitness_evolution_force", "prompt_map_force"} <= set(names)
+    assert {"archive_growth_force", "fitness_force", "prompt_map_force"} <= set(names)
     (sentence,) = undrawn(run)
     assert sentence.startswith(words)
 

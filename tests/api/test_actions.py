@@ -1,0 +1,84 @@
+"""Promise: a search, a study and a publication from Python are those of the commands, from any program."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from pandas.testing import assert_frame_equal
+from refusals import refused
+from smallest import SMALLEST, UNTRACKED
+
+import tacevo
+from tacevo.cli.app import main
+
+#: A program without `if __name__ == "__main__"`, whose images are made by several processes.
+SCRIPT = """
+import sys
+import tacevo
+
+words = sys.argv[1:]
+runs = [tacevo.search(*words, f"run.dir=run{seed}", f"seed={seed}", quiet=True) for seed in (1, 2)]
+print([run.digest for run in runs])
+"""
+
+
+def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
+    """Each call returns what the commands then find, and a second search in the process is the command's."""
+    run = tacevo.search(*SMALLEST, UNTRACKED, "run.dir=run", quiet=True)
+    assert main(["search", *SMALLEST, UNTRACKED, "run.dir=other"]) == 0
+    other = tacevo.open("other")
+    assert isinstance(other, tacevo.Run)
+    assert run.digest == other.digest == tacevo.search(*SMALLEST, UNTRACKED, "run.dir=run", quiet=True).digest
+    noise = tacevo.noise(run, elites=1, seeds=2, quiet=True)
+    assert noise.is_noise
+    assert [*noise.reestimates["seed"]] == [0, 1, 0, 1]
+    study = tacevo.study(run, elites=1, seeds=4, epochs=1, quiet=True)
+    assert [*study.verdicts.index] == ["variant 1"]
+    assert len(study.scores) == 8
+    digest = tacevo.publish(run, "mine.zip", authors=["A. Nyone"], quiet=True)
+    assert len(digest) == 64
+    again = tacevo.open("mine.zip")
+    assert isinstance(again, tacevo.Run)
+    assert again.replay(quiet=True) == run.digest
+    assert_frame_equal(next(one for one in again.studies if not one.is_noise).verdicts, study.verdicts)
+    with refused(tacevo.ConfigError, expected="a run in a directory"):
+        tacevo.study(again, elites=1)
+
+
+def test_program_without_a_main_guard_searches_twice(place: Path) -> None:
+    """Processes that make images do not run the program again."""
+    (place / "program.py").write_text(SCRIPT)
+    many = [*SMALLEST, UNTRACKED, "data.images=260", "executor.workers=2"]
+    done = subprocess.run([sys.executable, "program.py", *many], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("[") == 1
+    assert len({path.name for path in place.glob("run*")}) == 2
+
+
+def test_interrupted_search_is_continued(place: Path) -> None:
+    """As by a notebook's stop button; the same call then gives the digest of one that was never stopped."""
+    (place / "program.py").write_text(
+        "import sys, tacevo\nprint(tacevo.search(*sys.argv[1:], 'run.dir=run', quiet=True).digest)\n"
+    )
+    words = [*SMALLEST, UNTRACKED]
+    process = subprocess.Popen([sys.executable, "program.py", *words], stderr=subprocess.PIPE, text=True)
+    ledger = place / "run" / "ledger.jsonl"
+    while process.poll() is None and not (ledger.exists() and ledger.read_text().count("\n") > 2):
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGINT)
+    error = process.communicate()[1]
+    assert process.returncode == 0 or "KeyboardInterrupt" in error
+    run = tacevo.search(*words, "run.dir=run", quiet=True)
+    assert run.digest == tacevo.search(*words, "run.dir=whole", quiet=True).digest
+
+
+@pytest.mark.parametrize("settings", [{"elites": 0}, {"seeds": "many"}, {"serach": 1}, {"elites": None}])
+def test_wrong_setting_is_refused_before_anything_is_trained(run: Path, settings: dict[str, object]) -> None:
+    """As by the command."""
+    with pytest.raises(tacevo.ConfigError):
+        tacevo.study("run", quiet=True, **settings)
+    assert len([*(run / "studies").iterdir()]) == 1

@@ -1,0 +1,229 @@
+"""Promise: what was recorded can be had from Python as it was recorded, and what trains does what the commands do."""
+
+import gc
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from checkout import ROOT
+from pandas.testing import assert_frame_equal
+from refusals import refused
+
+import tacevo
+from tacevo.api import frames
+from tacevo.cli.app import main
+
+BUNDLES = sorted((ROOT / "cache" / "published").glob("*.zip"))
+
+
+@pytest.fixture(scope="module")
+def opened(published: Path) -> tacevo.Run:
+    """Open the session's published run."""
+    run = tacevo.open(published / "run.zip")
+    assert isinstance(run, tacevo.Run)
+    return run
+
+
+def test_public_names_are_frozen() -> None:
+    """A program that was written for them goes on."""
+    assert tacevo.__all__ == [
+        "BundleError",
+        "CacheMissError",
+        "ConfigError",
+        "DivergenceError",
+        "Run",
+        "RunError",
+        "Study",
+        "Sweep",
+        "Table",
+        "TacevoError",
+        "noise",
+        "open",
+        "publish",
+        "search",
+        "study",
+    ]
+    assert all(callable(getattr(tacevo, name)) for name in tacevo.__all__)
+    with pytest.raises(AttributeError, match="serach"):
+        tacevo.serach  # noqa: B018
+
+
+def test_import_is_light() -> None:
+    """Neither torch nor pandas nor Matplotlib is imported before it is needed."""
+    script = "import sys, tacevo; print({'torch', 'pandas', 'matplotlib', 'hydra', 'scipy'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+def test_candidates_are_the_ledgers(opened: tacevo.Run, published: Path) -> None:
+    """Field by field, as the lines of the file say."""
+    lines = [json.loads(text) for text in (published / "run" / "ledger.jsonl").read_text().splitlines()]
+    lines = [line for line in lines if line["kind"] == "candidate"]
+    frame = opened.candidates
+    assert [*frame.index] == [line["id"] for line in lines]
+    for name in ("generation", "slot", "operator", "stage", "reason", "parameters", "flops", "niche", "arch_div"):
+        recorded = [line.get(name) for line in lines]
+        assert [None if pd.isna(value) else value for value in frame[name]] == recorded
+    assert [[*parents] for parents in frame["parents"]] == [line["parents"] for line in lines]
+    assert frame["recorded_fitness"].isna().tolist() == [line.get("fitness") is None for line in lines]
+
+
+def test_elites_are_the_archives(opened: tacevo.Run, published: Path) -> None:
+    """Best first, and each is marked among the candidates."""
+    elites = json.loads((published / "run" / "archive.json").read_text())["elites"]
+    frame = opened.elites
+    assert {niche: (row["id"], row["fitness"]) for niche, row in frame.iterrows()} == {
+        elite["niche"]: (elite["id"], elite["fitness"]) for elite in elites
+    }
+    assert frame["fitness"].is_monotonic_increasing
+    assert {*opened.candidates.index[opened.candidates["is_elite"]]} == {elite["id"] for elite in elites}
+
+
+def test_frames_are_equal_from_directory_and_bundle(opened: tacevo.Run, published: Path) -> None:
+    """Where a run lies changes nothing of it."""
+    other = tacevo.open(published / "run")
+    assert isinstance(other, tacevo.Run)
+    for name in ("candidates", "generations", "elites", "prompts"):
+        assert_frame_equal(getattr(opened, name), getattr(other, name))
+    assert opened.digest == other.digest
+    (ours,), (theirs,) = opened.studies, other.studies
+    for name in ("networks", "scores", "verdicts", "reestimates"):
+        assert_frame_equal(getattr(ours, name), getattr(theirs, name))
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)
+def test_every_published_bundle_can_be_looked_into(bundle: Path) -> None:
+    """All frames have their columns, all tables become frames, and a picture is drawn."""
+    with tacevo.open(bundle) as opened:
+        if isinstance(opened, tacevo.Sweep):
+            assert [*opened.jobs.columns][: len(frames.JOBS) - 1] == [*frames.JOBS][1:]
+            contrasts = opened.contrasts("best_fitness")
+            assert [*contrasts.index] == [*dict.fromkeys([contrasts.index[0], *opened.arms])]
+        run = opened.run(opened.jobs.index[0]) if isinstance(opened, tacevo.Sweep) else opened
+        assert [*run.candidates.columns] == [*frames.CANDIDATES][1:]
+        assert {str(dtype) for dtype in run.candidates.dtypes} <= {"Int64", "float64", "string", "boolean", "object"}
+        assert run.candidates.loc[run.elites["id"], "fitness"].notna().all()
+        for table in run.tables.values():
+            assert len(table.frame.columns) >= 1
+        for study in run.studies:
+            assert len(study.scores) >= len(study.networks)
+            assert {*study.verdicts.index} <= {*study.networks.index}
+
+
+def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every table, byte for byte; a study's by its own name, too."""
+    assert main(["tables", "run"]) == 0
+    made = tacevo.open("run")
+    assert isinstance(made, tacevo.Run)
+    written = {path.read_text() for path in (run / "tables").glob("*.tex")}
+    assert {table.to_latex() for table in made.tables.values()} == written
+    (study,) = made.studies
+    assert study.tables["verdicts"].to_markdown() == made.tables[f"{study.name}/verdicts"].to_markdown()
+    assert made.tables["verdicts"].to_markdown() in capsys.readouterr().out
+
+
+def test_unknown_table_is_answered_with_the_near_one(opened: tacevo.Run) -> None:
+    """As every misspelt name."""
+    with refused(tacevo.ConfigError, place="run.tables", remedy="did you mean verdicts?"):
+        opened.tables["verdict"]
+    assert "verdict" not in opened.tables
+
+
+def test_source_runs_as_a_file(opened: tacevo.Run, tmp_path: Path) -> None:
+    """With the imports that the sandbox gave it."""
+    for name in opened.elites["id"]:
+        (tmp_path / "net.py").write_text(opened.source(name))
+        subprocess.run([sys.executable, tmp_path / "net.py"], check=True)
+
+
+def test_network_is_built_only_for_who_trusts_it(opened: tacevo.Run) -> None:
+    """Its weights follow from torch's seed, and it maps images to outputs."""
+    import torch
+
+    name = opened.elites["id"].iloc[0]
+    with refused(tacevo.ConfigError, expected="trust=True: ", remedy=f"read run.source({name!r}) first"):
+        opened.network(name)
+    contract = opened.recorded.record.task.contract
+    images = torch.zeros(2, contract.in_channels, contract.image_size, contract.image_size)
+    found = []
+    for seed in (3, 3, 4):
+        torch.manual_seed(seed)
+        with torch.no_grad():
+            found.append(opened.network(name, trust=True).eval()(images))
+    assert found[0].shape == (2, contract.outputs)
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
+
+
+@pytest.mark.parametrize("name", ["g99s99", "../../run", ""])
+def test_candidate_that_is_not_there_is_refused(opened: tacevo.Run, name: str) -> None:
+    """Also where it looks like a path."""
+    with refused(tacevo.ConfigError, place="candidate", got=repr(name)):
+        opened.source(name)
+
+
+def test_edited_source_is_refused(run: Path) -> None:
+    """Before anything of it is built."""
+    made = tacevo.open("run")
+    assert isinstance(made, tacevo.Run)
+    name = made.elites["id"].iloc[0]
+    (run / "candidates" / f"{name}.py").write_text("raise SystemExit")
+    for read in (made.source, lambda name: made.network(name, trust=True)):
+        with refused(tacevo.RunError, place=f"run/candidates/{name}.py"):
+            read(name)
+
+
+@pytest.mark.parametrize("place", ["nothing", ".", "file.zip"])
+def test_what_is_no_run_is_refused(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As by every command."""
+    monkeypatch.chdir(tmp_path)
+    Path("file.zip").write_bytes(b"none")
+    with pytest.raises(tacevo.TacevoError):
+        tacevo.open(place)
+
+
+def test_edited_run_does_not_replay(folder: Path) -> None:
+    """The first difference is raised; the same run unedited gives its digest."""
+    made = tacevo.open("run")
+    assert isinstance(made, tacevo.Run)
+    assert made.replay(quiet=True) == made.digest
+    (Path("run") / "summary.md").write_text("best of all\n")
+    with pytest.raises(tacevo.DivergenceError):
+        made.replay(quiet=True)
+
+
+def test_job_of_a_sweep_outlives_the_sweep_object(swept: Path) -> None:
+    """The bundle stays open as long as a run of it is used."""
+    sweep = tacevo.open(swept / "sweep.zip")
+    assert isinstance(sweep, tacevo.Sweep)
+    run = sweep.run(sweep.jobs.index[0])
+    known = run.candidates
+    del sweep
+    gc.collect()
+    assert run.source(run.elites["id"].iloc[0])
+    assert_frame_equal(run.candidates, known)
+
+
+def test_sweep_is_the_same_from_directory_and_bundle(swept: Path) -> None:
+    """Jobs, arms and contrasts; an unknown metric is refused."""
+    one, other = tacevo.open(swept / "sweep"), tacevo.open(swept / "sweep.zip")
+    assert isinstance(one, tacevo.Sweep)
+    assert isinstance(other, tacevo.Sweep)
+    assert_frame_equal(one.jobs, other.jobs)
+    assert_frame_equal(one.contrasts("coverage"), other.contrasts("coverage"))
+    assert {*one.tables} == {*other.tables}
+    with refused(tacevo.ConfigError, place="metric", remedy="did you mean coverage?"):
+        one.contrasts("coverag")
+
+
+def test_notebooks_see_tables(opened: tacevo.Run, swept: Path) -> None:
+    """A run, a study, a table and a sweep show themselves as HTML, and texts of the run are text."""
+    sweep = tacevo.open(swept / "sweep.zip")
+    for shown in (opened, opened.studies[0], opened.tables["gate"], sweep):
+        text = shown._repr_html_()
+        assert "<table" in text
+        assert "<script" not in text

@@ -1,0 +1,43 @@
+"""Promise: the frames of the Python API have the columns and dtypes that docs/python.md lists, whatever a run holds."""
+
+import re
+
+import pytest
+from checkout import ROOT
+
+from tacevo.api import frames
+from tacevo.api.frames import Columns, frame
+
+LISTED: dict[str, Columns] = {
+    "run.candidates": frames.CANDIDATES,
+    "run.generations": frames.GENERATIONS,
+    "run.elites": frames.ELITES,
+    "run.prompts": frames.PROMPTS,
+    "study.networks": frames.NETWORKS,
+    "study.scores": frames.SCORES,
+    "study.verdicts": frames.VERDICTS,
+    "study.reestimates": frames.REESTIMATES,
+    "sweep.jobs": frames.JOBS,
+    "sweep.contrasts(METRIC)": frames.CONTRASTS,
+}
+
+
+def test_every_column_is_listed() -> None:
+    """In order, with its dtype; and nothing else is."""
+    _, *parts = re.split(r"^### `([^`]+)`.*$", (ROOT / "docs/python.md").read_text(), flags=re.MULTILINE)
+    listed = {
+        name: dict(re.findall(r"^\| `(\w+)` \| `(\w+)` \| ", table, flags=re.MULTILINE))
+        for name, table in zip(parts[::2], parts[1::2], strict=True)
+    }
+    assert listed == LISTED
+    assert all([*listed[name]] == [*columns] for name, columns in LISTED.items())
+
+
+@pytest.mark.parametrize("columns", LISTED.values(), ids=LISTED)
+def test_frame_has_its_dtypes_with_and_without_rows(columns: Columns) -> None:
+    """A value that a row lacks is missing, and never 0 or an empty text."""
+    empty: dict[str, object] = {}
+    for rows in ([], [empty], [empty, empty]):
+        made = frame(rows, columns)
+        assert {name: str(dtype) for name, dtype in made.dtypes.items()} == dict(columns)
+        assert made.isna().to_numpy().all()
