@@ -10,10 +10,12 @@ from pathlib import Path
 import pytest
 from pandas.testing import assert_frame_equal
 from refusals import refused
-from smallest import SMALLEST, UNTRACKED
+from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
 
 import tacevo
 from tacevo.cli.app import main
+
+SMALL = [*SMALLEST, *PUBLISHED_SIZES, UNTRACKED]
 
 #: A program without `if __name__ == "__main__"`, whose images are made by several processes.
 SCRIPT = """
@@ -28,11 +30,11 @@ print([run.digest for run in runs])
 
 def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
     """Each call returns what the commands then find, and a second search in the process is the command's."""
-    run = tacevo.search(*SMALLEST, UNTRACKED, "run.dir=run", quiet=True)
-    assert main(["search", *SMALLEST, UNTRACKED, "run.dir=other"]) == 0
+    run = tacevo.search(*SMALL, "run.dir=run", quiet=True)
+    assert main(["search", *SMALL, "run.dir=other"]) == 0
     other = tacevo.open("other")
     assert isinstance(other, tacevo.Run)
-    assert run.digest == other.digest == tacevo.search(*SMALLEST, UNTRACKED, "run.dir=run", quiet=True).digest
+    assert run.digest == other.digest == tacevo.search(*SMALL, "run.dir=run", quiet=True).digest
     noise = tacevo.noise(run, elites=1, seeds=2, quiet=True)
     assert noise.is_noise
     assert [*noise.reestimates["seed"]] == [0, 1, 0, 1]
@@ -52,7 +54,7 @@ def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
 def test_program_without_a_main_guard_searches_twice(place: Path) -> None:
     """Processes that make images do not run the program again."""
     (place / "program.py").write_text(SCRIPT)
-    many = [*SMALLEST, UNTRACKED, "data.images=260", "executor.workers=2"]
+    many = [*SMALL, "data.images=260", "executor.workers=2"]
     done = subprocess.run([sys.executable, "program.py", *many], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("[") == 1
@@ -64,7 +66,7 @@ def test_interrupted_search_is_continued(place: Path) -> None:
     (place / "program.py").write_text(
         "import sys, tacevo\nprint(tacevo.search(*sys.argv[1:], 'run.dir=run', quiet=True).digest)\n"
     )
-    words = [*SMALLEST, UNTRACKED]
+    words = SMALL
     process = subprocess.Popen([sys.executable, "program.py", *words], stderr=subprocess.PIPE, text=True)
     ledger = place / "run" / "ledger.jsonl"
     while process.poll() is None and not (ledger.exists() and ledger.read_text().count("\n") > 2):
