@@ -49,7 +49,8 @@ class Study:
     @property
     def networks(self) -> pd.DataFrame:
         """The networks, the baseline first; columns: `tacevo.api.frames.NETWORKS`."""
-        return frames.frame(map(asdict, self._finished.scores.header.networks), frames.NETWORKS, index="network")
+        rows = ({**asdict(one), "network": one.name} for one in self._finished.scores.header.networks)
+        return frames.frame(rows, frames.NETWORKS, index="network")
 
     @property
     def scores(self) -> pd.DataFrame:

@@ -114,6 +114,18 @@ def test_every_published_bundle_can_be_looked_into(bundle: Path) -> None:
             assert {*study.verdicts.index} <= {*study.networks.index}
 
 
+def test_every_column_has_values() -> None:
+    """Of a whole search, a column is missing throughout only where nothing of its kind happened."""
+    run = tacevo.open(ROOT / "cache" / "published" / "grating-grammar.zip")
+    assert isinstance(run, tacevo.Run)
+    study = run.studies[0]
+    shown = [run.candidates, run.generations, run.elites, run.prompts]
+    shown += [study.networks, study.scores, study.verdicts, study.reestimates]
+    missing = {name for frame in shown for name in frame.columns[frame.isna().all()]}
+    assert missing == {"cpu_seconds", "repaired", "reevaluated", "failed"}
+    assert not any(frame.index.isna().any() for frame in shown)
+
+
 def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Every table, byte for byte; a study's by its own name, too."""
     assert main(["tables", "run"]) == 0
