@@ -23,7 +23,7 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
 from tacevo.search.lines import TrainedLine
-from tacevo.storage.store import Seen
+from tacevo.storage.store import Name, Packed, Seen, place_of
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import FinishedStudy, study_names
 from tacevo.studies.study import replay_studies
@@ -77,8 +77,9 @@ def verify(
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
     assert bundle.root is not None  # of a directory, nothing is compared that a manifest would list
-    read: set[Path] = set()
-    with _refusing(bundle.root):
+    assert isinstance(bundle.store, Packed)
+    read: set[Name] = set()
+    with _refusing():
         runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
         made = make_tables(bundle.folder, runs)
@@ -104,7 +105,7 @@ def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | N
         DivergenceError: as `rerun`.
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
-    with _refusing(run):
+    with _refusing():
         checked = rerun(bundle.read(run), view, seen=seen)
         _check_files(run, checked)
         check_texts(checked.run, checked.studies.values())
@@ -249,16 +250,14 @@ def _check_files(run: Path, checked: Rerun) -> None:
             raise BundleError(name, place=str(run), expected=f"only files of {what}")
 
 
-def _check_entries(store: Path, read: Set[Path]) -> None:
+def _check_entries(store: Packed, read: Set[Name]) -> None:
     """Check that every store entry of a bundle was needed by a run of it."""
-    names = {path.name for path in read}
-    for path in sorted(store.rglob("*.json")):
-        if path.name not in names:
-            raise BundleError(path.name, place=str(store), expected="only entries that the replay reads")
+    for name in sorted(store.texts.keys() - read):
+        raise BundleError(place_of(*name), place=str(store), expected="only entries that the replay reads")
 
 
 @contextlib.contextmanager
-def _refusing(place: Path) -> Iterator[None]:
+def _refusing() -> Iterator[None]:
     """Refuse a bundle whose records cannot be used at all."""
     try:
         with refusing():
@@ -267,7 +266,3 @@ def _refusing(place: Path) -> Iterator[None]:
         if isinstance(error.__cause__, CacheMissError):
             error.remedy = _INCOMPLETE
         raise
-    except (DivergenceError, OSError):
-        raise
-    except Exception as error:  # checksums can be written again around any content, which readers stumble over
-        raise BundleError(f"{type(error).__name__}: {error}", place=str(place), expected="records of a run") from error

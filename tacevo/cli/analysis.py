@@ -181,7 +181,7 @@ def _pictures(gathered: Gathered) -> tuple[list[Picture], list[str]]:
     run = gathered.found.run
     pictures, missing = list(pictures_of(gathered.found)), list(undrawn(run))
     try:
-        figure = samples_of_run(run.path, gathered.store, Console(stderr=True))
+        figure = samples_of_run(run.path, gathered.recorded.config.store.root, Console(stderr=True))
     except (ConfigError, DataError) as error:
         return pictures, [*missing, f"no sample images: {error}"]
     caption = f"Training images of the data set ({run.name})."
@@ -229,7 +229,7 @@ def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageConte
         name: what the user calls it.
     """
     shown, missing = _material(gathered, place, name)
-    samples, unseen = _samples_of(gathered.found.run.path, gathered.store)
+    samples, unseen = _samples_of(gathered.found.run.path, gathered.recorded.config.store.root)
     absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
     shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
     page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
@@ -275,7 +275,7 @@ def _material(gathered: Gathered, place: Opened, name: str) -> tuple[RunMaterial
     found = gathered.found
     tables, missing = gathered.tables()
     remarks = [*gathered.remarks, *missing]
-    for path, word in ((str(place.folder), name), (gathered.store or str(place.store), "its stores")):
+    for path, word in ((str(place.folder), name), (str(gathered.recorded.stores), "its stores")):
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]
     notes = [words for folder in dict.fromkeys((place.folder, found.run.path)) for words in read_note(folder)]
@@ -303,7 +303,7 @@ def _checked(place: Opened, name: str) -> list[str]:
     ]
 
 
-def _samples_of(run: Path, store: str | None) -> tuple[str | None, list[str]]:
+def _samples_of(run: Path, store: str) -> tuple[str | None, list[str]]:
     """Draw the sample images of a run as a `data:` address; or return the reason why they are missing."""
     try:
         figure = samples_of_run(run, store, Console(stderr=True))

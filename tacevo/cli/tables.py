@@ -43,8 +43,6 @@ class Gathered:
 
     recorded: RecordedRun
     found: Collection
-    #: The directory of the stores that it is read with; None for the run's own.
-    store: str | None
     is_bundle: bool
 
     @property
@@ -143,12 +141,10 @@ def gather(run: str, store: str | None) -> Iterator[Gathered]:
 
 def read_gathered(run: Path, place: Opened, store: str | None) -> Gathered:
     """Read a run and its studies, with the stores of a bundle, or with those that the user named."""
-    is_bundle = place.digest is not None
-    used = str(place.store) if is_bundle and store is None else store
-    recorded, root = place.read(run, used), None if used is None else Path(used)
+    recorded = place.read(run, store)
     shown = _shown(recorded)
-    found = collection_of(shown, read_studies(shown, root), root)
-    return Gathered(recorded=recorded, found=found, store=used, is_bundle=is_bundle)
+    found = collection_of(shown, read_studies(shown, recorded.stores), recorded.stores)
+    return Gathered(recorded=recorded, found=found, is_bundle=place.digest is not None)
 
 
 def place_of(options: argparse.Namespace, name: str) -> Path:
@@ -226,7 +222,7 @@ def _shown(run: RecordedRun) -> Run:
 
 def _collected(done: Rerun) -> Collection:
     """Gather a run that was run again, with its studies."""
-    run, store = _shown(done.run), Path(done.run.config.store.root)
+    run, store = _shown(done.run), done.run.stores
     return collection_of(run, compared_studies(run, done.studies.values(), store), store)
 
 
@@ -237,9 +233,9 @@ def _of_sweep(
     shown = [_shown(done.run) for done in runs]
     beside, known = beside_published(shown), {run.path.name: run for run in shown}
     try:
-        found = collect_sweep(directory, Path(runs[0].run.config.store.root), known=known)
+        found = collect_sweep(directory, runs[0].run.stores, known=known)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
-        reason = str(error).replace(str(directory), "the sweep")  # which may lie in a private directory
+        reason = str(error).replace(str(directory), "the sweep")
         say(f"no table or figure compares the arms: {reason}")
         return _files([beside]), None
     return _files([beside, *sweep_tables(found)]), found

@@ -18,6 +18,7 @@ from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks,
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.storage.store import Packed, Root
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +35,13 @@ class RecordedRun:
     eras: tuple[RulesLine, ...]
     #: Whether its stores keep the test predictions of its studies; those of a published sweep do not.
     has_predictions: bool = True
+    #: The entries of its bundle; None where its stores are the directory that the configuration names.
+    packed: Packed | None = None
+
+    @property
+    def stores(self) -> Root:
+        """Where its recorded answers are."""
+        return self.packed or Path(self.config.store.root)
 
     @property
     def candidates(self) -> tuple[CandidateLine, ...]:
@@ -58,7 +66,7 @@ class RecordedRun:
         return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)
 
     def with_store(self, store: str) -> Self:
-        """Return the run with its stores elsewhere."""
+        """Return the run with its stores elsewhere; of a bundle's, only where images are made and kept."""
         return replace(self, config=replace(self.config, store=StoreConfig(root=store)))
 
     def read_archives(self) -> tuple[NetworkArchiveFile, PromptFile]:

@@ -16,7 +16,7 @@ from annotated_types import Ge, Le
 from tacevo.errors import StoreError
 from tacevo.records import Record
 from tacevo.storage.canonical import canonical
-from tacevo.storage.store import KINDS, Entry
+from tacevo.storage.store import KINDS, Entry, Packed
 from tacevo.typed import parse
 
 T = TypeVar("T")
@@ -112,6 +112,26 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
         StoreError: the file is damaged, a line is not an entry, or not the text that `pack` writes of it in its place;
             the message names it.
     """
+    return (entry for entry, _, _ in _checked(source, budget))
+
+
+def unpack_in_memory(source: Path, budget: Budget) -> tuple[Packed, tuple[Entry, ...]]:
+    """Read the entries of a bundle; return those of the stores, and those that hold candidates' files.
+
+    Raises:
+        StoreError: as `unpack`.
+    """
+    texts, candidates = {}, []
+    for entry, key, line in _checked(source, budget):
+        if entry.kind == CANDIDATES:
+            candidates.append(entry)
+        else:
+            texts[entry.kind, key] = line
+    return Packed(str(source), texts), tuple(candidates)
+
+
+def _checked(source: Path, budget: Budget) -> Iterator[tuple[Entry, str, bytes]]:
+    """Read entries as `unpack`, each with its key and its line."""
     lines = _lines(source, budget)
     place, expected = f"{source}, line 1", "as many entries as the first line says"
     header = next(lines, b"")
@@ -133,7 +153,7 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
         if (entry.kind, line) < last:
             raise StoreError("another order", place=place, expected="entries in the order of their kinds and texts")
         last = (entry.kind, line)
-        yield entry
+        yield entry, key, line
     if number != count:
         raise StoreError(f"{number} of {count}", place=str(source), expected=expected)
 
