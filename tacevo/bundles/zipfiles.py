@@ -79,8 +79,8 @@ def read_members(source: Path, places: re.Pattern[str], budget: Budget) -> dict[
             file.seek(end)
             if info.header_offset != end or file.read(len(header)) != header:
                 raise _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN)
-            budget.spend(info.file_size, repr(name))
             members[name] = _content(source, info, file.read(info.compress_size))
+            budget.spend(info.file_size, repr(name))
             directory += entry
             end = file.tell()
         count = len(infos)
@@ -95,11 +95,11 @@ def _listed(source: Path, file: BinaryIO) -> list[zipfile.ZipInfo]:
     try:
         infos = zipfile.ZipFile(file).infolist()
     except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
+        if zipfile.is_zipfile(file):
+            raise _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN) from error
         file.seek(0)
         if file.read(4) == b"PK\x03\x04":
-            raise _refusal(
-                source, "a complete zip file", "one that ends early, or is damaged", _PACKED_AGAIN
-            ) from error
+            raise _refusal(source, "a complete zip file", "one that ends early", _PACKED_AGAIN) from error
         infos = []
     if not infos:
         remedy = f"name one, or fetch it again; if another program packed it, {_SEND}"

@@ -126,7 +126,11 @@ def _places(archive: ArchiveConfig, store: Store) -> Tessellation | TopK:
 def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: Store) -> Tessellation:
     shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
     found = store.recall(shape, lambda: find_centroids(**shape))
-    return Tessellation(convert(list[list[float]], found, place="centroids", error=StoreError))
+    centroids = convert(list[list[float]], found, place="centroids", error=StoreError)
+    if [len(centroid) for centroid in centroids] != [dimensions] * niches:
+        expected = f"{niches} points of {dimensions} coordinates"
+        raise StoreError(f"{len(centroids)} others", place=store.place(store.key(shape)), expected=expected)
+    return Tessellation(centroids)
 
 
 def training_seed(seed: int, number: int) -> int:
