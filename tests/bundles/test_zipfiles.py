@@ -191,7 +191,7 @@ def test_bomb_is_stopped_while_it_unpacks(file: Path) -> None:
     assert file.stat().st_size < FREE_BYTES // 50
     with refused(StoreError, expected="unpacks to at most", got="more"):
         unpacked(file)
-    assert peak_of(file) <= max(FREE_BYTES, MOST_RATIO * file.stat().st_size) + FREE_BYTES // 4
+    assert peak_of(file) <= max(FREE_BYTES, MOST_RATIO * file.stat().st_size) + FREE_BYTES // 2  # one member more
 
 
 @pytest.mark.parametrize("claimed", [5, MOST_OF_A_MEMBER])
