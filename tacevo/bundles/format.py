@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tacevo.bundles.texts import check_papers
 from tacevo.bundles.zipfiles import LONGEST_NAME, packed, read_members
-from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
+from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError, TacevoError
 from tacevo.records import Record
 from tacevo.storage.entries import CANDIDATES, Budget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
@@ -66,6 +66,9 @@ _PLACES = re.compile(
 
 _OF_A_JOB = re.compile(rf"{SWEEP}/(?P<job>{_WORD})/candidates/(?P<name>{_CANDIDATE})")
 
+#: What to do about a miss.
+_INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
+
 _MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
 
@@ -106,6 +109,7 @@ class Bundle:
 
     #: The directory of all members, and of the candidates' files that a sweep's store holds.
     root: Member
+    tree: Tree
     store: Packed
     #: SHA-256 of its manifest.
     digest: str
@@ -133,7 +137,7 @@ def read_bundle(source: Path) -> Bundle:
         store, candidates = unpack_in_memory(root / STORE, budget)
         for entry in candidates:
             _add_candidate(entry, tree, str(root / STORE))
-    return Bundle(root=root, store=store, digest=digest)
+    return Bundle(root=root, tree=tree, store=store, digest=digest)
 
 
 def candidate_entry(job: str, name: str, text: str) -> Entry:
@@ -162,12 +166,12 @@ def refusing() -> Iterator[None]:
     """
     try:
         yield
-    except (BundleError, DivergenceError):
+    except (BundleError, CacheMissError, DivergenceError):
         raise
     except TacevoError as error:
-        raise BundleError(
-            error.got, place=error.place, expected=error.expected, remedy="fetch the file again"
-        ) from error
+        is_miss = isinstance(error, CacheMissError)  # its user has no other store, and records nothing
+        remedy = _INCOMPLETE if is_miss else "fetch the file again"
+        raise BundleError(error.got, place=error.place, expected=error.expected, remedy=remedy) from error
 
 
 def _check_layout(source: Path, names: Collection[str]) -> None:

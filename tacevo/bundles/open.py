@@ -146,8 +146,8 @@ def _read(source: Path) -> Opened:
     root = bundle.root
     found = Opened(folder=root / SWEEP, store=bundle.store, root=root, digest=bundle.digest)
     if not (root / JOBS).exists():
-        run = root / "run"
-        return replace(found, folder=run.named(_name(run)))  # tables and figures bear the name of the run's directory
+        name = _name(root / "run")  # which tables and figures bear
+        return replace(found, folder=Member(str(root / "run"), bundle.tree["run"], parent=root, name=name))
     with refusing():
         sweep = _read_sweep(found.folder)
     jobs = tuple(job.name for job in sweep.jobs)

@@ -4,10 +4,9 @@ Nothing in a bundle is believed, and no code of a candidate runs. What cannot be
 which depend on fonts and libraries, and the pages that describe the bundle) is compared with its checksum only.
 """
 
-import contextlib
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from tacevo.bundles.open import Opened, over_runs
 from tacevo.bundles.texts import check_texts
 from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.environment import deviations, versions
-from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
+from tacevo.errors import BundleError, DivergenceError, RunError
 from tacevo.reproduce.replay import Replayed, replay
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
@@ -28,9 +27,6 @@ from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import FinishedStudy, study_names
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
-
-#: What to do about a miss in a bundle, whose user has no other store and records nothing.
-_INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +75,7 @@ def verify(
     assert bundle.root is not None  # of a directory, nothing is compared that a manifest would list
     assert isinstance(bundle.store, Packed)
     read: set[Name] = set()
-    with _refusing():
+    with refusing():
         runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
         made = make_tables(bundle.folder, runs)
@@ -105,7 +101,7 @@ def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | N
         DivergenceError: as `rerun`.
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
-    with _refusing():
+    with refusing():
         checked = rerun(bundle.read(run), view, seen=seen)
         _check_files(run, checked)
         check_texts(checked.run, checked.studies.values())
@@ -254,15 +250,3 @@ def _check_entries(store: Packed, read: Set[Name]) -> None:
     """Check that every store entry of a bundle was needed by a run of it."""
     for name in sorted(store.texts.keys() - read):
         raise BundleError(place_of(*name), place=str(store), expected="only entries that the replay reads")
-
-
-@contextlib.contextmanager
-def _refusing() -> Iterator[None]:
-    """Refuse a bundle whose records cannot be used at all."""
-    try:
-        with refusing():
-            yield
-    except BundleError as error:
-        if isinstance(error.__cause__, CacheMissError):
-            error.remedy = _INCOMPLETE
-        raise

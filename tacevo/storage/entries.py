@@ -36,10 +36,10 @@ LONGEST_LINE = 8 * 1024**2
 #: The most entries: a run of 10,000 candidates has some 40,000.
 MOST_ENTRIES = 250_000
 
-#: What a file takes on the disk at least, bytes.
+#: What an entry counts beside its text: a file of its own, which an import makes of it, takes so many bytes.
 _BLOCK = 4096
 
-#: What all that is unpacked may take on the disk: about four times a run of 10,000 candidates.
+#: What all that is unpacked may take: about four times a run of 10,000 candidates.
 MOST_BYTES = 2 * 1024**3
 
 #: What a file may unpack to, as a multiple of its own size. A run of 1,000 candidates comes to 12, one of 86 to 14;

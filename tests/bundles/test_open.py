@@ -1,6 +1,8 @@
 """Promise: a run is opened wherever it lies, and nothing is unpacked for that."""
 
 import shutil
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -52,6 +54,33 @@ def test_bundle_is_only_read(touch: Callable[[Path], object], published: Path, p
     """Whatever else a path can do, no member leads to the disk."""
     with opened(published / "run.zip") as found, pytest.raises(TypeError, match="member of a bundle"):
         touch(found.folder)
+    assert list(place.iterdir()) == []
+
+
+#: Prints what a command writes or makes on the disk.
+WATCHED = """
+import os, sys
+told = []
+def hook(event, args):
+    writes = event == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+    if (writes and args[0] != os.devnull) or event in {"os.mkdir", "os.symlink", "os.link", "os.rename"}:
+        told.append(str(args[0]))
+sys.addaudithook(hook)
+from tacevo.cli.app import main
+status = main(sys.argv[1:])
+print(status, told)
+"""
+
+
+@pytest.mark.parametrize("command", [["replay", "run.zip"], ["show", "run.zip", "g00s00"], ["replay", "sweep.zip"]])
+def test_reading_a_bundle_writes_nothing(command: list[str], published: Path, swept: Path, place: Path) -> None:
+    """No member and no store entry is unpacked, wherever that would be."""
+    name, file, *more = command
+    whole = str((published if file == "run.zip" else swept) / file)
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", WATCHED, name, whole, *more], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines()[-1] == "0 []"
     assert list(place.iterdir()) == []
 
 
