@@ -37,7 +37,6 @@ from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
-from tacevo.storage.store import Root
 from tacevo.studies.directory import FinishedStudy, StudyDirectory, studies_of
 
 
@@ -77,7 +76,7 @@ class Collection(Studies):
     passed_over: tuple[Compared, ...] = ()
 
 
-def collect(path: Path, store: Root | None = None) -> Collection:
+def collect(path: Path, store: Path | None = None) -> Collection:
     """Read a finished run and its studies, with what their test images say.
 
     Args:
@@ -91,7 +90,7 @@ def collect(path: Path, store: Root | None = None) -> Collection:
     return collection_of(run, read_studies(run, store), store)
 
 
-def collection_of(run: Run, found: Studies, store: Root | None = None) -> Collection:
+def collection_of(run: Run, found: Studies, store: Path | None = None) -> Collection:
     """Return a run with its studies, and what their test images say; `store` as in `collect`.
 
     Raises:
@@ -108,7 +107,7 @@ def collection_of(run: Run, found: Studies, store: Root | None = None) -> Collec
     )
 
 
-def read_studies(run: Run, store: Root | None = None) -> Studies:
+def read_studies(run: Run, store: Path | None = None) -> Studies:
     """Read the finished studies of a run, without their test images.
 
     A study that is not finished or has holes is left out, and the reason is kept: the search's own results do not
@@ -130,7 +129,7 @@ def _reason(error: TacevoError, run: Run) -> str:
     return str(error).replace(f"{run.path}/", "")
 
 
-def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Root | None = None) -> Studies:
+def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | None = None) -> Studies:
     """Return studies that were read, compared; reasons and `store` as in `read_studies`."""
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
@@ -169,7 +168,7 @@ def _finished(directory: StudyDirectory, run: Run) -> FinishedStudy:
     return directory.read_finished()
 
 
-def _store_of(run: Run, store: Root | None) -> Root:
+def _store_of(run: Run, store: Path | None) -> Path:
     return store or Path(run.config.store.root)
 
 
@@ -183,7 +182,7 @@ def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
         return None, [f"the comparison of {path}: {error}"]
 
 
-def _on_images(study: Study, path: Path, store: Root) -> tuple[ImageFindings | None, list[str]]:
+def _on_images(study: Study, path: Path, store: Path) -> tuple[ImageFindings | None, list[str]]:
     """Compare a study's networks on its test images; where it keeps them and they cannot be read, return the reason."""
     try:
         predictions = load_predictions(study, store)

@@ -22,7 +22,6 @@ from analysis.tables.ablation import ablation_tables
 from analysis.tables.archives_of_arms import common_note, corrected_arms_table, extents_note
 from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
-from tacevo.storage.store import Root
 from tacevo.text import counted, listed
 
 
@@ -41,7 +40,7 @@ class SweepCollection:
 
 
 def collect_sweep(
-    path: Path, store: Root | None, reference: str | None = None, known: Mapping[str, Run] | None = None
+    path: Path, store: Path | None, reference: str | None = None, known: Mapping[str, Run] | None = None
 ) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 

@@ -12,10 +12,9 @@ from tacevo.search.files import EliteEntry, TrialEntry, read_ledger
 from tacevo.search.lines import GenerationLine
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.store import Root
 
 
-def load_begun(path: Path, store: Root | None = None) -> tuple[Run, Niches] | None:
+def load_begun(path: Path, store: Path | None = None) -> tuple[Run, Niches] | None:
     """Read a run and its niches; None before its first generation has ended.
 
     Its digest is that of a run of so many generations. Both archives follow from the ledger, because their files may be

@@ -12,7 +12,7 @@ from tacevo.config.schema import ArchiveConfig
 from tacevo.errors import RunError, StoreError
 from tacevo.search.archive import find_centroids
 from tacevo.storage.canonical import content_hash
-from tacevo.storage.store import Root, Store
+from tacevo.storage.store import Store
 from tacevo.typed import convert
 
 #: Corners of a convex polygon in order, shape (corners, 2).
@@ -31,7 +31,7 @@ class Niches:
     prompts: NDArray[np.float64]
 
 
-def load_niches(run: Run, store: Root | None = None) -> Niches:
+def load_niches(run: Run, store: Path | None = None) -> Niches:
     """Find the centroids that a run was searched with; where its store has none, they are computed as they were.
 
     Args:
@@ -85,7 +85,7 @@ _MIRRORS = [
 ]
 
 
-def _centroids(root: Root, archive: ArchiveConfig, niches: int, dimensions: int) -> list[list[float]]:
+def _centroids(root: Path, archive: ArchiveConfig, niches: int, dimensions: int) -> list[list[float]]:
     shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
     found = Store(root, "centroids").read(shape)
     if found is None and niches * archive.samples > _MOST_DISTANCES:

@@ -6,6 +6,7 @@ trained for is the fitness under another seed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from analysis.studies.scores import LOWER_IS_BETTER, PRIMARY
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
-from tacevo.storage.store import Root, Store, find_entry
+from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
 from tacevo.studies.directory import FinishedStudy
 from tacevo.studies.lines import FailedLine, Network, ScoreLine, StudyHeader
@@ -58,7 +59,7 @@ class Reestimates:
         return next((found for network, found in pairs if network.id == name), None)
 
 
-def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: str, store: Root) -> Reestimates | None:
+def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
     """Read what a finished study or noise run says of its run's fitnesses.
 
     Args:
@@ -125,18 +126,18 @@ def _tested(header: StudyHeader, rows: Sequence[ScoreLine]) -> NDArray[np.float6
     return np.array([row.metrics[metric] for row in rows]) * (1 if LOWER_IS_BETTER[metric] else -1)
 
 
-def _losses(store: Root, row: ScoreLine) -> tuple[float, ...]:
+def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
     """Return the validation loss of each epoch of a full training."""
-    entry, place = find_entry(store, ("studies", row.evaluation)), Store(store, "studies").place(row.evaluation)
-    if entry is None:
+    path = store / place_of("studies", row.evaluation)
+    if not path.exists():
         raise RunError(
             f"none of {row.network} with seed {row.seed}",
             place=str(store),
             expected="the trainings of the study",
             remedy="name the stores by --store, or repeat the command of the study",
         )
-    training = read_verdict(FullTraining, "full", entry.answer, place=place)
+    training = read_verdict(FullTraining, "full", read_entry(path).answer, place=str(path))
     if not isinstance(training, FullTraining):
         got = f"a rejection ({training.reason})"
-        raise RunError(got, place=place, expected="a training, as the study's scores say")
+        raise RunError(got, place=str(path), expected="a training, as the study's scores say")
     return training.training.validation_losses

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from analysis.studies.scores import Study
 from tacevo.errors import RunError
 from tacevo.records import Mode
 from tacevo.storage.arrays import KIND, ArrayStore
-from tacevo.storage.store import Root, Store
+from tacevo.storage.store import Store
 from tacevo.text import listed
 from tacevo.training.full import read_kept, score
 
@@ -26,7 +27,7 @@ class Predictions:
     labels: NDArray[Any]
 
 
-def load_predictions(study: Study, store: Root) -> Predictions | None:
+def load_predictions(study: Study, store: Path) -> Predictions | None:
     """Read the test predictions of a study.
 
     Args:

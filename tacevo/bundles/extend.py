@@ -24,14 +24,14 @@ from tacevo.runs.session import Result, needed_llm, record
 from tacevo.search.files import RulesLine
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.listing import take_in
-from tacevo.storage.store import Name, read_entry
+from tacevo.storage.store import read_entry
 from tacevo.text import counted
 
 #: Groups that say where and how safely a run is computed and written; in a published run they are another machine's.
 _HERE = ("store", "run", "tracking", "executor", "sandbox")
 
-#: Compares a published run with what its stores give, and returns the names of the store entries that it needs.
-Check = Callable[[Opened], Collection[Name]]
+#: Compares a published run with what its stores give, and returns the store entries that it needs.
+Check = Callable[[Opened], Collection[Path]]
 
 
 def continue_run(
@@ -70,8 +70,7 @@ def continue_run(
     llm = needed_llm(config)
     read = sorted(check(published))
     data = load_same(config, recorded.record.data, view)
-    entries = (read_entry(published.store, name) for name in read)
-    written, _ = take_in(published.store, entries, Path(config.store.root))
+    written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))
     lines = counted(len(recorded.ledger.lines), "ledger line")
     view.say(f"{lines} replayed; {written} of {len(read)} store entries were new here")
     return record(config, recorded.record.task, data, view, begun=recorded.ledger, eras=eras, llm=llm)

@@ -20,7 +20,7 @@ from tacevo.storage.entries import CANDIDATES, Budget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST
-from tacevo.storage.store import Entry, Packed
+from tacevo.storage.store import Entry
 from tacevo.typed import convert
 
 #: The store entries (`tacevo.storage.entries`).
@@ -110,7 +110,8 @@ class Bundle:
     #: The directory of all members, and of the candidates' files that a sweep's store holds.
     root: Member
     tree: Tree
-    store: Packed
+    #: Its store entries, as the directory of stores.
+    store: Member
     #: SHA-256 of its manifest.
     digest: str
 

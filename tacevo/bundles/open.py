@@ -19,7 +19,6 @@ from tacevo.search.files import finished_digest
 from tacevo.storage.arrays import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.store import Packed, Root
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
 from tacevo.text import listed
 
@@ -35,8 +34,8 @@ class Opened:
 
     #: Its directory.
     folder: Path
-    #: Its stores: their directory, or the entries of a bundle.
-    store: Root
+    #: The directory of its stores.
+    store: Path
     #: Names of a sweep's jobs and of their directories; None for one run.
     jobs: tuple[str, ...] | None = None
     #: All members of a bundle; None if it is not a bundle.
@@ -81,7 +80,7 @@ class Opened:
         Raises:
             TacevoError: as `read_recorded`.
         """
-        packed = self.store if store is None and isinstance(self.store, Packed) else None
+        packed = self.store if store is None and self.digest is not None else None
         found = read_recorded(run, store or (str(self.store) if packed is None else HERE))
         return replace(found, packed=packed, has_predictions=self.has_predictions)
 
@@ -157,7 +156,7 @@ def _read(source: Path) -> Opened:
     if (root / JOBS).read_bytes() != sweep.text.encode():
         expected = "the text that `tacevo publish` writes of these jobs"
         raise BundleError("the same jobs in another text: it was edited", place=f"{root / JOBS}", expected=expected)
-    return replace(found, jobs=jobs, has_predictions=any(kind == KIND for kind, _ in bundle.store.texts))
+    return replace(found, jobs=jobs, has_predictions=(found.store / KIND).exists())
 
 
 def _read_sweep(folder: Path) -> SweepRecord:

@@ -32,7 +32,7 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.members import Member, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST, RunDirectory, RunRecord, run_text, timing_text
-from tacevo.storage.store import Entry, Name, read_entry
+from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.studies.lines import ScoreLine
@@ -84,7 +84,7 @@ def publish(
     found = located(run)
     terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in found.runs))
     staged = _staged(studies, replace(found, store=store or found.store), view)
-    read: set[Name] = set()
+    read: set[Path] = set()
     runs = rerun_all(staged, lambda path: rerun(staged.read(path), view, seen=read.add), view)
     tables, figures = make_pages(staged.folder, runs)
     members = {
@@ -216,13 +216,13 @@ def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
     return members
 
 
-def _entries(staged: Opened, runs: Sequence[Rerun], read: Iterable[Name]) -> Iterator[Entry]:
+def _entries(staged: Opened, runs: Sequence[Rerun], read: Iterable[Path]) -> Iterator[Entry]:
     """Return the store entries that a replay needs; of a sweep its candidates' files, too, and no test predictions.
 
     Forty winners under 20 seeds make 50 MB of predictions, which no comparison of a sweep looks at.
     """
-    names = (name for name in read if staged.jobs is None or name[0] != KIND)
-    yield from (read_entry(staged.store, name) for name in names)
+    entries = map(read_entry, read)
+    yield from (entry for entry in entries if staged.jobs is None or entry.kind != KIND)
     if staged.jobs is None:
         return
     for folder, done in zip(staged.runs, runs, strict=True):

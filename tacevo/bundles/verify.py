@@ -22,7 +22,7 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.search.files import read_elites
 from tacevo.search.lines import TrainedLine
-from tacevo.storage.store import Name, Packed, Seen, place_of
+from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import FinishedStudy, study_names
 from tacevo.studies.study import replay_studies
@@ -73,8 +73,7 @@ def verify(
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
     assert bundle.root is not None  # of a directory, nothing is compared that a manifest would list
-    assert isinstance(bundle.store, Packed)
-    read: set[Name] = set()
+    read: set[Path] = set()
     with refusing():
         runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
@@ -246,7 +245,7 @@ def _check_files(run: Path, checked: Rerun) -> None:
             raise BundleError(name, place=str(run), expected=f"only files of {what}")
 
 
-def _check_entries(store: Packed, read: Set[Name]) -> None:
+def _check_entries(store: Path, read: Set[Path]) -> None:
     """Check that every store entry of a bundle was needed by a run of it."""
-    for name in sorted(store.texts.keys() - read):
-        raise BundleError(place_of(*name), place=str(store), expected="only entries that the replay reads")
+    for path in sorted(set(store.glob("*/*/*.json")) - read):
+        raise BundleError(path.name, place=str(store), expected="only entries that the replay reads")

@@ -40,7 +40,6 @@ from tacevo.search.reevaluation import estimates_of
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.notes import HEADING, read_note
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.storage.store import Root
 from tacevo.studies.directory import studies_of
 from tacevo.text import listed, printable, table
 from tacevo.typed import parse
@@ -193,7 +192,7 @@ _EDITED = "EDITED: this is not the source that the run admitted. Its hash is not
 _HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
 
 
-def show_run(path: Path, store: Root | None = None) -> str:
+def show_run(path: Path, store: Path | None = None) -> str:
     """Write the summary of a run, finished or not, then what its studies and noise runs found, then its makers' note.
 
     `store` is where its stores lie, if not where the run had them.
@@ -225,7 +224,7 @@ def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
     return directory, run, ledger
 
 
-def _studied(path: Path, store: Root | None) -> str:
+def _studied(path: Path, store: Path | None) -> str:
     """Write what the studies and noise runs of a finished run found; nothing without any."""
     if not studies_of(path):
         return ""

@@ -16,7 +16,6 @@ from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import describe, retrain
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
-from tacevo.storage.store import Name, Packed
 from tacevo.storage.sweep_directory import sweep_digest
 from tacevo.text import printable
 
@@ -194,12 +193,12 @@ def _continue(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _checked(published: Opened, view: Progress) -> set[Name]:
+def _checked(published: Opened, view: Progress) -> set[Path]:
     """Replay a run, and of a bundle verify all of it; return the store entries that it needs."""
-    if published.root is not None and isinstance(published.store, Packed):
+    if published.root is not None:
         _verified(published, view)
-        return set(published.store.texts)
-    read: set[Name] = set()
+        return set(published.store.glob("*/*/*.json"))
+    read: set[Path] = set()
     if published.digest is not None:  # compares its studies, too, whose entries a search does not need
         rerun_published(published, published.folder, view)
     replay(published.read(published.folder), view, seen=read.add)

@@ -30,7 +30,6 @@ from tacevo.errors import ConfigError, TacevoError
 from tacevo.search.files import finished_digest
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.store import Root
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import counted
 
@@ -144,7 +143,7 @@ class LivePage:
         store: where the stores lie, if not where the runs have them.
     """
 
-    def __init__(self, path: Path, store: Root | None = None) -> None:
+    def __init__(self, path: Path, store: Path | None = None) -> None:
         self._path = path
         self._store = store
         self._lock = threading.Lock()

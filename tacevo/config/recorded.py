@@ -18,7 +18,6 @@ from tacevo.search.lines import CandidateLine, GenerationLine, trained_networks,
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.storage.store import Packed, Root
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,10 +35,10 @@ class RecordedRun:
     #: Whether its stores keep the test predictions of its studies; those of a published sweep do not.
     has_predictions: bool = True
     #: The entries of its bundle; None where its stores are the directory that the configuration names.
-    packed: Packed | None = None
+    packed: Path | None = None
 
     @property
-    def stores(self) -> Root:
+    def stores(self) -> Path:
         """Where its recorded answers are."""
         return self.packed or Path(self.config.store.root)
 

@@ -68,7 +68,7 @@ def _completion(store: Store, question: Json, answer: Json) -> Completion:
     try:
         return convert(Completion, answer, place="answer", error=StoreError)
     except StoreError as error:  # only here: to hash each request again would cost a replay time
-        error.place = f"{store.place(store.key(question))}, {error.place}"
+        error.place = f"{store.path(store.key(question))}, {error.place}"
         error.remedy = "delete that file, and its request is asked again"
         raise
 

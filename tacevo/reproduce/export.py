@@ -13,7 +13,7 @@ from tacevo.storage.arrays import KIND
 from tacevo.storage.entries import CANDIDATES, Budget, pack, unpack
 from tacevo.storage.files import write_durably
 from tacevo.storage.listing import take_in
-from tacevo.storage.store import Name, read_entry
+from tacevo.storage.store import read_entry
 from tacevo.studies.study import replay_studies
 
 
@@ -27,11 +27,11 @@ def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
         CacheMissError: a store lacks an answer.
         RunError: this is not a finished run.
     """
-    read: set[Name] = set()
+    read: set[Path] = set()
     recorded = read_recorded(run, store)
     replay(recorded, view, seen=read.add)
     replay_studies(recorded, view, seen=read.add)
-    write_durably(target, pack(read_entry(recorded.stores, name) for name in read))
+    write_durably(target, pack(map(read_entry, read)))
     return len(read)
 
 

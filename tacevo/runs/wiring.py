@@ -129,7 +129,7 @@ def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: S
     centroids = convert(list[list[float]], found, place="centroids", error=StoreError)
     if [len(centroid) for centroid in centroids] != [dimensions] * niches:
         expected = f"{niches} points of {dimensions} coordinates"
-        raise StoreError(f"{len(centroids)} others", place=store.place(store.key(shape)), expected=expected)
+        raise StoreError(f"{len(centroids)} others", place=str(store.path(store.key(shape))), expected=expected)
     return Tessellation(centroids)
 
 

@@ -16,7 +16,8 @@ from annotated_types import Ge, Le
 from tacevo.errors import StoreError
 from tacevo.records import Record
 from tacevo.storage.canonical import canonical
-from tacevo.storage.store import KINDS, Entry, Packed
+from tacevo.storage.members import Member, as_tree
+from tacevo.storage.store import KINDS, Entry, place_of
 from tacevo.typed import parse
 
 T = TypeVar("T")
@@ -115,8 +116,10 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
     return (entry for entry, _, _ in _checked(source, budget))
 
 
-def unpack_in_memory(source: Path, budget: Budget) -> tuple[Packed, tuple[Entry, ...]]:
-    """Read the entries of a bundle; return those of the stores, and those that hold candidates' files.
+def unpack_in_memory(source: Path, budget: Budget) -> tuple[Member, tuple[Entry, ...]]:
+    """Read the entries of a bundle; return its stores, and the entries that hold candidates' files.
+
+    A file of these stores is the line of its entry, which takes a tenth of the memory of what is read from it.
 
     Raises:
         StoreError: as `unpack`.
@@ -126,8 +129,8 @@ def unpack_in_memory(source: Path, budget: Budget) -> tuple[Packed, tuple[Entry,
         if entry.kind == CANDIDATES:
             candidates.append(entry)
         else:
-            texts[entry.kind, key] = line
-    return Packed(str(source), texts), tuple(candidates)
+            texts[place_of(entry.kind, key)] = line
+    return Member(str(source), as_tree(texts), between=", "), tuple(candidates)
 
 
 def _checked(source: Path, budget: Budget) -> Iterator[tuple[Entry, str, bytes]]:

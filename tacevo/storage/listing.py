@@ -12,7 +12,7 @@ from tacevo.records import Completion, Json, Request
 from tacevo.storage.arrays import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, readable, shown, value_at
 from tacevo.storage.files import write_durably
-from tacevo.storage.store import KINDS, Entry, Name, Root, Store, check_entry, place_of, read_entry
+from tacevo.storage.store import KINDS, Entry, Store, check_entry, place_of, read_entry
 from tacevo.text import counted, table
 from tacevo.typed import FreeJson, convert, parse
 
@@ -101,11 +101,11 @@ def explain(root: Path, what: str) -> str:
         key = Store(root, kind).key(request)
         if not Store(root, kind).holds(key):
             return "\n".join([f"{kind} {key}: not recorded", _nearest(root, kind, request)])
-        answered = _answered(root, _find(root, key))
-        return "\n".join([f"{kind} {key}: recorded", *answered, _nearest(root, kind, request)])
-    name = _find(root, what)
-    entry = read_entry(root, name)
-    lines = [f"{entry.kind} {entry.key}: recorded in {root / entry.place}", *_answered(root, name)]
+        path = _find(root, key)
+        return "\n".join([f"{kind} {key}: recorded", *_answered(path), _nearest(root, kind, request)])
+    path = _find(root, what)
+    entry = read_entry(path)
+    lines = [f"{entry.kind} {entry.key}: recorded in {path}", *_answered(path)]
     parts = entry.request if isinstance(entry.request, Mapping) else {}
     lines += [f"  {name}: {_brief(value)}" for name, value in sorted(parts.items())]
     return "\n".join([*lines, _nearest(root, entry.kind, entry.request)])
@@ -126,7 +126,7 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
         if path != root / entry.place:
             got = str(path.relative_to(root))
             raise StoreError(got, place=str(path), expected=entry.place, remedy="move it, or delete it")
-        model, completion = _checked_answer(str(path), entry)
+        model, completion = _checked_answer(path, entry)
         return Found(kind=kind, path=path, bytes=size, entry=entry, model=model, completion=completion)
     except StoreError as error:
         problem = error
@@ -135,7 +135,7 @@ def _inspect(root: Path, kind: str, path: Path) -> Found:
     return Found(kind=kind, path=path, bytes=size, entry=None, problem=problem)
 
 
-def _checked_answer(place: str, entry: Entry) -> tuple[str, Completion | None]:
+def _checked_answer(place: Path, entry: Entry) -> tuple[str, Completion | None]:
     """Check an answer by its kind; return the model and the answer of a completion, of another kind nothing.
 
     Raises:
@@ -143,7 +143,7 @@ def _checked_answer(place: str, entry: Entry) -> tuple[str, Completion | None]:
             it is an array, and not the one that its request names.
     """
     if entry.kind == KIND:
-        check_array(entry, place)
+        check_array(entry, str(place))
     if entry.kind != "completions":
         return "", None
     answer = convert(Completion, entry.answer, place=f"{place}, answer", error=StoreError, remedy="delete it")
@@ -157,7 +157,7 @@ def _row(kind: str, model: str, files: Sequence[tuple[int, Spending]]) -> list[s
     return [kind, model, str(len(files)), f"{sum(size for size, _ in files) / 1e6:.2f} MB", *tokens]
 
 
-def _find(root: Path, prefix: str) -> Name:
+def _find(root: Path, prefix: str) -> Path:
     """Find the one entry whose key begins with a text."""
     hexadecimal = len(prefix) >= _SHORTEST_KEY and set(prefix.lower()) <= set("0123456789abcdef")
     if not hexadecimal:
@@ -172,7 +172,7 @@ def _find(root: Path, prefix: str) -> Name:
             expected=f"one entry whose key begins with {prefix}",
             remedy="give more digits, or the request as a JSON file",
         )
-    return paths[0].parts[-3], paths[0].stem
+    return paths[0]
 
 
 def _asked(path: Path) -> tuple[str, Json]:
@@ -191,9 +191,9 @@ def _asked(path: Path) -> tuple[str, Json]:
     return str(kind), request
 
 
-def _answered(root: Path, name: Name) -> list[str]:
+def _answered(path: Path) -> list[str]:
     """Describe a completion's answer; those of other kinds are readable in their files."""
-    _, completion = _checked_answer(f"{root / place_of(*name)}", read_entry(root, name))
+    _, completion = _checked_answer(path, read_entry(path))
     if completion is None:
         return []
     dropped = f", sent without {', '.join(completion.dropped)}" if completion.dropped else ""
@@ -222,7 +222,7 @@ def _brief(value: Json) -> str:
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}... ({len(text)} characters)"
 
 
-def take_in(source: Root, entries: Iterable[Entry], root: Path) -> tuple[int, int]:
+def take_in(source: Path, entries: Iterable[Entry], root: Path) -> tuple[int, int]:
     """Write store entries from elsewhere into the stores; every one is verified before the first is written.
 
     `source` is where they come from, for messages.
@@ -240,9 +240,9 @@ def take_in(source: Root, entries: Iterable[Entry], root: Path) -> tuple[int, in
     return len(new), len(verdicts) - len(new)
 
 
-def _is_new(source: Root, root: Path, entry: Entry) -> bool:
+def _is_new(source: Path, root: Path, entry: Entry) -> bool:
     """Verify an entry, and compare it with what stands in its place."""
-    _checked_answer(f"{source}, {entry.place}", entry)
+    _checked_answer(source / entry.place, entry)
     target = root / entry.place
     if not target.resolve().is_relative_to(root.resolve()) or target.is_symlink():
         got = f"a link to {target.resolve()}"

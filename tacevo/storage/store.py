@@ -11,7 +11,7 @@ import contextlib
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -20,16 +20,14 @@ from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode, Record
 from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
 from tacevo.storage.files import remove_leftovers, write_durably
+from tacevo.storage.members import Member
 from tacevo.typed import UncheckedJson, parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
 SCHEMA = 1
 
-#: What an entry is found by: its kind and its key.
-Name = tuple[str, str]
-
-#: Called with the name of an entry that was read.
-Seen = Callable[[Name], object]
+#: Called with the path of an entry that was read.
+Seen = Callable[[Path], object]
 
 #: The kinds of answers that a search keeps.
 SEARCHED = ("answers", "centroids", "completions", "evaluations", "probes")
@@ -95,34 +93,17 @@ def place_of(kind: str, key: str) -> str:
     return f"{kind}/{key[:2]}/{key}.json"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Packed:
-    """Entries that a file held and that were checked as it was read (`tacevo.storage.entries`), of all kinds."""
-
-    #: Of the file, for errors.
-    place: str
-    #: The canonical text of each. It takes a tenth of the memory of what is read from it.
-    texts: Mapping[Name, bytes]
-
-    def __str__(self) -> str:
-        return self.place
-
-
-#: Where entries of all kinds are: the directory of the stores, or the entries of a bundle, which are only read.
-Root = Path | Packed
-
-
 class Store:
     """One kind of answers (`completions`, `evaluations`, ...) as readable JSON files, by key.
 
     Args:
-        root: what holds all kinds.
+        root: the directory that holds all kinds.
         kind: the name of this kind; part of every key.
-        seen: called with the name of every entry that `read` finds, from the thread that reads.
+        seen: called with every entry that `read` finds, from the thread that reads.
     """
 
-    def __init__(self, root: Root, kind: str, mode: Mode = Mode.record, *, seen: Seen | None = None) -> None:
-        self._root = root
+    def __init__(self, root: Path, kind: str, mode: Mode = Mode.record, *, seen: Seen | None = None) -> None:
+        self._folder = root / kind
         self._kind = kind
         self._mode = mode
         self._seen = seen
@@ -168,13 +149,16 @@ class Store:
         Raises:
             StoreError: the entry is damaged or of another schema.
         """
-        name = (self._kind, self.key(request))
-        entry = find_entry(self._root, name)
-        if entry is None:
+        key = self.key(request)
+        path = self.path(key)
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
             return None
+        answer = check_entry(path, data, self._kind, key).answer
         if self._seen is not None:
-            self._seen(name)
-        return entry.answer
+            self._seen(path)
+        return answer
 
     def holds(self, key: str) -> bool:
         """Return whether there is an entry of a key, sound or not."""
@@ -183,7 +167,7 @@ class Store:
     def write(self, request: Json, answer: Json) -> None:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
         entry = Entry(kind=self._kind, request=request, answer=answer)
-        write_durably(self.path(entry.key), readable(entry.sealed()))
+        write_durably(self._folder.parent / entry.place, readable(entry.sealed()))
 
     def entries(self) -> Iterator[Entry]:
         """Yield every entry, checked, in the order of their keys.
@@ -191,8 +175,8 @@ class Store:
         Raises:
             StoreError: an entry is damaged or of another schema.
         """
-        for name in self._names():
-            yield read_entry(self._root, name)
+        for path in sorted(self._folder.glob("*/*.json")):
+            yield read_entry(path)
 
     def nearest(self, request: Json, most: int | None = None) -> tuple[Entry, list[Field]] | None:
         """Find the recording that differs from a request in the fewest fields, but in at least one.
@@ -209,28 +193,13 @@ class Store:
 
     def sound(self, most: int | None = None) -> Iterator[Entry]:
         """Yield entries in the order of their keys, at most so many files, without those that are damaged."""
-        for name in itertools.islice(self._names(), most):
+        for path in itertools.islice(sorted(self._folder.glob("*/*.json")), most):
             with contextlib.suppress(StoreError, OSError):
-                yield read_entry(self._root, name)
-
-    def _names(self) -> list[Name]:
-        """Return the names of all entries, sound or not, in the order of their keys."""
-        if isinstance(self._root, Packed):
-            return sorted(name for name in self._root.texts if name[0] == self._kind)
-        return [(self._kind, path.stem) for path in sorted((self._root / self._kind).glob("*/*.json"))]
+                yield read_entry(path)
 
     def path(self, key: str) -> Path:
-        """Return where the entry of a key stands, or would; nothing is written to a bundle."""
-        assert isinstance(self._root, Path)
-        return self._root / place_of(self._kind, key)
-
-    def place(self, key: str) -> str:
-        """Name the entry of a key, for errors."""
-        return f"{self._place}, {key[:12]}" if isinstance(self._root, Packed) else str(self.path(key))
-
-    @property
-    def _place(self) -> str:
-        return f"{self._root}, {self._kind}" if isinstance(self._root, Packed) else str(self._root / self._kind)
+        """Return where the entry of a key stands, if there is one."""
+        return self._folder.parent / place_of(self._kind, key)
 
     def _miss(self, request: Json) -> CacheMissError:
         """Name the nearest recording, and the first field in which it differs."""
@@ -238,21 +207,21 @@ class Store:
         found = self.nearest(request, _COMPARED)
         if found is None:
             remedy = "that store is empty or absent: name it by store.root (in a replay, --store)"
-            return CacheMissError(missed, place=self._place, remedy=remedy)
+            return CacheMissError(missed, place=str(self._folder), remedy=remedy)
         nearest, fields = found
         return CacheMissError(
             f"{missed}; the nearest recording is {nearest.key[:12]}, whose field {shown(fields[0])!r} differs",
-            place=self._place,
+            place=str(self._folder),
             remedy="replay with the configuration of the recording, or record again with llm.mode=record",
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Stores:
-    """The stores of all kinds."""
+    """The stores of all kinds in a directory, or in a bundle."""
 
-    root: Root
-    #: Called with every entry that is read.
+    root: Path
+    #: Called with the path of every entry that is read.
     seen: Seen | None = None
 
     def of(self, kind: str, mode: Mode) -> Store:
@@ -274,37 +243,21 @@ def _key(kind: str, request: Json) -> str:
     return content_hash({"schema": SCHEMA, "kind": kind, "request": request})
 
 
-def find_entry(root: Root, name: Name) -> Entry | None:
-    """Read an entry, checked by `check_entry` where it lies in a directory; None where there is none."""
-    if not isinstance(root, Packed):
-        path = root / place_of(*name)
-        try:
-            data = path.read_bytes()
-        except FileNotFoundError:
-            return None
-        return check_entry(path, data, *name)
-    text = root.texts.get(name)
-    return None if text is None else Entry(**json.loads(text))
-
-
-def read_entry(root: Root, name: Name) -> Entry:
-    """Read an entry that is there, by `find_entry`.
-
-    Raises:
-        StoreError: it is not there any more, or is damaged.
-    """
-    entry = find_entry(root, name)
-    if entry is None:
-        raise StoreError("none", place=f"{root}", expected=f"the entry {place_of(*name)}")
-    return entry
+def read_entry(path: Path) -> Entry:
+    """Read the entry in a file of a store, by `check_entry`."""
+    return check_entry(path, path.read_bytes(), path.parts[-3], path.stem)
 
 
 def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
     """Read an entry, and compare it with its checksum, its place and its question.
 
+    Those of a bundle were compared when it was opened (`tacevo.storage.entries.unpack_in_memory`).
+
     Raises:
         StoreError: it is damaged, of another schema, or answers another question than its key stands for.
     """
+    if isinstance(path, Member):
+        return Entry(**json.loads(data))
     read = parse(_Sealed, data, place=str(path), error=StoreError, remedy=_RESTORE)
     entry = Entry(kind=read.kind, request=read.request, answer=read.answer)
     with contextlib.suppress(ValueError):  # NaN has no canonical form, hence no checksum

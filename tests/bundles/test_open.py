@@ -16,7 +16,7 @@ from tacevo.errors import CacheMissError, RunError
 from tacevo.records import Mode
 from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.store import Packed, Store, find_entry
+from tacevo.storage.store import Store, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import Standing, status_of
@@ -34,9 +34,8 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
     with opened(published / "run.zip") as found:
         assert found.folder.name == "run"
         assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
-        assert isinstance(found.store, Packed)
-        completion = next(name for name in found.store.texts if name[0] == "completions")
-        assert find_entry(found.store, completion) == find_entry(published / "cache", completion)
+        completion = next(found.store.glob("completions/*/*.json"))
+        assert read_entry(completion) == read_entry(next((published / "cache").rglob(completion.name)))
 
 
 @pytest.mark.parametrize(

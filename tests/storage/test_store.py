@@ -15,7 +15,7 @@ from refusals import refused
 from tacevo.errors import CacheMissError
 from tacevo.records import Message, Mode, Request, to_json
 from tacevo.storage.canonical import canonical, content_hash
-from tacevo.storage.store import Name, Store
+from tacevo.storage.store import Store
 
 REQUEST = Request(
     model="m",
@@ -218,12 +218,12 @@ def test_entries_come_in_the_order_of_keys(tmp_path: Path) -> None:
 
 def test_every_entry_that_is_read_is_told(tmp_path: Path) -> None:
     """Whoever wants to know what a run needs hears of each entry that was found, and of no other."""
-    seen: list[Name] = []
+    seen: list[Path] = []
     watched = Store(tmp_path, "things", seen=seen.append)
     watched.write({"x": 1}, "one")
     assert seen == []
     assert (watched.read({"x": 1}), watched.read({"x": 2})) == ("one", None)
-    assert seen == [("things", entry_path(tmp_path).stem)]
+    assert seen == [entry_path(tmp_path)]
 
 
 def test_nearest_is_another_recording_with_all_its_differences(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.sources import marked
 from analysis.report.page.whole import page_contents
 from tacevo.bundles.open import opened
-from tacevo.storage.store import Root
 
 #: What would do harm as markup, and what could end the element that holds the contents; `hurt` is set if it runs.
 HOSTILE = (
@@ -32,7 +31,7 @@ def page_of_shipped_run() -> PageContents:
         return page_of(place.folder, place.store, title="force-grammar.zip")
 
 
-def page_of(run: Path, store: Root, *, title: str) -> PageContents:
+def page_of(run: Path, store: Path, *, title: str) -> PageContents:
     """Return what the page of a run shows, without its sample images."""
     found = collect(run, store)
     material = RunMaterial(found=found, recorded=read_texts(found.run), tables=tables_of(found, None))
