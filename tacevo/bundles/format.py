@@ -103,21 +103,12 @@ def _manifest(digests: Mapping[str, str]) -> str:
     return "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bundle:
-    """A bundle in memory, compared with its manifest."""
-
-    #: The directory of all members, and of the candidates' files that a sweep's store holds.
-    root: Member
-    tree: Tree
-    #: Its store entries, as the directory of stores.
-    store: Member
-    #: SHA-256 of its manifest.
-    digest: str
-
-
-def read_bundle(source: Path) -> Bundle:
+def read_bundle(source: Path) -> tuple[Member, Member, str]:
     """Read a bundle, and compare it with its manifest; nothing is written.
+
+    Returns:
+        The directory of all members, with the candidates' files that a sweep's store holds; that of its store entries;
+        and the SHA-256 of its manifest, which is its digest.
 
     Raises:
         BundleError: it is damaged, or holds what none should; the message names the place.
@@ -138,7 +129,7 @@ def read_bundle(source: Path) -> Bundle:
         store, candidates = unpack_in_memory(root / STORE, budget)
         for entry in candidates:
             _add_candidate(entry, tree, str(root / STORE))
-    return Bundle(root=root, tree=tree, store=store, digest=digest)
+    return root, store, digest
 
 
 def candidate_entry(job: str, name: str, text: str) -> Entry:

@@ -141,12 +141,11 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
 
 def _read(source: Path) -> Opened:
     """Read and verify a bundle; find what is in it."""
-    bundle = read_bundle(source)
-    root = bundle.root
-    found = Opened(folder=root / SWEEP, store=bundle.store, root=root, digest=bundle.digest)
+    root, store, digest = read_bundle(source)
+    found = Opened(folder=root / SWEEP, store=store, root=root, digest=digest)
     if not (root / JOBS).exists():
-        name = _name(root / "run")  # which tables and figures bear
-        return replace(found, folder=Member(str(root / "run"), bundle.tree["run"], parent=root, name=name))
+        run = root / "run"
+        return replace(found, folder=run.called(_name(run)))  # tables and figures bear the name of the run
     with refusing():
         sweep = _read_sweep(found.folder)
     jobs = tuple(job.name for job in sweep.jobs)
@@ -156,7 +155,7 @@ def _read(source: Path) -> Opened:
     if (root / JOBS).read_bytes() != sweep.text.encode():
         expected = "the text that `tacevo publish` writes of these jobs"
         raise BundleError("the same jobs in another text: it was edited", place=f"{root / JOBS}", expected=expected)
-    return replace(found, jobs=jobs, has_predictions=(found.store / KIND).exists())
+    return replace(found, jobs=jobs, has_predictions=(store / KIND).exists())
 
 
 def _read_sweep(folder: Path) -> SweepRecord:

@@ -40,7 +40,7 @@ class Member(PosixPath):
     def __init__(
         self,
         place: str,
-        content: bytes | Tree | None,
+        content: bytes | Tree | None = None,
         *,
         parent: Self | None = None,
         name: str = "",
@@ -64,6 +64,10 @@ class Member(PosixPath):
         content = self._content.get(first) if isinstance(self._content, dict) else None
         child = type(self)(f"{self}{self._between}{first}", content, parent=self, name=first)
         return child / rest if rest else child
+
+    def called(self, name: str) -> Self:
+        """Return a run's directory, which every bundle calls `run`, under the name of the run."""
+        return type(self)(str(self), self._content, parent=self._above, name=name)
 
     # What these give is what they give of any path.
     # ruff: noqa: D102
@@ -105,6 +109,9 @@ class Member(PosixPath):
 
     def iterdir(self) -> Generator[Self, None, None]:
         yield from (self / name for name in (self._content if isinstance(self._content, dict) else ()))
+
+    def rglob(self, pattern: str) -> Generator[Self, None, None]:
+        self.__fspath__()
 
     def glob(self, pattern: str) -> Generator[Self, None, None]:
         first, _, rest = pattern.partition("/")

@@ -44,6 +44,7 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
         lambda path: path.write_text("x"),
         lambda path: path.open("ab"),
         lambda path: path.unlink(),
+        lambda path: list(path.rglob("*")),
         lambda path: (path / "x").mkdir(),
         lambda path: write_durably(path, "x"),
         lambda path: shutil.copytree(path, "there"),
