@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-import weakref
 from pathlib import Path
 
 from tacevo.api.runs import Run
@@ -29,22 +27,9 @@ def open(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | None =
     """
     place, named = Path(path), None if store is None else str(store)
     if SweepDirectory(place).is_one:  # of a directory, what is finished is shown, and the rest is told
-        return Sweep(place.resolve().name, Opened(folder=place, store=place, jobs=()), named, contextlib.ExitStack())
-    release = contextlib.ExitStack()
-    with contextlib.ExitStack() as entered:
-        found = entered.enter_context(opened(place))
-        release = entered.pop_all()
-    try:
-        made = (
-            Sweep(place.stem, found, None, release)
-            if found.jobs is not None
-            else run_in(found, found.folder, named, release)
-        )
-    except BaseException:
-        release.close()
-        raise
-    weakref.finalize(made, release.close)
-    return made
+        return Sweep(place.resolve().name, Opened(folder=place, store=place, jobs=()), named)
+    with opened(place) as found:
+        return Run(found, found.read(found.folder, named)) if found.jobs is None else Sweep(place.stem, found, None)
 
 
 def open_run(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | None = None) -> Run:
@@ -53,14 +38,5 @@ def open_run(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | No
     Raises:
         RunError: it is a sweep; or as `open`.
     """
-    made = open(path, store=store)
-    if isinstance(made, Run):
-        return made
-    made.place.one_run(ONE_RUN)
-    raise AssertionError("a sweep has no one run")
-
-
-def run_in(place: Opened, folder: Path, store: str | None, release: contextlib.ExitStack | None = None) -> Run:
-    """Return a run of a place that is open, by its directory, with the stores of a bundle or those that were named."""
-    used = str(place.store) if place.digest is not None and store is None else store
-    return Run(place, place.read(folder, used), used, release or contextlib.ExitStack())
+    with opened(Path(path)) as found:
+        return Run(found, found.read(found.one_run(ONE_RUN), None if store is None else str(store)))

@@ -52,7 +52,7 @@ def _shown(run: RecordedRun) -> Run:
 
 def _collected(done: Rerun) -> Collection:
     """Gather a run that was run again, with its studies."""
-    run, store = _shown(done.run), Path(done.run.config.store.root)
+    run, store = _shown(done.run), done.run.stores
     return collection_of(run, compared_studies(run, done.studies.values(), store), store)
 
 
@@ -63,9 +63,9 @@ def _of_sweep(
     shown = [_shown(done.run) for done in runs]
     beside, known = beside_published(shown), {run.path.name: run for run in shown}
     try:
-        found = collect_sweep(directory, Path(runs[0].run.config.store.root), known=known)
+        found = collect_sweep(directory, runs[0].run.stores, known=known)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
-        reason = str(error).replace(str(directory), "the sweep")  # which may lie in a private directory
+        reason = str(error).replace(str(directory), "the sweep")
         say(f"no table or figure compares the arms: {reason}")
         return _files([beside]), None
     return _files([beside, *sweep_tables(found)]), found

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
 from analysis.runs.run import Run as Record
@@ -39,30 +39,14 @@ Draw = Callable[[], "Figure"]
 
 
 class Run:
-    """A finished run, whose ledger, archives and digest were compared with each other when it was opened.
+    """A finished run, whose ledger, archives and digest were compared with each other when it was opened."""
 
-    It is a context manager; without `with`, a bundle is closed when the last reference to it goes.
-    """
-
-    def __init__(self, place: Opened, recorded: RecordedRun, store: str | None, release: contextlib.ExitStack) -> None:
-        self._release = release
+    def __init__(self, place: Opened, recorded: RecordedRun) -> None:
         #: Where it lies: a directory, a bundle or a job of one.
         self.place = place
         #: As records: run.json, the ledger, settings for this machine.
         self.recorded = recorded
-        #: The directory of the stores that it is read with; None for the run's own.
-        self.store = store
         self._run: Record = finished_run(recorded.directory, recorded.record, recorded.ledger)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Release the files of a bundle; a run is not read any more afterwards."""
-        self._release.close()
 
     @property
     def path(self) -> Path:
@@ -188,7 +172,7 @@ class Run:
             BundleError: the records of a bundle do not suit each other.
         """
         with progress(quiet) as view:
-            return replay(self.place, self.store, view).runs[0].replayed.digest
+            return replay(self.place, self.recorded.config.store.root, view).runs[0].replayed.digest
 
     def all_tables(self) -> tuple[tuple[Rows, ...], list[str]]:
         """Return its tables under the names of their files; and why there are none of motifs, if there are none."""
@@ -214,8 +198,8 @@ class Run:
     @cached_property
     def collection(self) -> Collection:
         """As records: the run with its studies and what their test images say."""
-        root = None if self.store is None else Path(self.store)
-        return collection_of(self._run, read_studies(self._run, root), root)
+        stores = self.recorded.stores
+        return collection_of(self._run, read_studies(self._run, stores), stores)
 
     def _finished(self) -> Iterator[FinishedStudy]:
         for directory in studies_of(self._run.path):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.sweeps.ablation import Summary
@@ -25,13 +24,9 @@ if TYPE_CHECKING:
 
 
 class Sweep:
-    """A sweep of runs; of a directory, those of its jobs that are finished.
+    """A sweep of runs; of a directory, those of its jobs that are finished."""
 
-    It is a context manager; without `with`, a bundle is closed when the last reference to it goes.
-    """
-
-    def __init__(self, name: str, place: Opened, store: str | None, release: contextlib.ExitStack) -> None:
-        self._release = release
+    def __init__(self, name: str, place: Opened, store: str | None) -> None:
         #: Of its directory, or of its bundle without the ending.
         self.name = name
         #: Where it lies: a directory or a bundle.
@@ -39,16 +34,6 @@ class Sweep:
         #: The directory of the stores, where it was moved; None for the sweep's own.
         self.store = store
         self._record = SweepDirectory(place.folder).read()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Release the files of a bundle; a sweep is not read any more afterwards."""
-        self._release.close()
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -110,10 +95,7 @@ class Sweep:
             expected = f"one of {listed(names)}"
             raise ConfigError(repr(job), place="job", expected=expected, remedy=nearest(job, names, ""))
         place = self.place.job(job) if self.place.digest is not None else located(self.place.folder / job)
-        store = str(place.store) if self.place.digest is not None else self.store
-        keeping = contextlib.ExitStack()
-        keeping.callback(lambda sweep: None, self)  # whose bundle stays open as long as the run is used
-        return Run(place, place.read(place.folder, store), store, keeping)
+        return Run(place, place.read(place.folder, self.store))
 
     @cached_property
     def tables(self) -> Mapping[str, Table]:

@@ -1,6 +1,6 @@
 """A published run, or a sweep of runs: one zip file with their directories, store entries, studies, tables and figures.
 
-docs/publishing.md describes it member by member. What unpacking promises: every member is where it belongs and is what
+docs/publishing.md describes it member by member. What reading promises: every member is where it belongs and is what
 the manifest says, and there is no other. What it does not: a manifest can be written again after an edit, so only a
 replay (`tacevo.bundles.verify`) shows whether the records follow from each other.
 """
@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.bundles.texts import check_papers
-from tacevo.bundles.zipfiles import LONGEST_NAME, packed, unpack
-from tacevo.errors import BundleError, DivergenceError, RunError, TacevoError
+from tacevo.bundles.zipfiles import LONGEST_NAME, packed, read_members
+from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError, TacevoError
 from tacevo.records import Record
-from tacevo.storage import entries
-from tacevo.storage.canonical import canonical
-from tacevo.storage.entries import CANDIDATES, Budget
+from tacevo.storage.entries import CANDIDATES, Budget, unpack_in_memory
+from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import Entry
@@ -52,20 +51,23 @@ _ALWAYS = {MANIFEST, STORE, *PAPERS}
 
 _WORD = r"[A-Za-z0-9][A-Za-z0-9._-]*"
 
-_CANDIDATE = r"candidates/g[0-9]+s[0-9]+\.(py|rejected\.txt)"
+_CANDIDATE = r"g[0-9]+s[0-9]+\.(py|rejected\.txt)"
 
 #: The name of every member: those of one run lie in `run`, those of a sweep's runs in the directories of its jobs.
 _PLACES = re.compile(
     "|".join(map(re.escape, sorted({LOCK, JOBS, SWEEP_NOTE} | _ALWAYS)))
     + rf"|(run|{SWEEP}/(?!sweep\.json/|{re.escape(NOTE)}/){_WORD})/("
     + "|".join(map(re.escape, RUN_FILES))
-    + rf"|{_CANDIDATE}"
+    + rf"|candidates/{_CANDIDATE}"
     + rf"|studies/{_WORD}/(study\.json|scores\.jsonl))"
     + rf"|tables/{_WORD}\.(csv|md|tex)"
     + rf"|figures/{_WORD}\.pdf"
 )
 
-_OF_A_JOB = re.compile(rf"{SWEEP}/{_WORD}/{_CANDIDATE}")
+_OF_A_JOB = re.compile(rf"{SWEEP}/(?P<job>{_WORD})/candidates/(?P<name>{_CANDIDATE})")
+
+#: What to do about a miss.
+_INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
 _MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
 
@@ -101,32 +103,33 @@ def _manifest(digests: Mapping[str, str]) -> str:
     return "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
 
 
-def unpack_verified(source: Path, folder: Path) -> str:
-    """Unpack a bundle into an empty directory, its store entries into `store`; return its digest.
+def read_bundle(source: Path) -> tuple[Member, Member, str]:
+    """Read a bundle, and compare it with its manifest; nothing is written.
 
-    It is compared with its manifest. The caller removes the directory, also if this fails.
+    Returns:
+        The directory of all members, with the candidates' files that a sweep's store holds; that of its store entries;
+        and the SHA-256 of its manifest, which is its digest.
 
     Raises:
         BundleError: it is damaged, or holds what none should; the message names the place.
     """
     budget = Budget(source, source.stat().st_size)
     with refusing():
-        digests = unpack(source, folder, _PLACES, budget)
+        members = read_members(source, _PLACES, budget)
+        digests = {name: hashlib.sha256(data).hexdigest() for name, data in members.items()}
         _check_layout(source, digests)
         digest = digests.pop(MANIFEST)
-        _check_manifest(source, (folder / MANIFEST).read_bytes().decode(errors="replace"), digests)
-        check_papers(folder)
+        _check_manifest(source, members[MANIFEST].decode(errors="replace"), digests)
+        tree = as_tree(members)
+        root = Member(str(source), tree, between=", ")
+        check_papers(root)
         for name in digests:
             if name.endswith(f"/{NOTE}"):
-                read_note((folder / name).parent)  # refused here, and not by each command that shows it
-        for entry in entries.unpack(folder / STORE, budget):  # files need not survive a crash
-            if entry.kind == CANDIDATES:
-                _write_candidate(entry, folder)
-                continue
-            path = folder / "store" / entry.place
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(canonical(entry.sealed()), encoding="utf-8")
-    return digest
+                read_note((root / name).parent)  # refused here, and not by each command that shows it
+        store, candidates = unpack_in_memory(root / STORE, budget)
+        for entry in candidates:
+            _add_candidate(entry, tree, str(root / STORE))
+    return root, store, digest
 
 
 def candidate_entry(job: str, name: str, text: str) -> Entry:
@@ -134,15 +137,16 @@ def candidate_entry(job: str, name: str, text: str) -> Entry:
     return Entry(kind=CANDIDATES, request={"file": f"{SWEEP}/{job}/candidates/{name}"}, answer={"text": text})
 
 
-def _write_candidate(entry: Entry, folder: Path) -> None:
-    """Write the file that `candidate_entry` packed."""
-    file = convert(_File, entry.request, place=f"{STORE}, request", error=BundleError).file
-    is_known = len(file) <= LONGEST_NAME and _OF_A_JOB.fullmatch(file) and (folder / file).parent.parent.is_dir()
-    if not is_known or (folder / file).exists():
-        raise BundleError(repr(file[:LONGEST_NAME]), place=STORE, expected="files of a sweep's candidates, each once")
-    text = convert(_Text, entry.answer, place=f"{STORE}, {file}", error=BundleError).text
-    (folder / file).parent.mkdir(exist_ok=True)
-    (folder / file).write_bytes(text.encode())
+def _add_candidate(entry: Entry, tree: Tree, place: str) -> None:
+    """Put the file that `candidate_entry` packed beside its ledger."""
+    file = convert(_File, entry.request, place=f"{place}, request", error=BundleError).file
+    match = _OF_A_JOB.fullmatch(file) if len(file) <= LONGEST_NAME else None
+    sweep = tree.get(SWEEP)
+    job = sweep.get(match["job"]) if match and isinstance(sweep, dict) else None
+    candidates = job.setdefault("candidates", {}) if isinstance(job, dict) else None
+    if match is None or not isinstance(candidates, dict) or match["name"] in candidates:
+        raise BundleError(repr(file[:LONGEST_NAME]), place=place, expected="files of a sweep's candidates, each once")
+    candidates[match["name"]] = convert(_Text, entry.answer, place=f"{place}, {file}", error=BundleError).text.encode()
 
 
 @contextlib.contextmanager
@@ -154,12 +158,12 @@ def refusing() -> Iterator[None]:
     """
     try:
         yield
-    except (BundleError, DivergenceError):
+    except (BundleError, CacheMissError, DivergenceError):
         raise
     except TacevoError as error:
-        raise BundleError(
-            error.got, place=error.place, expected=error.expected, remedy="fetch the file again"
-        ) from error
+        is_miss = isinstance(error, CacheMissError)  # its user has no other store, and records nothing
+        remedy = _INCOMPLETE if is_miss else "fetch the file again"
+        raise BundleError(error.got, place=error.place, expected=error.expected, remedy=remedy) from error
 
 
 def _check_layout(source: Path, names: Collection[str]) -> None:

@@ -1,38 +1,31 @@
 """A run or a sweep of runs, opened from its directory or from a bundle.
 
-What it promises: a bundle lies in a private directory, which is removed however the work ends, unless the process is
-killed; errors name the file and not that directory. The commands see runs, and not where they came from.
+What it promises: a bundle is read in memory, and nothing of it is written; errors name the file and the member. The
+commands see runs, and not where they came from.
 """
 
 import contextlib
 import json
-import os
-import re
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from tacevo.bundles.format import JOBS, STORE, SWEEP, refusing, unpack_verified
+from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
 from tacevo.config.recorded import RecordedRun, read_recorded, read_run
-from tacevo.errors import BundleError, RunError, TacevoError
+from tacevo.errors import BundleError, RunError
 from tacevo.evolution.files import finished_digest
 from tacevo.storage.arrays import KIND
-from tacevo.storage.entries import MOST_BYTES
+from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
 from tacevo.text import listed
 
 T = TypeVar("T")
 
-#: Where the directory of a bundle's run lies, under the run's name.
-_MOVED = "named"
-
-#: Where Linux keeps files in memory.
-_MEMORY = Path("/dev/shm")
+#: The directory of stores on this machine, whatever a bundle says of its author's.
+HERE = "cache"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,8 +38,8 @@ class Opened:
     store: Path
     #: Names of a sweep's jobs and of their directories; None for one run.
     jobs: tuple[str, ...] | None = None
-    #: The directory of all members of a bundle; None if it is not a bundle.
-    root: Path | None = None
+    #: All members of a bundle; None if it is not a bundle.
+    root: Member | None = None
     #: Of a bundle, also where this is one job of it: SHA-256 of its manifest, which stands for every byte of it.
     digest: str | None = None
     #: Whether its stores keep the test predictions of studies: the bundle of a sweep leaves them out.
@@ -82,15 +75,19 @@ class Opened:
     def read(self, run: Path, store: str | None = None) -> RecordedRun:
         """Read one of its runs; `store` is where the stores lie, if not where they were found.
 
+        Those of a bundle are its own entries; images of its data set are then made and kept in `cache`.
+
         Raises:
             TacevoError: as `read_recorded`.
         """
-        return replace(read_recorded(run, store or str(self.store)), has_predictions=self.has_predictions)
+        packed = self.store if store is None and self.digest is not None else None
+        found = read_recorded(run, store or (str(self.store) if packed is None else HERE))
+        return replace(found, packed=packed, has_predictions=self.has_predictions)
 
 
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[Opened]:
-    """Open the directory of a run or a sweep; or a bundle, compared with its manifest, in a private directory.
+    """Open the directory of a run or a sweep; or a bundle, compared with its manifest.
 
     `SWEEP.zip/JOB` is one run of a sweep's bundle.
 
@@ -112,8 +109,7 @@ def opened(path: Path) -> Iterator[Opened]:
     if not path.is_file():
         yield located(path)
         return
-    with private_folder(path) as folder, _naming_members(folder, path):
-        yield _unpacked(path, folder)
+    yield _read(path)
 
 
 def located(path: Path) -> Opened:
@@ -143,81 +139,23 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
     return tuple(done)
 
 
-@contextlib.contextmanager
-def private_folder(place: Path) -> Iterator[Path]:
-    """Make a temporary directory that stands for a place; errors name that place instead.
-
-    It is this user's alone, and removed at the end, also after an error or Ctrl-C. Without `TMPDIR` it lies in memory
-    where that can be: some disks take longer to remove thousands of files than a replay takes.
-    """
-    made = tempfile.TemporaryDirectory(prefix="tacevo-", dir=_memory())
-    with made as folder, standing_for(Path(folder), place):
-        yield Path(folder)
-
-
-def _memory() -> Path | None:
-    """Return a directory in memory that takes any two bundles; None where there is none, or another was named."""
-    is_named = "TMPDIR" in os.environ or tempfile.gettempdir() != "/tmp"
-    if is_named or not os.access(_MEMORY, os.W_OK) or shutil.disk_usage(_MEMORY).free < 2 * MOST_BYTES:
-        return None
-    return _MEMORY
-
-
-@contextlib.contextmanager
-def standing_for(folder: Path, place: Path) -> Iterator[None]:
-    """Let errors name a place where they would name a directory that stands for it."""
-    with _rewording(lambda text: text.replace(str(folder), str(place))):
-        yield
-
-
-@contextlib.contextmanager
-def _naming_members(folder: Path, source: Path) -> Iterator[None]:
-    """Let errors name the members of an unpacked bundle as its file has them: `x.zip, run/run.json`.
-
-    `x.zip/run` would be the spelling of a sweep's run.
-    """
-
-    def reword(text: str) -> str:
-        for run in folder.glob(f"{_MOVED}/*"):
-            text = text.replace(str(run), f"{folder}/run")
-        text = text.replace(f"{folder}/store/", f"{folder}/{STORE}, ")
-        text = re.sub(rf"{re.escape(str(folder))}/store(?![\w.])", lambda _: f"{folder}/{STORE}", text)
-        return text.replace(f"{folder}/", f"{source}, ").replace(str(folder), str(source))
-
-    with _rewording(reword):
-        yield
-
-
-@contextlib.contextmanager
-def _rewording(reword: Callable[[str], str]) -> Iterator[None]:
-    """Write the fields of an error in other words."""
-    try:
-        yield
-    except TacevoError as error:
-        for field in ("place", "expected", "got", "remedy"):
-            setattr(error, field, reword(getattr(error, field)))
-        raise
-
-
-def _unpacked(source: Path, folder: Path) -> Opened:
-    """Unpack and verify a bundle; find what is in it."""
-    digest = unpack_verified(source, folder)
-    found = Opened(folder=folder / SWEEP, store=folder / "store", root=folder, digest=digest)
-    if not (folder / JOBS).exists():
-        run = folder / _MOVED / _name(folder / "run")
-        run.parent.mkdir()
-        (folder / "run").rename(run)  # tables and figures bear the name of the run's directory
-        return replace(found, folder=run)
+def _read(source: Path) -> Opened:
+    """Read and verify a bundle; find what is in it."""
+    root, store, digest = read_bundle(source)
+    found = Opened(folder=root / SWEEP, store=store, root=root, digest=digest)
+    if not (root / JOBS).exists():
+        run = root / "run"
+        return replace(found, folder=run.called(_name(run)))  # tables and figures bear the name of the run
     with refusing():
         sweep = _read_sweep(found.folder)
     jobs = tuple(job.name for job in sweep.jobs)
     for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
         what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
-        raise BundleError(what, place=f"{source}, {JOBS}", expected="one directory for each job")
-    if (folder / JOBS).read_bytes() != sweep.text.encode():
+        raise BundleError(what, place=f"{root / JOBS}", expected="one directory for each job")
+    if (root / JOBS).read_bytes() != sweep.text.encode():
         expected = "the text that `tacevo publish` writes of these jobs"
-        raise BundleError("the same jobs in another text: it was edited", place=f"{source}, {JOBS}", expected=expected)
-    return replace(found, jobs=jobs, has_predictions=(found.store / KIND).exists())
+        raise BundleError("the same jobs in another text: it was edited", place=f"{root / JOBS}", expected=expected)
+    return replace(found, jobs=jobs, has_predictions=(store / KIND).exists())
 
 
 def _read_sweep(folder: Path) -> SweepRecord:

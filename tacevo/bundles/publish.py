@@ -5,14 +5,13 @@ Matplotlib and of the libraries that compress. Nothing in a bundle names a direc
 """
 
 import re
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import JOBS, LOCK, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, candidate_entry, sealed
-from tacevo.bundles.open import Opened, located, private_folder, standing_for
+from tacevo.bundles.open import Opened, located
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, rerun, rerun_all
 from tacevo.choices import Provider
@@ -30,8 +29,9 @@ from tacevo.storage.arrays import KIND
 from tacevo.storage.canonical import value_at
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
+from tacevo.storage.members import Member, as_tree
 from tacevo.storage.notes import NOTE, read_note
-from tacevo.storage.run_directory import MANIFEST, RunDirectory, RunRecord, timing_text
+from tacevo.storage.run_directory import MANIFEST, RunDirectory, RunRecord, run_text, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
 from tacevo.studies.directory import StudyDirectory, studies_of
@@ -83,20 +83,17 @@ def publish(
     """
     found = located(run)
     terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in found.runs))
-    store = store or found.store
-    with private_folder(run.parent) as folder:
-        staged = _staged(studies, found, folder, view)
-        read: set[Path] = set()
-        with standing_for(staged.folder, run):
-            runs = rerun_all(staged, lambda path: rerun(read_recorded(path, str(store)), view, seen=read.add), view)
-        tables, figures = make_pages(staged.folder, runs)
-        members = {
-            **_members(staged, runs),
-            STORE: pack(map(_checked, _entries(staged, runs, read))),
-            **_in_folder("tables", tables),
-            **_in_folder("figures", figures),
-        }
-        subject = _subject(staged, runs)
+    staged = _staged(studies, replace(found, store=store or found.store), view)
+    read: set[Path] = set()
+    runs = rerun_all(staged, lambda path: rerun(staged.read(path), view, seen=read.add), view)
+    tables, figures = make_pages(staged.folder, runs)
+    members = {
+        **_members(staged, runs),
+        STORE: pack(map(_checked, _entries(staged, runs, read))),
+        **_in_folder("tables", tables),
+        **_in_folder("figures", figures),
+    }
+    subject = _subject(staged, runs)
     members |= _papers(subject, terms, members)
     data, digest = sealed(members)
     write_durably(target, data)
@@ -105,29 +102,27 @@ def publish(
     )
 
 
-def _staged(studies: Sequence[Path], found: Opened, folder: Path, view: Progress) -> Opened:
-    """Copy what is published of a run or a sweep into a directory whose name tables and figures may bear."""
+def _staged(studies: Sequence[Path], found: Opened, view: Progress) -> Opened:
+    """Return what is published of a run or a sweep, in memory, under a name that tables and figures may bear."""
     if found.jobs is None:
         run = read_recorded(found.folder)
-        target = folder / _publishable(run.record).name
-        _stage(run, target, _studies(studies, run, view))
-        return replace(found, folder=target)
+        files, name = _stage(run, _studies(studies, run, view)), _publishable(run.record).name
+        return replace(found, folder=Member(str(found.folder), as_tree(files), name=name))
     if studies:
         expected = "no study: a sweep is published with every finished study of its runs"
         raise RunError(", ".join(map(str, studies)), expected=expected)
     directory = SweepDirectory(found.folder)
     check_jobs(directory)
-    staged = replace(found, folder=folder / SWEEP)
-    staged.folder.mkdir()
-    _stage_note(found.folder, staged.folder)
-    for source, target in zip(found.runs, staged.runs, strict=True):
+    files = _note(found.folder)
+    for source in found.runs:
         run = read_recorded(source)
-        _stage(run, target, _studies((), run, view))
-    sweep = directory.read()
+        files |= {f"{source.name}/{name}": data for name, data in _stage(run, _studies((), run, view)).items()}
+    sweep, tree = directory.read(), as_tree(files)
+    staged = replace(found, folder=Member(str(found.folder), tree, name=SWEEP))
     jobs = tuple(_published_job(staged.folder, job) for job in sweep.jobs)
     arms = {job.arm: shown.arm for job, shown in zip(sweep.jobs, jobs, strict=True)}
-    terms = published_terms(sweep.terms, arms)
-    SweepDirectory(staged.folder).write(replace(sweep, overrides=(), jobs=jobs, terms=terms))
+    published = replace(sweep, overrides=(), jobs=jobs, terms=published_terms(sweep.terms, arms))
+    tree["sweep.json"] = published.text.encode()
     return staged
 
 
@@ -169,34 +164,26 @@ def _last_day(run: Path) -> str:
     return day
 
 
-def _stage(run: RecordedRun, staged: Path, studies: Iterable[StudyDirectory]) -> None:
-    """Copy what is published of a run into another directory."""
+def _stage(run: RecordedRun, studies: Iterable[StudyDirectory]) -> dict[str, bytes]:
+    """Return the files that are published of a run, by their place in it."""
     check_name(run.config.llm.name)
-    source, record = run.directory.path, _publishable(run.record)
-    shutil.copytree(source / "candidates", staged / "candidates")
-    for name in RUN_FILES:
-        if (source / name).exists() and name not in {"run.json", NOTE}:
-            shutil.copy(source / name, staged / name)
-    _stage_note(source, staged)
-    directory = RunDirectory(staged)
-    if (source / "timings.jsonl").exists():  # without lines that a kill tore
-        directory.write_text("timings.jsonl", "".join(map(timing_text, directory.read_timings())))
+    directory, record = run.directory, _publishable(run.record)
+    source = directory.path
+    paths = [*source.glob("candidates/*"), *(source / name for name in RUN_FILES if name != NOTE)]
+    paths += [study.path / name for study in studies for name in ("study.json", "scores.jsonl")]
+    files = {path.relative_to(source).as_posix(): path.read_bytes() for path in paths if path.exists()}
+    if "timings.jsonl" in files:  # without lines that a kill tore
+        files["timings.jsonl"] = "".join(map(timing_text, directory.read_timings())).encode()
     if (run.record.pages, run.record.elsewhere) != (PAGES, record.elsewhere):  # by another release
         elites = [elite.id for elite in read_elites(directory)]
         summary = summarise(record, run.config, run.ledger.lines, elites, directory.read_spending())
-        directory.write_text("summary.md", summary)
-    directory.write_run(record)
-    for study in studies:
-        folder = staged / "studies" / study.path.name
-        folder.mkdir(parents=True)
-        for name in ("study.json", "scores.jsonl"):
-            shutil.copy(study.path / name, folder / name)
+        files["summary.md"] = summary.encode()
+    return {**files, **_note(source), "run.json": run_text(record).encode()}
 
 
-def _stage_note(source: Path, staged: Path) -> None:
-    """Copy what readers must know, where it can be shown to them."""
-    if read_note(source):
-        shutil.copy(source / NOTE, staged / NOTE)
+def _note(source: Path) -> dict[str, bytes]:
+    """Return what readers must know, where it can be shown to them."""
+    return {NOTE: (source / NOTE).read_bytes()} if read_note(source) else {}
 
 
 def _studies(chosen: Sequence[Path], run: RecordedRun, view: Progress) -> list[StudyDirectory]:
@@ -234,10 +221,10 @@ def _entries(staged: Opened, runs: Sequence[Rerun], read: Iterable[Path]) -> Ite
 
     Forty winners under 20 seeds make 50 MB of predictions, which no comparison of a sweep looks at.
     """
+    entries = map(read_entry, read)
+    yield from (entry for entry in entries if staged.jobs is None or entry.kind != KIND)
     if staged.jobs is None:
-        yield from map(read_entry, read)
         return
-    yield from (entry for entry in map(read_entry, read) if entry.kind != KIND)
     for folder, done in zip(staged.runs, runs, strict=True):
         for path in _candidates(folder, done):
             yield candidate_entry(folder.name, path.name, path.read_bytes().decode())
@@ -269,9 +256,9 @@ def _candidates(staged: Path, done: Rerun) -> list[Path]:
 
 
 def _run_members(place: str, staged: Path) -> dict[str, bytes]:
-    paths = [staged / name for name in RUN_FILES if (staged / name).exists()]
-    paths += staged.glob("studies/*/*")
-    return {f"{place}/{path.relative_to(staged).as_posix()}": path.read_bytes() for path in paths}
+    names = [name for name in RUN_FILES if (staged / name).exists()]
+    names += [f"studies/{path.parent.name}/{path.name}" for path in staged.glob("studies/*/*")]
+    return {f"{place}/{name}": (staged / name).read_bytes() for name in names}
 
 
 def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:

@@ -59,7 +59,7 @@ def check_texts(run: RecordedRun, studies: Iterable[FinishedStudy]) -> None:
 
 
 def check_papers(folder: Path) -> None:
-    """Compare the form of the metadata and the citation of an unpacked bundle with what is written of their content.
+    """Compare the form of the metadata and the citation of a bundle with what is written of their content.
 
     Raises:
         BundleError: one has another form, e.g. a key twice.

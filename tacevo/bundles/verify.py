@@ -4,10 +4,9 @@ Nothing in a bundle is believed, and no code of a candidate runs. What cannot be
 which depend on fonts and libraries, and the pages that describe the bundle) is compared with its checksum only.
 """
 
-import contextlib
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from tacevo.bundles.open import Opened, over_runs
 from tacevo.bundles.texts import check_texts
 from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.environment import deviations, versions
-from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError
+from tacevo.errors import BundleError, DivergenceError, RunError
 from tacevo.evolution.files import read_elites
 from tacevo.evolution.lines import TrainedLine
 from tacevo.reproduce.replay import Replayed, replay
@@ -28,9 +27,6 @@ from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.directory import FinishedStudy, study_names
 from tacevo.studies.study import replay_studies
 from tacevo.sweeps.check import check_jobs
-
-#: What to do about a miss in a bundle, whose user has no other store and records nothing.
-_INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +74,7 @@ def verify(
     """
     assert bundle.root is not None  # of a directory, nothing is compared that a manifest would list
     read: set[Path] = set()
-    with _refusing(bundle.root):
+    with refusing():
         runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
         made = make_tables(bundle.folder, runs)
@@ -104,7 +100,7 @@ def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | N
         DivergenceError: as `rerun`.
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
-    with _refusing(run):
+    with refusing():
         checked = rerun(bundle.read(run), view, seen=seen)
         _check_files(run, checked)
         check_texts(checked.run, checked.studies.values())
@@ -251,23 +247,5 @@ def _check_files(run: Path, checked: Rerun) -> None:
 
 def _check_entries(store: Path, read: Set[Path]) -> None:
     """Check that every store entry of a bundle was needed by a run of it."""
-    names = {path.name for path in read}
-    for path in sorted(store.rglob("*.json")):
-        if path.name not in names:
-            raise BundleError(path.name, place=str(store), expected="only entries that the replay reads")
-
-
-@contextlib.contextmanager
-def _refusing(place: Path) -> Iterator[None]:
-    """Refuse a bundle whose records cannot be used at all."""
-    try:
-        with refusing():
-            yield
-    except BundleError as error:
-        if isinstance(error.__cause__, CacheMissError):
-            error.remedy = _INCOMPLETE
-        raise
-    except (DivergenceError, OSError):
-        raise
-    except Exception as error:  # checksums can be written again around any content, which readers stumble over
-        raise BundleError(f"{type(error).__name__}: {error}", place=str(place), expected="records of a run") from error
+    for path in sorted(set(store.glob("*/*/*.json")) - read):
+        raise BundleError(path.name, place=str(store), expected="only entries that the replay reads")

@@ -25,7 +25,6 @@ from analysis.report.sweep_collection import SweepCollection, collect_sweep, swe
 from analysis.report.writing import remove_outdated
 from analysis.studies.study import check_alike
 from analysis.sweeps.metrics import TESTS
-from tacevo.api.opening import run_in
 from tacevo.api.runs import Run
 from tacevo.bundles.open import Opened, opened
 from tacevo.cli.common import DONE, RUN, Parser, as_typed, existing_store, output_directory, place_of_results
@@ -96,9 +95,9 @@ def add_ablations(parser: Parser) -> None:
 
 def _figures(options: argparse.Namespace) -> int:
     place = place_of(options, "figures")
-    with gather(options.run, options.store) as gathered:
-        directory = output_directory(place)
-        pictures, remarks = _pictures(gathered)
+    gathered = gather(options.run, options.store)
+    directory = output_directory(place)
+    pictures, remarks = _pictures(gathered)
     endings = [f".{name}" for name in dict.fromkeys(options.format)]
     with _shown("figures", len(pictures)) as on_drawn:
         write_pictures(pictures, directory, endings, on_drawn)
@@ -114,7 +113,7 @@ def _report(options: argparse.Namespace) -> int:
     if source.parent.is_file():
         name = f"{source.parent.name}/{name}"
     with opened(source) as place:
-        gathered = [run_in(place, run, store) for run in place.runs]
+        gathered = [Run(place, place.read(run, store)) for run in place.runs]
         if place.jobs is None:
             page, missing = page_of_run(gathered[0], place, name)
         else:
@@ -126,20 +125,19 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _paper(options: argparse.Namespace) -> int:
-    with contextlib.ExitStack() as open_bundles:
-        gathered = [_for_paper(open_bundles.enter_context(gather(run, options.store))) for run in options.runs]
-        found = [one.collection for one in gathered]
-        _check_names([one.run.name for one in found])
-        check_alike([compared.study for one in found for compared in one.studies])
-        directory = output_directory(options.output)
-        published = with_published([one.run for one in found])
-        chapters = [write_chapter("The paper beside these runs", published, [], directory / "published")]
-        beside, alone = side_by_side(found)
-        say(alone)
-        if beside:
-            chapters.append(write_chapter("These searches beside each other", beside, [], directory / "searches"))
-        # LaTeX reads no file whose name holds certain characters, so runs are numbered.
-        chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(gathered, start=1)]
+    gathered = [_for_paper(gather(run, options.store)) for run in options.runs]
+    found = [one.collection for one in gathered]
+    _check_names([one.run.name for one in found])
+    check_alike([compared.study for one in found for compared in one.studies])
+    directory = output_directory(options.output)
+    published = with_published([one.run for one in found])
+    chapters = [write_chapter("The paper beside these runs", published, [], directory / "published")]
+    beside, alone = side_by_side(found)
+    say(alone)
+    if beside:
+        chapters.append(write_chapter("These searches beside each other", beside, [], directory / "searches"))
+    # LaTeX reads no file whose name holds certain characters, so runs are numbered.
+    chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(gathered, start=1)]
     document = write_document(chapters, directory)
     print(f"document: {document}")
     pdf = make_pdf(document, shutil.which)
@@ -183,7 +181,7 @@ def _pictures(gathered: Run) -> tuple[list[Picture], list[str]]:
     run = gathered.collection.run
     pictures, missing = list(pictures_of(gathered.collection)), list(undrawn(run))
     try:
-        figure = samples_of_run(run.path, gathered.store, Console(stderr=True))
+        figure = samples_of_run(run.path, gathered.recorded.config.store.root, Console(stderr=True))
     except (ConfigError, DataError) as error:
         return pictures, [*missing, f"no sample images: {error}"]
     caption = f"Training images of the data set ({run.name})."
@@ -231,7 +229,7 @@ def page_of_run(gathered: Run, place: Opened, name: str) -> tuple[PageContents, 
         name: what the user calls it.
     """
     shown, missing = _material(gathered, place, name)
-    samples, unseen = _samples_of(gathered.collection.run.path, gathered.store)
+    samples, unseen = _samples_of(gathered.collection.run.path, gathered.recorded.config.store.root)
     absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
     shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
     page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
@@ -275,7 +273,7 @@ def _material(gathered: Run, place: Opened, name: str) -> tuple[RunMaterial, lis
     found = gathered.collection
     tables, missing = gathered.all_tables()
     remarks = [*remarks_on(gathered), *missing]
-    for path, word in ((str(place.folder), name), (gathered.store or str(place.store), "its stores")):
+    for path, word in ((str(place.folder), name), (str(gathered.recorded.stores), "its stores")):
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]
     notes = [words for folder in dict.fromkeys((place.folder, found.run.path)) for words in read_note(folder)]
@@ -303,7 +301,7 @@ def _checked(place: Opened, name: str) -> list[str]:
     ]
 
 
-def _samples_of(run: Path, store: str | None) -> tuple[str | None, list[str]]:
+def _samples_of(run: Path, store: str) -> tuple[str | None, list[str]]:
     """Draw the sample images of a run as a `data:` address; or return the reason why they are missing."""
     try:
         figure = samples_of_run(run, store, Console(stderr=True))

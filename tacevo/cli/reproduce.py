@@ -186,7 +186,7 @@ def _checked(published: Opened, view: Progress) -> set[Path]:
     """Replay a run, and of a bundle verify all of it; return the store entries that it needs."""
     if published.root is not None:
         verified_bundle(published, view)
-        return set(published.store.rglob("*.json"))
+        return set(published.store.glob("*/*/*.json"))
     read: set[Path] = set()
     if published.digest is not None:  # compares its studies, too, whose entries a search does not need
         rerun_published(published, published.folder, view)

@@ -5,10 +5,9 @@ draws at import: Matplotlib takes a second.
 """
 
 import argparse
-import contextlib
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -64,15 +63,14 @@ def _tables(options: argparse.Namespace) -> int:
             expected="the directory or bundle of a run, or --paper for the paper's tables",
         )
     place = place_of(options, "tables")
-    with gather(options.run, options.store) as run:
-        directory = output_directory(place)
-        tables, remarks = run.all_tables()
-        task, status = run.collection.run.task, status_of(run)
+    run = gather(options.run, options.store)
+    directory = output_directory(place)
+    tables, remarks = run.all_tables()
     show(tables, directory)
     names = {table.name for table in tables}
-    say([*remarks, *remove_outdated(directory, names, task=task, endings=WRITERS)])
+    say([*remarks, *remove_outdated(directory, names, task=run.collection.run.task, endings=WRITERS)])
     print(f"tables: {directory}")
-    return status
+    return status_of(run)
 
 
 def _paper_tables(options: argparse.Namespace) -> int:
@@ -89,12 +87,11 @@ def _paper_tables(options: argparse.Namespace) -> int:
     return DONE
 
 
-@contextlib.contextmanager
-def gather(name: str, store: str | None) -> Iterator[Run]:
+def gather(name: str, store: str | None) -> Run:
     """Open a run, and print what is missing of its studies."""
-    with open_run(name, store=existing_store(store)) as run:
-        say(remarks_on(run))
-        yield run
+    run = open_run(name, store=existing_store(store))
+    say(remarks_on(run))
+    return run
 
 
 def remarks_on(run: Run) -> list[str]:

@@ -42,6 +42,13 @@ class RecordedRun:
     eras: tuple[RulesLine, ...]
     #: Whether its stores keep the test predictions of its studies; those of a published sweep do not.
     has_predictions: bool = True
+    #: The entries of its bundle; None where its stores are the directory that the configuration names.
+    packed: Path | None = None
+
+    @property
+    def stores(self) -> Path:
+        """Where its recorded answers are."""
+        return self.packed or Path(self.config.store.root)
 
     @property
     def candidates(self) -> tuple[CandidateLine, ...]:
@@ -66,7 +73,7 @@ class RecordedRun:
         return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)
 
     def with_store(self, store: str) -> Self:
-        """Return the run with its stores elsewhere."""
+        """Return the run with its stores elsewhere; of a bundle's, only where images are made and kept."""
         return replace(self, config=replace(self.config, store=StoreConfig(root=store)))
 
     def read_archives(self) -> tuple[NetworkArchiveFile, PromptFile]:

@@ -18,7 +18,7 @@ from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.wiring import Workbench, build_plan
 from tacevo.storage.ledger import Ledger, first_difference
 from tacevo.storage.run_directory import RunDirectory, rejected_text
-from tacevo.storage.store import Seen
+from tacevo.storage.store import Seen, Stores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rep
     Neither the data set nor a model nor a sandbox is used. Verdicts, profiles and trainings are recalled under the
     rules that the run recorded, which may be others than this release's.
 
-    `seen` is called with every store entry that is read, from any thread.
+    `seen` is called with the name of every store entry that is read, from any thread.
 
     Raises:
         DivergenceError: something recorded differs from what the search gives.
@@ -62,14 +62,15 @@ def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rep
 def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
     """Run the search again, and compare."""
     config, task, facts = run.config, run.record.task, run.record.data
+    stores = Stores(run.stores, seen)
     for era in run.eras:
         check_known("core", era.rules.core, CORES, run.directory.path)
-    plan = build_plan(config, task, facts, Mode.replay, seen=seen)
+    plan = build_plan(config, task, facts, Mode.replay, stores=stores)
 
     ledger = Ledger(run.ledger)
     ledger.commit(run_header(config, task, facts, plan, run.eras[0].rules))
     verifier = _Verifier(run.directory, plan, view, run.record.trivial)
-    with Workbench(config, task, facts, Mode.replay, seen=seen) as bench:
+    with Workbench(config, task, facts, Mode.replay, stores=stores) as bench:
         state = run_eras(plan, run.eras, bench.effects, ledger, verifier)
     if ledger.committed != ledger.recorded:
         raise DivergenceError(

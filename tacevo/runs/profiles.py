@@ -7,6 +7,7 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
 from tacevo.runs.wiring import Workbench
+from tacevo.storage.store import Stores
 
 
 def recall_profiles(run: RecordedRun) -> dict[str, Profile]:
@@ -24,7 +25,8 @@ def recall_profiles(run: RecordedRun) -> dict[str, Profile]:
         if isinstance(line, CandidateLine) and line.source is not None and line.fitness is not None
     }
     found = {}
-    with Workbench(run.config, run.record.task, run.record.data, Mode.replay) as bench:
+    stores = Stores(run.stores)
+    with Workbench(run.config, run.record.task, run.record.data, Mode.replay, stores=stores) as bench:
         gates = {rules: bench.gate(rules) for rules, _ in trained.values()}
         for name, (rules, digest) in trained.items():
             verdict = gates[rules].measure(run.directory.read_source(name, digest))

@@ -27,7 +27,7 @@ from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
 from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.redaction import names_place
-from tacevo.storage.store import Seen, Store
+from tacevo.storage.store import Store, Stores
 from tacevo.typed import parse
 
 #: The variable that tells a provider's SDK of another address, and the host of the provider's own servers.
@@ -37,22 +37,24 @@ _OWN = {
 }
 
 
-def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM:
+def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) -> LLM:
     """Put the store before the provider, and the budget between them; in a replay there is no provider.
 
-    In another mode than `replay` the completions follow `llm.mode`; `seen` is called with every entry that is read.
+    In another mode than `replay` the completions follow `llm.mode`; without `stores` they are where the configuration
+    says.
 
     Raises:
         ConfigError: a key, an extra, a model or a price is missing.
     """
     llm, root = config.llm, Path(config.store.root)
+    stores = stores or Stores(root)
     if mode is Mode.replay or llm.mode is Mode.replay:
-        return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
+        return RecordingLLM(None, stores.of("completions", Mode.replay))
     prices = prices_of(llm)
     provider = _provider(llm, root, prices)
     recording = RecordingLLM(
         provider,
-        Store(root, "completions", llm.mode, seen=seen),
+        stores.of("completions", llm.mode),
         price=prices.price_of,
         elsewhere=asks_elsewhere(llm),
         unlabelled=_unlabelled(llm),

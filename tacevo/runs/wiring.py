@@ -32,7 +32,7 @@ from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
 from tacevo.storage.arrays import KIND, ArrayStore
-from tacevo.storage.store import Seen, Store
+from tacevo.storage.store import Store, Stores
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Examples, Setting
 from tacevo.training.full import FullEvaluator, HeldOut
@@ -44,17 +44,18 @@ from tacevo.typed import convert
 ENTRIES = {"probe": "tacevo.gate.probe:run", **evaluation.ENTRIES}
 
 
-def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, seen: Seen | None = None) -> Plan:
-    """Turn a configuration into the plan of a search; the centroids come from the store."""
+def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, stores: Stores | None = None) -> Plan:
+    """Turn a configuration into the plan of a search; the centroids come from `stores`, or from the configured ones."""
     archive = config.archive
+    store = (stores or stores_of(config)).of("centroids", mode)
     bounds = _fixed_bounds(archive)
     return Plan(
         task=task,
         settings=build_settings(config),
         generations=config.search.generations,
         initial=config.search.initial,
-        networks=_places(config, mode, seen),
-        prompts=_tessellation(config, archive.prompt_niches, 2, mode, seen),
+        networks=_places(archive, store),
+        prompts=_tessellation(archive, archive.prompt_niches, 2, store),
         archive=NetworkArchive(bounds=bounds, fixed=bounds is not None),
         eff_ratio_scale=archive.eff_ratio_scale,
         temperature_rule=config.temperature.rule,
@@ -108,21 +109,28 @@ def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
     return Bounds(low=low, high=high)
 
 
-def _places(config: RunConfig, mode: Mode, seen: Seen | None) -> Tessellation | TopK:
+def stores_of(config: RunConfig) -> Stores:
+    """Return the stores that a configuration names."""
+    return Stores(Path(config.store.root))
+
+
+def _places(archive: ArchiveConfig, store: Store) -> Tessellation | TopK:
     """Return the network archive's niches, or the places of one that has none."""
-    archive = config.archive
     match archive.kind:
         case ArchiveKind.cvt | ArchiveKind.extract:
-            return _tessellation(config, archive.niches, len(archive.axes), mode, seen)
+            return _tessellation(archive, archive.niches, len(archive.axes), store)
         case ArchiveKind.best:
             return TopK(niches=archive.kept)
 
 
-def _tessellation(config: RunConfig, niches: int, dimensions: int, mode: Mode, seen: Seen | None) -> Tessellation:
-    shape = {"niches": niches, "dimensions": dimensions, "samples": config.archive.samples, "seed": config.archive.seed}
-    store = Store(Path(config.store.root), "centroids", mode, seen=seen)
+def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: Store) -> Tessellation:
+    shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
     found = store.recall(shape, lambda: find_centroids(**shape))
-    return Tessellation(convert(list[list[float]], found, place="centroids", error=StoreError))
+    centroids = convert(list[list[float]], found, place="centroids", error=StoreError)
+    if [len(centroid) for centroid in centroids] != [dimensions] * niches:
+        expected = f"{niches} points of {dimensions} coordinates"
+        raise StoreError(f"{len(centroids)} others", place=str(store.path(store.key(shape))), expected=expected)
+    return Tessellation(centroids)
 
 
 def training_seed(seed: int, number: int) -> int:
@@ -173,8 +181,8 @@ class Workbench:
     _: KW_ONLY
     #: None where nothing is trained, as in a replay.
     data: Dataset | None = None
-    #: Called with every store entry that is read.
-    seen: Seen | None = None
+    #: None for those that the configuration names.
+    stores: Stores | None = None
     #: Called with what confines a candidate, as `in_force` describes it, before its answer is kept.
     notice: Notice | None = None
     #: Called with a line for the user.
@@ -207,7 +215,7 @@ class Workbench:
         seed, mode = self.config.seed, self._mode_under(rules)
         llm = self.llm if mode is self.mode else None
         return Effects(
-            llm=llm or build_llm(self.config, mode, seen=self.seen),
+            llm=llm or build_llm(self.config, mode, stores=self.stores),
             admit=gate.admit,
             inspect=gate.inspect,
             measure=gate.measure,
@@ -325,7 +333,7 @@ class Workbench:
         )
 
     def _store(self, kind: str, mode: Mode) -> Store:
-        return Store(Path(self.config.store.root), kind, mode, seen=self.seen)
+        return (self.stores or stores_of(self.config)).of(kind, mode)
 
     def _setting(self) -> Setting:
         return Setting(

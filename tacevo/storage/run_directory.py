@@ -148,11 +148,8 @@ class RunDirectory:
         write_durably(self.path / name, text)
 
     def write_run(self, run: RunRecord) -> None:
-        """Write run.json whole; that of a run without a trivial loss stays as earlier releases wrote it."""
-        value = to_json(run)
-        if run.trivial is None:
-            del value["trivial"]
-        self.write_json("run.json", value)
+        """Write run.json whole."""
+        self.write_text("run.json", run_text(run))
 
     def read_run(self) -> RunRecord:
         """Read run.json.
@@ -259,6 +256,14 @@ class RunDirectory:
     def read_spending(self) -> dict[str, Spending]:
         """Read what each candidate's answers cost, by id; the last line of a candidate counts."""
         return {timing.id: timing.spent for timing in self.read_timings() if timing.id is not None}
+
+
+def run_text(run: RunRecord) -> str:
+    """Write run.json; that of a run without a trivial loss stays as earlier releases wrote it."""
+    value = to_json(run)
+    if run.trivial is None:
+        del value["trivial"]
+    return readable(value)
 
 
 def timing_text(timing: Timing) -> str:

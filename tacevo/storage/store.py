@@ -10,6 +10,7 @@ which writer lives.
 import contextlib
 import hashlib
 import itertools
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode, Record
 from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
 from tacevo.storage.files import remove_leftovers, write_durably
+from tacevo.storage.members import Member
 from tacevo.typed import UncheckedJson, parse
 
 #: Raised when the meaning of a key or the layout of an entry changes; part of every key.
@@ -214,6 +216,19 @@ class Store:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Stores:
+    """The stores of all kinds in a directory, or in a bundle."""
+
+    root: Path
+    #: Called with the path of every entry that is read.
+    seen: Seen | None = None
+
+    def of(self, kind: str, mode: Mode) -> Store:
+        """Return that of a kind."""
+        return Store(self.root, kind, mode, seen=self.seen)
+
+
 def remove_leftovers_in_stores(root: Path) -> None:
     """Remove what killed writers left in the stores, and in the records of batches, below `root`."""
     for kind in (*KINDS, "batches"):
@@ -236,9 +251,13 @@ def read_entry(path: Path) -> Entry:
 def check_entry(path: Path, data: bytes, kind: str, key: str) -> Entry:
     """Read an entry, and compare it with its checksum, its place and its question.
 
+    Those of a bundle were compared when it was opened (`tacevo.storage.entries.unpack_in_memory`).
+
     Raises:
         StoreError: it is damaged, of another schema, or answers another question than its key stands for.
     """
+    if isinstance(path, Member):
+        return Entry(**json.loads(data))
     read = parse(_Sealed, data, place=str(path), error=StoreError, remedy=_RESTORE)
     entry = Entry(kind=read.kind, request=read.request, answer=read.answer)
     with contextlib.suppress(ValueError):  # NaN has no canonical form, hence no checksum

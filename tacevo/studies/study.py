@@ -28,7 +28,7 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.storage.plan import SeedPlan, read_plan
-from tacevo.storage.store import Seen, remove_leftovers_in_stores
+from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
 from tacevo.studies.directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
 from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader
 from tacevo.studies.networks import given_networks, networks_of
@@ -227,7 +227,8 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
     values = recorded.data.outputs if recorded.data.kind is Kind.regression else 0
     if len(recorded.scale) != values:
         raise RunError(f"{len(recorded.scale)}", place=f"{place}, scale", expected=f"{values} values")
-    with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, seen=seen) as bench:
+    stores = Stores(run.stores, seen)
+    with Workbench(plan.config, run.record.task, plan.header.data, Mode.replay, stores=stores) as bench:
         evaluator = _evaluator(bench, plan.header, recorded.scale, predictions=run.has_predictions)
         verdicts = [evaluator.evaluate(job.source, job.seed) for job in plan.jobs]
         digest = scores.compare(plan.header, _rows(plan, evaluator, verdicts))

@@ -98,20 +98,20 @@ def test_frames_are_equal_from_directory_and_bundle(opened: tacevo.Run, publishe
 @pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)
 def test_every_published_bundle_can_be_looked_into(bundle: Path) -> None:
     """All frames have their columns, all tables become frames, and a picture is drawn."""
-    with tacevo.open(bundle) as opened:
-        if isinstance(opened, tacevo.Sweep):
-            assert [*opened.jobs.columns][: len(frames.JOBS) - 1] == [*frames.JOBS][1:]
-            contrasts = opened.contrasts("best_fitness")
-            assert [*contrasts.index] == [*dict.fromkeys([contrasts.index[0], *opened.arms])]
-        run = opened.run(opened.jobs.index[0]) if isinstance(opened, tacevo.Sweep) else opened
-        assert [*run.candidates.columns] == [*frames.CANDIDATES][1:]
-        assert {str(dtype) for dtype in run.candidates.dtypes} <= {"Int64", "float64", "string", "boolean", "object"}
-        assert run.candidates.loc[run.elites["id"], "fitness"].notna().all()
-        for table in run.tables.values():
-            assert len(table.frame.columns) >= 1
-        for study in run.studies:
-            assert len(study.scores) >= len(study.networks)
-            assert {*study.verdicts.index} <= {*study.networks.index}
+    opened = tacevo.open(bundle)
+    if isinstance(opened, tacevo.Sweep):
+        assert [*opened.jobs.columns][: len(frames.JOBS) - 1] == [*frames.JOBS][1:]
+        contrasts = opened.contrasts("best_fitness")
+        assert [*contrasts.index] == [*dict.fromkeys([contrasts.index[0], *opened.arms])]
+    run = opened.run(opened.jobs.index[0]) if isinstance(opened, tacevo.Sweep) else opened
+    assert [*run.candidates.columns] == [*frames.CANDIDATES][1:]
+    assert {str(dtype) for dtype in run.candidates.dtypes} <= {"Int64", "float64", "string", "boolean", "object"}
+    assert run.candidates.loc[run.elites["id"], "fitness"].notna().all()
+    for table in run.tables.values():
+        assert len(table.frame.columns) >= 1
+    for study in run.studies:
+        assert len(study.scores) >= len(study.networks)
+        assert {*study.verdicts.index} <= {*study.networks.index}
 
 
 def test_every_column_has_values() -> None:

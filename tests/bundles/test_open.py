@@ -1,19 +1,22 @@
-"""Promise: a run is opened wherever it lies, and what was unpacked for that is gone at the end."""
+"""Promise: a run is opened wherever it lies, and nothing is unpacked for that."""
 
 import shutil
-import tempfile
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from refusals import refused
 from sweeps import SHARED, begin
 
-from tacevo.bundles.open import Opened, located, opened, private_folder
-from tacevo.errors import DivergenceError, RunError
+from tacevo.bundles.open import located, opened
+from tacevo.errors import CacheMissError, RunError
+from tacevo.records import Mode
+from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.store import Store, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import Standing, status_of
@@ -27,14 +30,65 @@ def test_folder_is_opened_where_it_lies(published: Path) -> None:
 
 
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
-    """A directory of the run's own name, stores beside it, and neither afterwards."""
+    """With the run's own name, and the entries of its stores."""
     with opened(published / "run.zip") as found:
         assert found.folder.name == "run"
         assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
-        assert any(found.store.glob("completions/*/*.json"))
-        assert found.root is not None
-        assert (found.root.stat().st_mode & 0o777) == 0o700
-    assert not found.root.exists()
+        completion = next(found.store.glob("completions/*/*.json"))
+        assert read_entry(completion) == read_entry(next((published / "cache").rglob(completion.name)))
+
+
+@pytest.mark.parametrize(
+    "touch",
+    [
+        lambda path: path.write_text("x"),
+        lambda path: path.open("ab"),
+        lambda path: path.unlink(),
+        lambda path: list(path.rglob("*")),
+        lambda path: (path / "x").mkdir(),
+        lambda path: write_durably(path, "x"),
+        lambda path: shutil.copytree(path, "there"),
+    ],
+)
+def test_bundle_is_only_read(touch: Callable[[Path], object], published: Path, place: Path) -> None:
+    """Whatever else a path can do, no member leads to the disk."""
+    with opened(published / "run.zip") as found, pytest.raises(TypeError, match="member of a bundle"):
+        touch(found.folder)
+    assert list(place.iterdir()) == []
+
+
+#: Prints what a command writes or makes on the disk.
+WATCHED = """
+import os, sys
+told = []
+def hook(event, args):
+    writes = event == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+    if (writes and args[0] != os.devnull) or event in {"os.mkdir", "os.symlink", "os.link", "os.rename"}:
+        told.append(str(args[0]))
+sys.addaudithook(hook)
+from tacevo.cli.app import main
+status = main(sys.argv[1:])
+print(status, told)
+"""
+
+
+@pytest.mark.parametrize("command", [["replay", "run.zip"], ["show", "run.zip", "g00s00"], ["replay", "sweep.zip"]])
+def test_reading_a_bundle_writes_nothing(command: list[str], published: Path, swept: Path, place: Path) -> None:
+    """No member and no store entry is unpacked, wherever that would be."""
+    name, file, *more = command
+    whole = str((published if file == "run.zip" else swept) / file)
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", WATCHED, name, whole, *more], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines()[-1] == "0 []"
+    assert list(place.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["..", "../run", "/etc/passwd", "candidates/../../run", "missing", "run.json/x"])
+def test_no_name_leads_out_of_a_bundle(name: str, published: Path) -> None:
+    """What is not a member's name is the name of nothing."""
+    with opened(published / "run.zip") as found:
+        assert not (found.folder / name).exists()
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
@@ -72,82 +126,14 @@ def test_job_whose_ledger_lost_its_end_is_not_finished(failed_once: tuple[SweepD
         located(directory.path)
 
 
-def fail_within(place: Path, error: type[BaseException], made: list[Path]) -> None:
-    """Fail over a file in the private directory that stands for a place, and say where that was."""
-    with private_folder(place) as folder:
-        made.append(folder)
-        raise error(f"{folder}/run/a.json differs")
-
-
-@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-def test_private_folder_is_gone_after_an_error(error: type[BaseException], tmp_path: Path) -> None:
-    """Whatever ended the work."""
-    made: list[Path] = []
-    with pytest.raises(error, match="differs"):
-        fail_within(tmp_path, error, made)
-    assert not made[0].exists()
-
-
-def test_private_folder_lies_where_tmpdir_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever names a place has a reason."""
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr(tempfile, "tempdir", None)
-    with private_folder(tmp_path / "x.zip") as folder:
-        assert folder.parent == tmp_path
-
-
-@pytest.mark.parametrize(("free", "parent"), [(5 * 1024**3, "/dev/shm"), (3 * 1024**3, "/tmp")])
-def test_private_folder_lies_in_memory_where_that_has_room(
-    free: int, parent: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two bundles unpack to 4 GiB at most."""
-    monkeypatch.delenv("TMPDIR", raising=False)
-    monkeypatch.setattr(tempfile, "tempdir", None)
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
-    with private_folder(tmp_path / "x.zip") as folder:
-        assert folder.parent == Path(parent)
-
-
-def test_errors_name_the_place_that_the_folder_stands_for(tmp_path: Path) -> None:
-    """A user never sees the temporary directory."""
-    made: list[Path] = []
-    with pytest.raises(DivergenceError, match=rf"^{tmp_path}/x\.zip/run/a\.json differs$"):
-        fail_within(tmp_path / "x.zip", DivergenceError, made)
-    assert not made[0].exists()
-
-
-def fail_over(bundle: Path, told: Callable[[Opened], tuple[str, str]]) -> None:
-    """Open a bundle, and fail with a place and a text in which its private directory stands."""
-    with opened(bundle) as found:
-        place, got = told(found)
-        raise RunError(got, place=place)
-
-
-@pytest.mark.parametrize(
-    ("told", "place", "got"),
-    [
-        (lambda found: (f"{found.folder}/run.json", f"{found.folder}"), ", run/run.json", ", run"),
-        (
-            lambda found: (f"{found.store}/probes", f"{found.store} is"),
-            ", store.jsonl.xz, probes",
-            ", store.jsonl.xz is",
-        ),
-        (lambda found: (f"{found.root}/store.jsonl.xz, line 2", f"{found.root} "), ", store.jsonl.xz, line 2", " "),
-    ],
-)
-def test_errors_name_members_as_the_file_has_them(
-    told: Callable[[Opened], tuple[str, str]], place: str, got: str, published: Path
-) -> None:
+def test_errors_name_members_as_the_file_has_them(published: Path, swept: Path) -> None:
     """Not as `FILE.zip/JOB`, which is the spelling of a sweep's run."""
-    bundle = published / "run.zip"
-    with refused(RunError, place=f"{bundle}{place}", got=f"{bundle}{got}"):
-        fail_over(bundle, told)
-
-
-def test_errors_name_members_of_a_sweep(swept: Path) -> None:
-    """Each job's directory lies in that of the sweep."""
-    with refused(RunError, place=f"{swept / 'sweep.zip'}, sweep/none-seed0/run.json"):
-        fail_over(swept / "sweep.zip", lambda found: (f"{found.runs[0]}/run.json", ""))
+    with opened(published / "run.zip") as found:
+        assert f"{found.folder / 'run.json'}" == f"{published}/run.zip, run/run.json"
+        with refused(CacheMissError, place=f"{published}/run.zip, store.jsonl.xz, probes"):
+            Store(found.store, "probes", Mode.replay).find("of another run")
+    with opened(swept / "sweep.zip") as found:
+        assert f"{found.runs[0] / 'run.json'}" == f"{swept}/sweep.zip, sweep/none-seed0/run.json"
 
 
 @pytest.mark.parametrize("of", ["published", "swept"])

@@ -280,9 +280,11 @@ def test_packed_candidates_are_the_files_of_the_sweep(swept: Path, whole: Member
     """Each file once, unpacked byte for byte where the directory has it, and none of them a member."""
     assert [name for name in whole if "/candidates/" in name] == []
     with opened(swept / "sweep.zip") as place:
-        unpacked = {path.relative_to(place.folder): path.read_bytes() for path in place.folder.glob("*/candidates/*")}
-    assert {path.parent.parent.name for path in unpacked} == set(OWN)
-    assert all((swept / "sweep" / path).read_bytes() == data for path, data in unpacked.items())
+        packed = {(run.name, path.name): path.read_bytes() for run in place.runs for path in run.glob("candidates/*")}
+    assert {run for run, _ in packed} == set(OWN)
+    assert all(
+        (swept / "sweep" / run / "candidates" / name).read_bytes() == data for (run, name), data in packed.items()
+    )
 
 
 @pytest.mark.few(2)
