@@ -245,6 +245,26 @@ def test_everything_that_can_change_the_reading_enters_its_key(tmp_path: Path) -
     assert len(list(Store(tmp_path, "answers").entries())) == 5
 
 
+def test_given_network_that_is_repeated_before_other_code_is_no_answer(tmp_path: Path) -> None:
+    """The request tells which networks a model was given, comments and spaces aside; a replay recalls it."""
+    text = f"You gave:\n```python\n{VALID}```\nI'd have:\n```python\ndef forward(self, x):\n    return 2 * x\n```"
+    asked = f"Change it:\n{VALID.replace('4, 3)', '4,  3)  # small')}"
+    for mode in (Mode.live, Mode.replay):
+        judge = gate(FakeSandbox(sent(ANSWER)).run, tmp_path, mode=mode)
+        found = judge.admit(completion(text), asked)
+        assert isinstance(found, Rejection)
+        assert found.reason is Reason.no_class
+        assert judge.admit(completion(text), "Make one.") == Admitted(source=VALID, profile=PROFILE)
+        assert judge.admit(completion(VALID), asked) == Admitted(source=VALID, profile=PROFILE)
+
+
+def test_rules_of_older_runs_admit_it(tmp_path: Path) -> None:
+    """A replay of a run under them asks for no verdict that was not recorded."""
+    text = f"```python\n{VALID}```\n```python\ndef forward(self, x):\n    return 2 * x\n```"
+    judge = replace(gate(FakeSandbox(sent(ANSWER)).run, tmp_path), rules=replace(CURRENT, static=2))
+    assert isinstance(judge.admit(completion(text), VALID), Admitted)
+
+
 def test_replay_never_reads_an_unknown_answer(tmp_path: Path) -> None:
     """An answer without a recorded verdict is an error in replay, even where its source was probed."""
     fake = FakeSandbox(sent(ANSWER))
