@@ -351,6 +351,12 @@ def test_constant_weights_are_honest(init: str) -> None:
         ("self.w = [torch.zeros(2), {'a': torch.zeros(5)}]", "self.w[1]['a'] += 1", 5),
         ("w = torch.zeros(4)\nself.learn = lambda: w.add_(1)", "self.learn()", 4),
         ("self.register_buffer('steps', torch.zeros(()))", "self.steps += 1", 1),
+        ("self.m = nn.BatchNorm1d(9, affine=False)", "self.m.running_var.add_(y.detach().mean())", 9),
+        ("self.m = nn.BatchNorm1d(9)", "self.m.running_mean = self.m.running_mean + 1", 9),
+        ("def hold(): pass\nhold.s = torch.zeros(6)\nself.hold = hold", "self.hold.s = self.hold.s + 1", 6),
+        ("self.grid = None", "self.grid = torch.linspace(-1, 1, 8)", 0),
+        ("self.grid = [torch.ones(8), torch.zeros(8)]", "self.grid = [torch.zeros(8), torch.ones(8)]", 0),
+        ("self.grid = [torch.ones(8), torch.zeros(8)]", "self.grid = [torch.zeros(8), self.grid[0] + 1]", 8),
         ("self.norm = nn.BatchNorm2d(4)", "self.norm(self.conv(x))", 0),
         ("self.norm = nn.utils.parametrizations.spectral_norm(nn.Linear(3, 3))", "y = self.norm(y)", 0),
         ("self.norm = nn.utils.parametrizations.weight_norm(nn.Linear(3, 3))", "y = self.norm(y)", 0),
@@ -359,7 +365,7 @@ def test_constant_weights_are_honest(init: str) -> None:
     ],
 )
 def test_what_is_learnt_outside_the_parameters_is_counted(init: str, forward: str, learnt: int) -> None:
-    """In buffers, attributes, lists and closures; what layers of torch keep, and activations, are not learnt."""
+    """In buffers, attributes, lists and closures. What layers that run keep, and what is made again, is not learnt."""
     steps = "\n".join(f"    {line}" for line in forward.split("\n"))
     source = candidate(f"y = {GOOD}\nif self.training:\n{steps}\nreturn y", init)
     profile = profile_of(source)
