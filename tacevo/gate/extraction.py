@@ -25,6 +25,7 @@ from collections.abc import Sequence
 from tacevo.gate.blocks import Block, Parser, TooComplexError, blocks_of, trimmed
 from tacevo.gate.fences import Kind, parts_of
 from tacevo.gate.joining import Code, class_statements, future_first, parts_of_network
+from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.tags import mentions_thought, without_thoughts
 from tacevo.gate.versions import completeness, has_class, later_version
@@ -170,23 +171,11 @@ def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -
     tree = chosen.parsed if text == chosen.text else parser.parse(text)
     if isinstance(tree, Problem):
         return tree
-    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if _binds(node, name)]
+    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if bound_by(node) == name]
     if len(lines) > 1:
         where = ", ".join(map(str, lines))
         return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
     return (text if len(parts) == 1 else future_first(Code(text, tree))) + "\n", tree
-
-
-def _binds(node: ast.AST, name: str) -> bool:
-    """Return whether a node binds the class's name."""
-    match node:
-        case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
-            return node.name == name
-        case ast.Name(ctx=ast.Store()):
-            return node.id == name
-        case ast.alias():
-            return (node.asname or node.name) == name
-    return False
 
 
 def _explain(text: str, versions: Sequence[Block], blocks: Sequence[Block], name: str, parser: Parser) -> Problem:

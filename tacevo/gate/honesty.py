@@ -21,8 +21,8 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from torch.nn.utils import parametrize
 
 from tacevo.records import Reason
+from tacevo.sandbox.attributes import MODULE_NAMES
 from tacevo.sandbox.candidate import NAME, CandidateError
-from tacevo.sandbox.names import MODULE_NAMES
 from tacevo.sandbox.network import attributes, modules, parameters, state, switch
 
 _CLASS_ATTRIBUTES = vars(type)["__dict__"]  # a metaclass may define its own `__dict__`

@@ -17,7 +17,7 @@ import torch
 from torch import nn
 
 from tacevo.records import Contract, Reason
-from tacevo.sandbox.names import MODES, MODULE_NAMES, WEIGHTS, is_private, is_refused
+from tacevo.sandbox.attributes import MODES, MODULE_NAMES, WEIGHTS, is_refused
 from tacevo.sandbox.network import leaves, state
 from tacevo.sandbox.protocol import describe
 
@@ -121,7 +121,7 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
             raise TypeError(f"expected the name of an attribute as a string; got {type(name).__name__}")
         kinds = owner.__mro__ if isinstance(owner, type) else type(owner).__mro__
         is_own = any(kind.__module__ == NAME for kind in kinds)
-        is_foreign = is_private(name) or (writes and isinstance(owner, type | ModuleType | FunctionType))
+        is_foreign = writes and isinstance(owner, type | ModuleType | FunctionType)
         if (
             is_refused(name)
             or name in WEIGHTS + MODES
