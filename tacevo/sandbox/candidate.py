@@ -31,6 +31,9 @@ _FAILED_ALLOCATIONS = (
     "CUDNN_STATUS_ALLOC_FAILED",
 )
 
+#: Where a generator gets a seed from; a candidate cannot open it.
+_ENTROPY = "/dev/urandom"
+
 #: Name of the module that a candidate's text becomes; its classes carry it.
 NAME = "candidate"
 
@@ -172,7 +175,11 @@ def blaming(reason: Reason) -> Iterator[None]:
     except CandidateError:
         raise
     except Exception as error:
-        raise CandidateError(_reason_for(error, reason), describe(error)) from error
+        detail = describe(error)
+        if _ENTROPY in detail:
+            detail = "expected a seed that follows the trainer's; got one of the machine; use torch's own generator"
+            raise CandidateError(Reason.fixed_seed, detail) from error
+        raise CandidateError(_reason_for(error, reason), detail) from error
 
 
 def check_leaves(output: torch.Tensor, listed: list[nn.Parameter]) -> None:

@@ -384,6 +384,15 @@ def test_candidate_over_its_time_is_rejected(tmp_path: Path, sandbox: Sandbox) -
     assert found.reason is Reason.out_of_time
 
 
+def test_seed_of_the_machine_is_told_in_our_words(tmp_path: Path, sandbox: Sandbox) -> None:
+    """A generator would read it from a file, which a candidate cannot open; the message names no file."""
+    init = "g = torch.Generator()\ng.seed()\nself.w = nn.Parameter(torch.rand(9, generator=g))"
+    found = gate(sandbox.run, tmp_path).inspect(candidate("return self.head(self.conv(x).mean((2, 3)))", init))
+    assert isinstance(found, Rejection)
+    assert found.reason is Reason.fixed_seed
+    assert "/dev" not in found.detail
+
+
 @pytest.mark.few(12)
 @needs_shared
 @pytest.mark.parametrize("image_size", [32, 64])

@@ -279,6 +279,8 @@ def test_prediction_depends_on_its_own_image_only(expression: str, init: str) ->
         ("self.conv(x) * (torch.rand(1) > 0.5)", ""),
         ("torch.bernoulli(self.conv(x).sigmoid())", ""),
         ("self.conv(x)[:, torch.randperm(4)]", ""),
+        ("self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator())", ""),
+        ("self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator().manual_seed(3))", ""),
     ],
 )
 def test_evaluation_leaves_nothing_to_chance(expression: str, init: str) -> None:
@@ -341,6 +343,12 @@ def test_initial_weights_follow_the_seed(init: str) -> None:
 def test_constant_weights_are_honest(init: str) -> None:
     """Filters and encodings that are written out are, too, and so is a draw that chance may repeat."""
     assert profile_of(candidate(f"return {GOOD}", init)).learnt_outside == 0
+
+
+@pytest.mark.parametrize("forward", ["x -= 0.5", "x.neg_()", "x.normal_() if self.training else x.mul_(2)"])
+def test_network_may_write_to_its_input(forward: str) -> None:
+    """The trainer makes a batch anew, so nothing else sees it."""
+    assert profile_of(candidate(f"{forward}\nreturn {GOOD}")).flops == profile_of(VALID).flops
 
 
 @pytest.mark.parametrize(
@@ -417,6 +425,16 @@ def test_products_with_vectors_are_counted() -> None:
         "self.w = nn.Parameter(torch.ones(3, 3))\nself.b = nn.Bilinear(4, 4, 3, bias=False)",
     )
     assert profile_of(source).flops == profile_of(VALID).flops + 2 * 9 + 2 * 9 + 2 * 3 * 4 * 4
+
+
+def test_parameter_of_integers_is_told_what_to_do() -> None:
+    """The hint about real and imaginary parts is for complex ones only."""
+    init = "self.w = nn.Parameter(torch.ones(3, dtype=torch.int64), requires_grad=False)"
+    rejection = rejection_of(candidate(f"return {GOOD}", init))
+    assert rejection.reason is Reason.construction_failed
+    assert "int64" in rejection.detail
+    assert "buffer" in rejection.detail
+    assert "imaginary" not in rejection.detail
 
 
 def test_complex_parameter_is_told_in_our_words() -> None:
