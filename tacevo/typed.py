@@ -93,10 +93,11 @@ def _read(kind: type[T], text: str | bytes, place: str, error: type[TacevoError]
 
 def _check_keys(pairs: list[tuple[str, object]]) -> None:
     """Check the keys of one object; its values are not kept."""
-    names = [name for name, _ in pairs]
-    if len(set(names)) < len(names):
-        twice = next(name for place, name in enumerate(names) if name in names[:place])
-        raise ValueError(f"{_brief(twice)} a second time")
+    seen: set[str] = set()
+    for name, _ in pairs:
+        if name in seen:
+            raise ValueError(f"{_brief(name)} a second time")
+        seen.add(name)
 
 
 #: Pydantic takes the last of two equal keys, and other readers the first: each could be shown what the other is not.

@@ -42,8 +42,8 @@ class Effects:
     """The effects of a search; each answers from a store what it answered before."""
 
     llm: LLM
-    #: The gate, for a model's answer.
-    admit: Callable[[Completion], Admitted | Rejection]
+    #: The gate, for a model's answer and what it was asked.
+    admit: Callable[[Completion, str], Admitted | Rejection]
     #: The gate, for the task's baseline.
     inspect: Callable[[str], Admitted | Rejection]
     #: Its probe alone, for a source that the gate admitted before: an elite, or a given network.
@@ -241,7 +241,7 @@ def _judge(
     """Take an answer, or a given source, through the gate and, where it passes, have it trained."""
     began = time.perf_counter()
     try:
-        gated = _gate(proposal, completion, effects)
+        gated = _gate(proposal, completion, effects, asked)
     except CacheMissError as error:
         _name_slot(error, proposal)
         raise
@@ -254,14 +254,15 @@ def _judge(
     )
 
 
-def _gate(proposal: Job, completion: Completion | None, effects: Effects) -> Admitted | Rejection:
+def _gate(proposal: Job, completion: Completion | None, effects: Effects, asked: _Asked | None) -> Admitted | Rejection:
     """Judge an answer, the baseline, or a source that was admitted once.
 
     The policy is not asked about that source again: a model may have written it for another version of Python, and a
     replay on this one must not parse it.
     """
     if completion is not None:
-        return effects.admit(completion)
+        messages = () if asked is None else asked.request.messages
+        return effects.admit(completion, "\n".join(message.content for message in messages if message.role == "user"))
     if isinstance(proposal, Proposal) and proposal.operator is Operator.baseline:
         return effects.inspect(proposal.source)
     return effects.measure(proposal.source)

@@ -6,6 +6,7 @@ courtesy, the sandbox is the wall.
 """
 
 import contextlib
+import re
 from dataclasses import dataclass
 
 from tacevo.choices import Numerics
@@ -19,6 +20,9 @@ from tacevo.sandbox.client import AnswerError, Died, Run
 from tacevo.sandbox.protocol import one_line
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict, recall_verdict
+
+#: The first number of static rules under which a given network that is repeated before other code is no answer.
+_GIVEN_SINCE = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,8 +58,12 @@ class Gate:
     #: because this code judges by the current rules only.
     rules: Rules
 
-    def admit(self, completion: Completion) -> Admitted | Rejection:
+    def admit(self, completion: Completion, asked: str = "") -> Admitted | Rejection:
         """Judge a model's answer.
+
+        Args:
+            completion: the answer.
+            asked: what the model was asked, with the networks that it was given; empty where that is not known.
 
         Raises:
             SandboxError: the sandbox is broken; nothing was stored.
@@ -72,7 +80,10 @@ class Gate:
             "limit": self.source_bytes,
         }
         # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
-        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion))
+        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, own=True))
+        if isinstance(source, str) and self.rules.static >= _GIVEN_SINCE and _squeezed(source) in _squeezed(asked):
+            again: dict[str, Json] = {**request, "own": False}
+            source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, own=False))
         return source if isinstance(source, Rejection) else self.measure(source)
 
     def inspect(self, source: str) -> Admitted | Rejection:
@@ -99,8 +110,8 @@ class Gate:
         found = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
         return found if isinstance(found, Rejection) else Admitted(source=source, profile=found)
 
-    def _extract(self, completion: Completion) -> str | Rejection:
-        source = extract(completion, self.contract)
+    def _extract(self, completion: Completion, *, own: bool) -> str | Rejection:
+        source = extract(completion, self.contract, own=own)
         return source if isinstance(source, Rejection) else rejection_of(source, self.contract) or source
 
     def _asked(self, source: str) -> dict[str, Json]:
@@ -121,6 +132,11 @@ class Gate:
                 case [Rejection(stage=Stage.probe, reason=reason, detail=detail)]:
                     return _rejected(reason, one_line(detail))
         return _rejected(Reason.crashed, "expected a profile or a rejection from the probe; got neither")
+
+
+def _squeezed(text: str) -> str:
+    """Return a text without comments and spaces, which a model does not repeat."""
+    return re.sub(r"#.*|\s+", "", text)
 
 
 def _is_within(profile: Profile, limits: GateLimits) -> bool:

@@ -9,7 +9,8 @@ The rules, in order:
    (`tacevo.gate.fences`), and elsewhere the longest stretches of lines that start like code and parse
    (`tacevo.gate.blocks`). Tags and marks around code do not belong to it.
 5. The last block that has the class counts, whether it parses or not: a model that shows two versions means the later
-   one. Where a whole class stands in the answer, an excerpt does not count.
+   one. Where a whole class stands in the answer, an excerpt does not count. A later version in a form that cannot be
+   used leaves no answer (`tacevo.gate.versions`).
 6. Blocks that bind a name at their top level which the source uses but does not bind are put before it. Statements at
    the top level that consist of names are dropped (`tacevo.gate.joining`).
 7. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
@@ -24,8 +25,10 @@ from collections.abc import Sequence
 from tacevo.gate.blocks import Block, Parser, TooComplexError, blocks_of, trimmed
 from tacevo.gate.fences import Kind, parts_of
 from tacevo.gate.joining import Code, class_statements, future_first, parts_of_network
+from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.tags import mentions_thought, without_thoughts
+from tacevo.gate.versions import completeness, has_class, later_version
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
@@ -41,15 +44,20 @@ _UNANSWERED = {
 }
 
 
-def extract(completion: Completion, contract: Contract) -> str | Rejection:
+def extract(completion: Completion, contract: Contract, *, own: bool = True) -> str | Rejection:
     """Find the source text in an answer that `first_look` lets pass.
+
+    Args:
+        completion: the answer.
+        contract: names the class.
+        own: whether the source would be the model's own; one that it was given is no answer where other code follows.
 
     Returns:
         Source that parses and defines the contract's class once: newlines normalised, dedented, ending with one
         newline; or a rejection at stage `extract`.
     """
     try:
-        found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF)
+        found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF, own)
     except TooComplexError as error:
         found = error.problem
     return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
@@ -86,18 +94,31 @@ def _normalised(text: str) -> str:
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _choose(text: str, name: str, cut_off: bool) -> str | Problem:
+def _choose(text: str, name: str, cut_off: bool, own: bool) -> str | Problem:
     """Pick the source among the blocks of an answer, as the module's rules say."""
     parser = Parser()
     answer, blocks = _read(text, name, parser)
-    versions = [block for block in blocks if _has_class(block, name)]
+    versions = [block for block in blocks if has_class(block, name)]
     if cut_off and not _is_closed(answer, versions, name):
         return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
-    completeness = [_completeness(block, name) for block in versions]
-    if not any(completeness):
+    shares = [completeness(block, name) for block in versions]
+    if not any(shares):
         return _explain(answer, versions, blocks, name, parser)
-    place = max(range(len(versions)), key=lambda i: (completeness[i], i))
-    return _source(versions[place], blocks, name, parser)
+    chosen = versions[max(range(len(versions)), key=lambda i: (shares[i], i))]
+    source = _source(chosen, blocks, name, parser)
+    if isinstance(source, Problem):
+        return source
+    return later_version(_behind(answer, chosen), source[1], name, parser, own=own) or source[0]
+
+
+def _behind(answer: str, chosen: Block) -> str:
+    """Return what of an answer stands behind a block and the fence around it."""
+    lines = answer.split("\n")
+    for part in parts_of(lines):
+        last = part.first + len(part.lines)
+        if chosen.end <= last:
+            return "\n".join([*lines[chosen.end : last], *lines[part.end :]])
+    return ""
 
 
 def _read(text: str, name: str, parser: Parser) -> tuple[str, list[Block]]:
@@ -120,14 +141,6 @@ def _lines_of_code(text: str, parser: Parser) -> set[int]:
     return found
 
 
-def _has_class(block: Block, name: str) -> bool:
-    """Return whether a block states the class; in text that does not parse, a line below must be indented."""
-    if isinstance(block.parsed, ast.Module):
-        return bool(class_statements(block.parsed, name))
-    statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b.*(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
-    return re.search(statement, block.text, re.MULTILINE) is not None
-
-
 def _is_closed(answer: str, versions: Sequence[Block], name: str) -> bool:
     """Return whether the last class statement of an answer is in a block that the model finished."""
     if not versions or not versions[-1].closed:
@@ -140,44 +153,12 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
     return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
 
 
-def _completeness(block: Block, name: str) -> int:
-    """Tell a version of the class from an excerpt.
+def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -> tuple[str, ast.Module] | Problem:
+    """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once.
 
     Returns:
-        0 where `forward` is missing, and no base may define it; 1 where something is left out: by `...`, by a comment
-        instead of a body, or by a `forward` that computes nothing; else 2, also where the text does not parse.
+        The text and its tree.
     """
-    if isinstance(block.parsed, Problem):
-        header = rf"^([ \t]*)(?:def[ \t]+forward|class[ \t]+{re.escape(name)})\b.*(?:\n[ \t]*)*"
-        comments = r"\n[ \t]*#.*(?:\n[ \t]*(?:#.*)?)*(?=\n|\Z)(?!\n\1[ \t])"
-        return 1 if re.search(header + comments, block.text, re.MULTILINE) else 2
-    return max(map(_completeness_of_class, class_statements(block.parsed, name)))
-
-
-def _completeness_of_class(node: ast.ClassDef) -> int:
-    forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
-    bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
-    if not forward and not bases - {"Module"}:
-        return 0
-    is_stub = any(all(map(_computes_nothing, function.body)) for function in forward)
-    return 1 if is_stub or any(map(_is_left_out, ast.walk(node))) else 2
-
-
-def _computes_nothing(node: ast.stmt) -> bool:
-    """Return whether a statement is one of those that stand for a body that is left out."""
-    match node:
-        case ast.Pass() | ast.Raise() | ast.Expr(value=ast.Constant()) | ast.Return(value=None | ast.Constant()):
-            return True
-    return False
-
-
-def _is_left_out(node: ast.AST) -> bool:
-    """Return whether a node is the statement `...`."""
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and node.value.value is ...
-
-
-def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -> str | Problem:
-    """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once."""
     if isinstance(chosen.parsed, Problem):
         return chosen.parsed
     others = [
@@ -190,23 +171,11 @@ def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -
     tree = chosen.parsed if text == chosen.text else parser.parse(text)
     if isinstance(tree, Problem):
         return tree
-    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if _binds(node, name)]
+    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if bound_by(node) == name]
     if len(lines) > 1:
         where = ", ".join(map(str, lines))
         return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
-    return (text if len(parts) == 1 else future_first(Code(text, tree))) + "\n"
-
-
-def _binds(node: ast.AST, name: str) -> bool:
-    """Return whether a node binds the class's name."""
-    match node:
-        case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
-            return node.name == name
-        case ast.Name(ctx=ast.Store()):
-            return node.id == name
-        case ast.alias():
-            return (node.asname or node.name) == name
-    return False
+    return (text if len(parts) == 1 else future_first(Code(text, tree))) + "\n", tree
 
 
 def _explain(text: str, versions: Sequence[Block], blocks: Sequence[Block], name: str, parser: Parser) -> Problem:

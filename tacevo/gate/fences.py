@@ -17,6 +17,9 @@ _LANGUAGE = re.compile(r"[{.]*(\w*)[ \t]*(.*)")
 
 _PYTHON = {"", "py", "python", "python3", "py3", "ipython", "pytorch"}
 
+#: Languages of what is read as if no fence stood around it: it may be sentences or code.
+_TEXT = {"text", "plaintext", "txt", "plain"}
+
 _QUOTES = re.compile("\"\"\"|'''")
 
 
@@ -27,7 +30,7 @@ class Kind(Enum):
     python = auto()
     #: Between fences of another language.
     other = auto()
-    #: Not between fences.
+    #: Not between fences, or between fences of text.
     prose = auto()
 
 
@@ -41,6 +44,8 @@ class Part:
     first: int
     #: Whether something after them shows that the model had finished them.
     closed: bool
+    #: Number of the line that follows them and what closes them.
+    end: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +75,8 @@ def parts_of(lines: Sequence[str]) -> Iterator[Part]:
             continue
         body, end, following = found
         kind, code = (fence.kind, fence.code) if fence else (Kind.prose, [])
-        yield Part(kind, [*code, *body], first - len(code), closed=end < len(lines))
+        behind = end if following else min(end + 1, len(lines))
+        yield Part(kind, [*code, *body], first - len(code), closed=end < len(lines), end=behind)
         first, fence = end + 1, following
 
 
@@ -119,7 +125,8 @@ def _opened(line: str) -> _Fence | None:
         return None  # words about fences, or "```<|im_end|>", which closes a block
     if is_sentence and not (sign[0] == "`" and is_python and (info or before.rstrip()[-1] in ">:")):
         return None
-    return _Fence(Kind.python if is_python else Kind.other, sign, [code] if code else [])
+    kind = Kind.prose if language.lower() in _TEXT else Kind.other
+    return _Fence(Kind.python if is_python else kind, sign, [code] if code else [])
 
 
 def _ending(line: str, sign: str) -> tuple[list[str], _Fence | None] | None:

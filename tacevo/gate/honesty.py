@@ -21,8 +21,8 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from torch.nn.utils import parametrize
 
 from tacevo.records import Reason
+from tacevo.sandbox.attributes import MODULE_NAMES
 from tacevo.sandbox.candidate import NAME, CandidateError
-from tacevo.sandbox.names import MODULE_NAMES
 from tacevo.sandbox.network import attributes, modules, parameters, state, switch
 
 _CLASS_ATTRIBUTES = vars(type)["__dict__"]  # a metaclass may define its own `__dict__`
@@ -135,7 +135,7 @@ def state_outside(network: nn.Module) -> _State:
     """Copy what a network, or the text that made it, keeps in tensors outside its parameters.
 
     These are buffers, and tensors in attributes, lists, closures and globals. What torch's own layers keep is left out,
-    such as the running statistics of a batch normalisation.
+    such as the running statistics of a batch normalisation that saw a batch.
     """
     with unwatched():
         return {id(tensor): (tensor, _bits(tensor).clone()) for tensor in islice(_outside(network), _MOST_TENSORS)}
@@ -150,11 +150,17 @@ def count_learnt(before: _State, after: _State) -> int:
         changed = [
             tensor for key, (tensor, bits) in after.items() if key in before and not _is_equal(bits, before[key][1])
         ]
-    gone, new = (
-        Counter((tensor.shape, tensor.dtype) for key, (tensor, _) in kept.items() if key not in other)
-        for kept, other in ((before, after), (after, before))
-    )
-    replaced = (shape.numel() * number for (shape, _), number in (gone & new).items())
+        gone, new = (
+            Counter(
+                (tensor.shape, tensor.dtype, bits.numpy().tobytes())
+                for key, (tensor, bits) in kept.items()
+                if key not in other
+            )
+            for kept, other in ((before, after), (after, before))
+        )
+    # What is made again with equal bits, such as a grid in each pass, did not change.
+    lost, made = (Counter(kind[:2] for kind in kinds.elements()) for kinds in (gone - new, new - gone))
+    replaced = (shape.numel() * number for (shape, _), number in (lost & made).items())
     return sum(tensor.numel() for tensor in changed) + sum(replaced)
 
 
@@ -185,13 +191,19 @@ def _held(thing: object) -> Iterable[object]:
     kind = type(thing)
     if issubclass(kind, nn.Module):
         own = attributes(thing)  # type: ignore[arg-type]
-        is_torchs = kind in _TORCH or issubclass(kind, _BatchNorm)
+        is_torchs = (kind in _TORCH or issubclass(kind, _BatchNorm)) and not _is_unused(own)
         return [value for name, value in own.items() if not (is_torchs and name == "_buffers")]
     if kind is FunctionType:
         function: Any = thing  # its globals may be torch's; those of the text are walked anyway
-        return (function.__closure__, function.__defaults__, function.__kwdefaults__)
+        return (function.__closure__, function.__defaults__, function.__kwdefaults__, function.__dict__)
     is_walked = thing.__module__ == NAME if isinstance(thing, type) else kind.__module__ in _WALKED
     return gc.get_referents(thing) if is_walked and kind is not ModuleType else ()
+
+
+def _is_unused(own: dict[str, Any]) -> bool:
+    """Return whether a normalisation counts its batches, and has seen none: what changes its buffers is another."""
+    seen = own["_buffers"].get("num_batches_tracked")
+    return type(seen) is Tensor and not seen.any()
 
 
 def copied_state(network: nn.Module) -> dict[str, tuple[torch.dtype, torch.Size, Tensor]]:

@@ -35,8 +35,8 @@ class KernelWatcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
         self.not_portable: set[str] = set()
         #: Floating-point operations so far.
         self.flops = 0
-        #: Random draws so far.
-        self.drawn = 0
+        #: Random draws so far, and those of them by a generator of the candidate's own.
+        self.drawn = self.drawn_apart = 0
         self._draws: list[Tensor] | None = None
 
     @contextmanager
@@ -64,6 +64,7 @@ class KernelWatcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
             self.flops += formula(*args, **kwargs, out_val=output)
         if torch.Tag.nondeterministic_seeded in func.tags:
             self.drawn += 1
+            self.drawn_apart += any(isinstance(part, torch.Generator) for part in (*args, *kwargs.values()))
             if self._draws is not None and isinstance(output, Tensor):
                 self._draws.append(output.detach().reshape(-1)[:_COMPARED].clone())
         return output

@@ -52,17 +52,29 @@ def names_of(statements: Iterable[ast.stmt]) -> Names:
     return Names(frozenset(top.bound), frozenset(used - top.bound), frozenset(top.used))
 
 
+def bound_by(node: ast.AST) -> str | None:
+    """Return the name that a node binds in its scope or deletes from it; None where it does neither."""
+    match node:
+        case ast.Name(id=name, ctx=ast.Store() | ast.Del()):
+            return name
+        case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
+            return name
+        case ast.ExceptHandler(name=name) | ast.MatchAs(name=name) | ast.MatchStar(name=name):
+            return name
+        case ast.MatchMapping(rest=name):
+            return name
+        case ast.alias(name=path, asname=name):
+            return name or path.split(".")[0]
+    return None
+
+
 def _note(node: ast.AST, scope: _Scope) -> None:
     """Note the name that a node uses or binds in its scope."""
-    match node:
-        case ast.Name(id=name, ctx=ast.Load()):
-            scope.used.add(name)
-        case ast.Name(id=name) | ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
-            scope.bound.add(name)
-        case ast.alias(name=path, asname=name):
-            scope.bound.add(name or path.split(".")[0])
-        case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
-            scope.bound.add(name)
+    bound = bound_by(node)
+    if bound is not None:
+        scope.bound.add(bound)
+    elif isinstance(node, ast.Name):
+        scope.used.add(node.id)
 
 
 def _inside(node: ast.AST) -> list[ast.AST]:

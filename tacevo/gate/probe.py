@@ -6,7 +6,7 @@ others, first and again; returned what the contract asks for; took optimiser ste
 it does not promise: candidate code runs in this process and could forge all of this; docs/gate.md says what that gains.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 from typing import Any
 
@@ -43,16 +43,6 @@ _SEED, _OTHER_SEED = 0, 1
 
 #: Large enough that a part which begins at zero has an effect after one step.
 _LEARNING_RATE = 1e-2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Step:
-    """What a training step gave."""
-
-    #: A copy of the output before the step.
-    output: Tensor
-    #: FLOPs of the forward pass of the whole batch.
-    flops: int
 
 
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
@@ -101,17 +91,17 @@ class _Probe:
         with self._watcher.noting_draws() as draws:
             model = self._built(_SEED)
         count, weights = self._sizes(model)
-        first = self._step(model, images[:few], targets[:few])
+        first, _ = self._step(model, images[:few], targets[:few])
         left = copied_state(model)
         flops, traced = self._evaluated(model, images)
         before = state_outside(model)
-        last = self._step(model, images[:many], targets[:many])
+        _, flops_of_batch = self._step(model, images[:many], targets[:many])
         learnt = count_learnt(before, state_outside(model))
         self._check_size(weights, learnt)
-        trained = max(-(-last.flops // many), flops)
+        trained = max(-(-flops_of_batch // many), flops)
         self._check_limits(trained, traced)
         again = self._built(_SEED)
-        is_same = torch.equal(self._step(again, images[:few], targets[:few]).output, first.output)
+        is_same = torch.equal(self._step(again, images[:few], targets[:few])[0], first)
         if not (is_same and are_equal(copied_state(again), left)):
             raise CandidateError(
                 Reason.nondeterministic,
@@ -157,7 +147,11 @@ class _Probe:
             for parameter in listed:
                 if not parameter.is_floating_point():
                     detail = f"expected parameters of a real floating type; got {parameter.dtype}"
-                    raise CandidateError(Reason.construction_failed, f"{detail}; keep real and imaginary parts apart")
+                    is_complex = parameter.is_complex()
+                    hint = (
+                        "keep real and imaginary parts apart" if is_complex else "keep what is not learnt in a buffer"
+                    )
+                    raise CandidateError(Reason.construction_failed, f"{detail}; {hint}")
         return count, weights
 
     def _check_size(self, weights: int, learnt: int) -> None:
@@ -180,7 +174,7 @@ class _Probe:
         """Predict one image alone and beside others in eval mode, compare, and return its FLOPs and trace."""
         one, many = images[_ALONE : _ALONE + 1], BATCHES[1]
         with unchanged(model, training=False), blaming(Reason.forward_failed):
-            drawn = self._watcher.drawn
+            drawn, drawn_apart = self._watcher.drawn, self._watcher.drawn_apart
             flops, traced = self._traced(model, one)
             draws = self._watcher.drawn > drawn
             self._check_limits(flops, traced)
@@ -200,27 +194,33 @@ class _Probe:
         beside = traced_batch.output
         if not (_are_near(beside[_ALONE : _ALONE + 1], traced.output) and _are_near(most.flip(0)[:many], beside)):
             detail = "expected predictions that depend on their own image only; got others beside other images"
+            if self._watcher.drawn_apart > drawn_apart:  # it draws the same numbers for another batch
+                raise CandidateError(Reason.random_in_evaluation, f"{detail}; draw nothing in evaluation mode")
             raise CandidateError(Reason.depends_on_batch, f"{detail}; normalise by running statistics or per image")
         return flops, traced
 
     def _traced(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
         """Run one traced pass; return its FLOPs, and the trace with a copy of the output."""
         before = self._watcher.flops
-        traced = trace(model, images)
+        traced = trace(model, images.clone())
         return self._watcher.flops - before, replace(traced, output=_copied(traced.output))
 
     def _predicted(self, model: nn.Module, images: Tensor) -> Any:
         """Run one pass without gradients; return a copy of the output."""
         with torch.no_grad():
-            return _copied(model(images))
+            return _copied(model(images.clone()))
 
-    def _step(self, model: nn.Module, images: Tensor, targets: Tensor) -> _Step:
-        """Take one optimiser step and check it."""
+    def _step(self, model: nn.Module, images: Tensor, targets: Tensor) -> tuple[Tensor, int]:
+        """Take one optimiser step and check it.
+
+        Returns:
+            A copy of the output before the step, and the FLOPs of the forward pass of the whole batch.
+        """
         torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
         before = self._watcher.flops
         with unchanged(model, training=True) as listed:
             with blaming(Reason.forward_failed):
-                output = model(images)
+                output = model(images.clone())  # as in a training, a network may write to what it gets
             flops, copy = self._watcher.flops - before, _copied(output)
             self._check_output(output, len(images))
             if not output.requires_grad:
@@ -241,7 +241,7 @@ class _Probe:
             if not all(torch.isfinite(parameter).all() for parameter in listed):
                 detail = "expected finite weights after one training step; got NaN or infinity"
                 raise CandidateError(Reason.not_finite, detail)
-        return _Step(output=copy, flops=flops)
+        return copy, flops
 
     def _check_output(self, output: object, count: int) -> None:
         """Check an output against the contract."""

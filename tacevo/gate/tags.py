@@ -9,16 +9,20 @@ _TAG = "(?:</?[A-Za-z][^<>\n]*>|<[|\uff5c][^<>\n]*[|\uff5c]>)"  # DeepSeek's bar
 #: Indentation and the tags behind it.
 LEADING = rf"([ \t]*)(?:{_TAG}[ \t]*)*"
 
-_THOUGHT = r"(?:\w+:)?(?:think|thinking|thoughts?)"
+_THOUGHT = r"(?:\w+:)?(?:think|thinking|thoughts?|reasoning|reflection)"
+
+#: The signs of a tag: `<think>`, the same written for HTML, Mistral's `[THINK]` and Kimi's `\u25c1think\u25b7`.
+_LEFT, _RIGHT = r"(?:<|&lt;|\u25c1)", r"(?:>|&gt;|\u25b7)"
 
 #: What opens or closes a thought, unless it is inline code in backticks. In OpenAI's harmony format each channel but
 #: `final` is a thought.
 _BORDER = re.compile(
     rf"(?P<first>^[ \t]*)?(?:"
-    rf"(?P<opens>(?<!(?<!`)`)(?:<[ \t]*(?P<name>{_THOUGHT})(?:\s[^<>]*)?(?<!/)>(?:\s*<(?P=name)>)*"
-    rf"|<\|(?:begin|start)_(?:of_)?{_THOUGHT}\|>|<\|channel\|>[ \t]*(?:analysis|commentary)\b))"
+    rf"(?P<opens>(?<!(?<!`)`)(?:{_LEFT}[ \t]*(?P<name>{_THOUGHT})(?:\s[^<>&]*)?(?<!/){_RIGHT}(?:\s*<(?P=name)>)*"
+    rf"|(?-i:\[THINK\])|<\|(?:begin|start)_(?:of_)?{_THOUGHT}\|>|<\|channel\|>[ \t]*(?:analysis|commentary)\b))"
     rf"|(?P<final><\|channel\|>[ \t]*final\b)"
-    rf"|(?:<[ \t]*/[ \t]*{_THOUGHT}[ \t]*>|<\|end_(?:of_)?{_THOUGHT}\|>)(?!`(?!`))(?P<last>[ \t]*(?=$|```|<))?)",
+    rf"|(?:{_LEFT}[ \t]*/[ \t]*{_THOUGHT}[ \t]*{_RIGHT}|(?-i:\[/THINK\])|<\|end_(?:of_)?{_THOUGHT}\|>)"
+    rf"(?!`(?!`))(?P<last>[ \t]*(?=$|```|<))?)",
     re.MULTILINE | re.IGNORECASE,
 )
 

@@ -17,7 +17,7 @@ import torch
 from torch import nn
 
 from tacevo.records import Contract, Reason
-from tacevo.sandbox.names import MODES, MODULE_NAMES, WEIGHTS, is_private, is_refused
+from tacevo.sandbox.attributes import MODES, MODULE_NAMES, WEIGHTS, is_refused
 from tacevo.sandbox.network import leaves, state
 from tacevo.sandbox.protocol import describe
 
@@ -30,6 +30,9 @@ _FAILED_ALLOCATIONS = (
     "CUBLAS_STATUS_ALLOC_FAILED",
     "CUDNN_STATUS_ALLOC_FAILED",
 )
+
+#: Where a generator gets a seed from; a candidate cannot open it.
+_ENTROPY = "/dev/urandom"
 
 #: Name of the module that a candidate's text becomes; its classes carry it.
 NAME = "candidate"
@@ -121,7 +124,7 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
             raise TypeError(f"expected the name of an attribute as a string; got {type(name).__name__}")
         kinds = owner.__mro__ if isinstance(owner, type) else type(owner).__mro__
         is_own = any(kind.__module__ == NAME for kind in kinds)
-        is_foreign = is_private(name) or (writes and isinstance(owner, type | ModuleType | FunctionType))
+        is_foreign = writes and isinstance(owner, type | ModuleType | FunctionType)
         if (
             is_refused(name)
             or name in WEIGHTS + MODES
@@ -172,7 +175,11 @@ def blaming(reason: Reason) -> Iterator[None]:
     except CandidateError:
         raise
     except Exception as error:
-        raise CandidateError(_reason_for(error, reason), describe(error)) from error
+        detail = describe(error)
+        if _ENTROPY in detail:
+            detail = "expected a seed that follows the trainer's; got one of the machine; use torch's own generator"
+            raise CandidateError(Reason.fixed_seed, detail) from error
+        raise CandidateError(_reason_for(error, reason), detail) from error
 
 
 def check_leaves(output: torch.Tensor, listed: list[nn.Parameter]) -> None:

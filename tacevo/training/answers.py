@@ -1,6 +1,5 @@
 """A trainer's answer, read and judged in the parent: nothing of it is trusted, and the losses are computed here."""
 
-import contextlib
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,9 +26,8 @@ class _Epoch(Record):
 
     epoch: int
     train_loss: float
-    #: Optimiser steps so far, and forward passes of this epoch.
-    steps: int = 0
-    passes: int = 0
+    #: Optimiser steps so far.
+    steps: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,16 +62,17 @@ class Answer:
 
 
 def read_answer(
-    outcome: Finished | Died, contract: Contract, *, epochs: int, rows: int, device: Device = Device.cpu
+    outcome: Finished | Died, contract: Contract, *, epochs: int, steps: int, rows: int, device: Device = Device.cpu
 ) -> Answer | Rejection:
     """Read a child's answer, of which nothing is trusted: predictions for a number of rows after each epoch.
 
-    On a CPU no operation may lack a deterministic form.
+    Each epoch must have the given number of optimiser steps. The child counts them, so this sees a candidate that has
+    the trainer take more, and not one that resets the count. On a CPU no operation may lack a deterministic form.
     """
     if isinstance(outcome, Died):
         return _rejection(outcome.reason, outcome.detail)
     try:
-        answer = _read(outcome.frames, (rows, contract.outputs), epochs, device)
+        answer = _read(outcome.frames, (rows, contract.outputs), epochs, steps, device)
     except AnswerError:  # its text quotes the candidate, who may have written the frame
         return _rejection(Reason.bad_output, "expected a trainer's frames; got another frame")
     except ValueError as error:
@@ -84,30 +83,6 @@ def read_answer(
         if not np.isfinite(values).all():
             return _rejection(Reason.not_finite, f"the predictions after epoch {epoch} are not all finite")
     return answer
-
-
-def check_work(outcome: Finished | Died, *, train: int, predicted: Sequence[int], batch_size: int) -> Finished | Died:
-    """Return an answer, or a failure in its place where an epoch had other steps or passes than were asked for.
-
-    The child counts them, so this sees a candidate that has the trainer do more, and not one that trains beside it.
-
-    Args:
-        outcome: the answer to `Setting.train`.
-        train: images that are trained on.
-        predicted: images of each group that is predicted.
-        batch_size: of the recipe.
-    """
-    if isinstance(outcome, Died):
-        return outcome
-    steps = max(1, train // batch_size)
-    passes = steps + sum(-(-count // batch_size) for count in predicted)
-    for number, frame in enumerate(outcome.frames[:-1], start=1):
-        with contextlib.suppress(AnswerError):  # told by who reads it
-            epoch = frame.read(_Epoch)
-            if (epoch.steps, epoch.passes) != (number * steps, passes):
-                detail = f"expected {number * steps} steps up to epoch {number} and {passes} forward passes in it"
-                return Died(Reason.bad_output, f"{detail}; got {epoch.steps} and {epoch.passes}")
-    return outcome
 
 
 def training_of(answer: Answer, loss: Loss, targets: NDArray[Any]) -> Training:
@@ -125,8 +100,10 @@ def training_of(answer: Answer, loss: Loss, targets: NDArray[Any]) -> Training:
     )
 
 
-def _read(frames: Sequence[Frame], shape: tuple[int, int], epochs: int, device: Device) -> Answer | Rejection:
-    """Read a trainer's frames, each but the last with predictions of this shape.
+def _read(
+    frames: Sequence[Frame], shape: tuple[int, int], epochs: int, steps: int, device: Device
+) -> Answer | Rejection:
+    """Read a trainer's frames, each but the last with predictions of this shape and the steps so far.
 
     Raises:
         AnswerError, ValueError: they are not such frames.
@@ -142,8 +119,12 @@ def _read(frames: Sequence[Frame], shape: tuple[int, int], epochs: int, device: 
         raise ValueError("expected distinct operations in the order of their names, and none on a CPU; got others")
     if not end.weights_sha256 or len(progress) != epochs:
         raise ValueError(f"expected the predictions of {epochs} epochs and a digest; got those of {len(progress)}")
+    reports = [frame.read(_Epoch) for frame in progress]
+    counts, expected = [report.steps for report in reports], [number * steps for number in range(1, epochs + 1)]
+    if counts != expected:
+        raise ValueError(f"expected {steps} optimiser steps an epoch; got {counts} up to each epoch")
     return Answer(
-        train_losses=tuple(frame.read(_Epoch).train_loss for frame in progress),
+        train_losses=tuple(report.train_loss for report in reports),
         predictions=tuple(np.frombuffer(frame.payload, np.float32).reshape(shape) for frame in progress),
         weights_sha256=end.weights_sha256,
         not_deterministic=operations,

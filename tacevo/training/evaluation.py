@@ -18,7 +18,7 @@ from tacevo.records import Contract, Json, Recipe, Rejection, Training, to_json,
 from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
-from tacevo.training.answers import check_work, read_answer, training_of
+from tacevo.training.answers import read_answer, training_of
 
 #: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
@@ -110,12 +110,11 @@ class Setting:
             **({"contiguous": True} if self.contiguous else {}),
         }
         payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
-        return check_work(
-            run("train", header, payload, self.recipe.limits),
-            train=len(examples.train),
-            predicted=sizes,
-            batch_size=self.recipe.batch_size,
-        )
+        return run("train", header, payload, self.recipe.limits)
+
+    def steps(self, examples: Examples) -> int:
+        """Return how many optimiser steps an epoch has."""
+        return max(1, len(examples.train) // self.recipe.batch_size)
 
     def _sent_device(self) -> dict[str, str]:
         # Left out on a CPU, so that older keys and messages stay as they were.
@@ -189,12 +188,20 @@ class Evaluator(TrainingStore[Examples, Training]):
     def _train(self, data: Examples, source: str, seed: int) -> Training | Rejection:
         setting = self._setting
         outcome = setting.train(self._run, source, seed, examples=data, predicted=[data.validation])
-        return judge(outcome, setting.contract, setting.recipe.epochs, data.validation_targets, setting.device)
+        epochs, steps = setting.recipe.epochs, setting.steps(data)
+        targets, device = data.validation_targets, setting.device
+        return judge(outcome, setting.contract, targets, epochs=epochs, steps=steps, device=device)
 
 
 def judge(
-    outcome: Finished | Died, contract: Contract, epochs: int, targets: NDArray[Any], device: Device = Device.cpu
+    outcome: Finished | Died,
+    contract: Contract,
+    targets: NDArray[Any],
+    *,
+    epochs: int,
+    steps: int,
+    device: Device = Device.cpu,
 ) -> Training | Rejection:
     """Check a child's answer, as `read_answer` does, and compute the losses on these validation targets."""
-    answer = read_answer(outcome, contract, epochs=epochs, rows=len(targets), device=device)
+    answer = read_answer(outcome, contract, epochs=epochs, steps=steps, rows=len(targets), device=device)
     return answer if isinstance(answer, Rejection) else training_of(answer, contract.loss, targets)

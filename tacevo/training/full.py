@@ -122,7 +122,7 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         examples, held_out = data
         predicted = [examples.validation, held_out.rows]
         outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted)
-        found = assess(outcome, self._setting, examples.validation_targets, held_out)
+        found = assess(outcome, self._setting, examples, held_out)
         if isinstance(found, Rejection):
             return found
         training, predictions = found
@@ -184,7 +184,7 @@ def _compare(recorded: Mapping[str, float], computed: Mapping[str, float], place
 
 
 def assess(
-    outcome: Finished | Died, setting: Setting, validation_targets: NDArray[Any], held_out: HeldOut
+    outcome: Finished | Died, setting: Setting, examples: Examples, held_out: HeldOut
 ) -> tuple[FullTraining, NDArray[np.float32]] | Rejection:
     """Choose the epoch of the lowest validation loss, the first on a tie, and compute its test metrics.
 
@@ -193,12 +193,13 @@ def assess(
     Returns:
         The training, and its predictions for the test images, shape (t, K).
     """
-    contract, count = setting.contract, len(validation_targets)
+    contract, count = setting.contract, len(examples.validation_targets)
     rows, epochs = count + len(held_out.rows), setting.recipe.epochs
-    answer = read_answer(outcome, contract, epochs=epochs, rows=rows, device=setting.device)
+    steps = setting.steps(examples)
+    answer = read_answer(outcome, contract, epochs=epochs, steps=steps, rows=rows, device=setting.device)
     if isinstance(answer, Rejection):
         return answer
-    training = training_of(answer, contract.loss, validation_targets)
+    training = training_of(answer, contract.loss, examples.validation_targets)
     best = min(range(epochs), key=training.validation_losses.__getitem__)
     predictions = answer.predictions[best][count:]
     metrics, counts = score(contract.kind, predictions, held_out.targets, names=held_out.names, scale=held_out.scale)

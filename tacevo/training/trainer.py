@@ -72,10 +72,10 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S), or what `tacevo.training.gpu.equip` made of them.
-        send: for each epoch gets `{"epoch", "train_loss", "steps", "passes"}`, the last two the numbers of optimiser
-            steps so far and of forward passes in this epoch, with the float32 predictions of the validation images,
-            shape (n, K), row-major; then `{"weights_sha256"}`, with the names of operations without a deterministic
-            form under `not_deterministic`, where any ran; or `{"rejection": {"reason", "detail"}}`.
+        send: for each epoch gets `{"epoch", "train_loss", "steps"}`, the last the number of optimiser steps so far,
+            with the float32 predictions of the validation images, shape (n, K), row-major; then `{"weights_sha256"}`,
+            with the names of operations without a deterministic form under `not_deterministic`, where any ran; or
+            `{"rejection": {"reason", "detail"}}`.
     """
     try:
         job, kept = _read(header, payload, arrays), None
@@ -146,9 +146,8 @@ def _train(job: _Job, send: Send) -> nn.Module:
             parts = _predict(job, model)
             # As torch itself counts them.
             steps = max((int(kept["step"]) for kept in optimiser.state.values()), default=0)
-            done = {"steps": steps, "passes": len(losses) + len(parts)}
             predictions = torch.cat(parts).cpu().contiguous().numpy().tobytes()
-            send({"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), **done}, predictions)
+            send({"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), "steps": steps}, predictions)
     with blaming(Reason.crashed):
         weights = {"weights_sha256": digest(model)}
         send(weights | ({"not_deterministic": sorted(noted)} if noted else {}), b"")

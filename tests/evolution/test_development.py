@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
+import fakes
 import pytest
 
 from tacevo.errors import LLMError, SandboxError, TransportError
@@ -73,7 +74,7 @@ def run(
     with ThreadPoolExecutor(workers) as executor:
         effects = Effects(
             llm=llm or FakeLLM(),
-            admit=lambda completion: inspect(completion.text),
+            admit=lambda completion, asked: inspect(completion.text),
             inspect=inspect,
             measure=inspect,
             evaluate=evaluate,
@@ -184,6 +185,22 @@ def test_longest_that_waits_is_trained_first() -> None:
     outcomes = run(proposals("short", "long", "twin"), evaluate, llm=Answering(), inspect=inspect, workers=1)
     assert order == ["long", "baseline", "twin", "short"]
     assert weights(outcomes) == ["baseline", "short", "long", "twin"]
+
+
+def test_gate_sees_what_the_model_was_asked() -> None:
+    """Each answer comes with the user's turns of its own request, in a repair with all of them."""
+    seen: list[tuple[str, str]] = []
+
+    def admit(completion: Completion, asked: str) -> Rejection:
+        seen.append((completion.text, asked))
+        return REFUSAL
+
+    with ThreadPoolExecutor(1) as executor:
+        effects = replace(fakes.effects(executor=executor), llm=FakeLLM(), admit=admit)
+        list(develop(proposals("a", "b"), effects, repairs=1, seeds=1))
+    assert {text for text, _ in seen} == {"a", "b"}
+    assert all(asked.startswith(text) for text, asked in seen)
+    assert len({len(asked) for _, asked in seen}) == 2
 
 
 def test_refused_answer_is_never_trained() -> None:

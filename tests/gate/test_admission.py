@@ -245,6 +245,26 @@ def test_everything_that_can_change_the_reading_enters_its_key(tmp_path: Path) -
     assert len(list(Store(tmp_path, "answers").entries())) == 5
 
 
+def test_given_network_that_is_repeated_before_other_code_is_no_answer(tmp_path: Path) -> None:
+    """The request tells which networks a model was given, comments and spaces aside; a replay recalls it."""
+    text = f"You gave:\n```python\n{VALID}```\nI'd have:\n```python\ndef forward(self, x):\n    return 2 * x\n```"
+    asked = f"Change it:\n{VALID.replace('4, 3)', '4,  3)  # small')}"
+    for mode in (Mode.live, Mode.replay):
+        judge = gate(FakeSandbox(sent(ANSWER)).run, tmp_path, mode=mode)
+        found = judge.admit(completion(text), asked)
+        assert isinstance(found, Rejection)
+        assert found.reason is Reason.no_class
+        assert judge.admit(completion(text), "Make one.") == Admitted(source=VALID, profile=PROFILE)
+        assert judge.admit(completion(VALID), asked) == Admitted(source=VALID, profile=PROFILE)
+
+
+def test_rules_of_older_runs_admit_it(tmp_path: Path) -> None:
+    """A replay of a run under them asks for no verdict that was not recorded."""
+    text = f"```python\n{VALID}```\n```python\ndef forward(self, x):\n    return 2 * x\n```"
+    judge = replace(gate(FakeSandbox(sent(ANSWER)).run, tmp_path), rules=replace(CURRENT, static=2))
+    assert isinstance(judge.admit(completion(text), VALID), Admitted)
+
+
 def test_replay_never_reads_an_unknown_answer(tmp_path: Path) -> None:
     """An answer without a recorded verdict is an error in replay, even where its source was probed."""
     fake = FakeSandbox(sent(ANSWER))
@@ -362,6 +382,15 @@ def test_candidate_over_its_time_is_rejected(tmp_path: Path, sandbox: Sandbox) -
     found = gate(sandbox.run, tmp_path, probe_limits=Limits(seconds=2.0, memory_mib=1_000)).inspect(source)
     assert isinstance(found, Rejection)
     assert found.reason is Reason.out_of_time
+
+
+def test_seed_of_the_machine_is_told_in_our_words(tmp_path: Path, sandbox: Sandbox) -> None:
+    """A generator would read it from a file, which a candidate cannot open; the message names no file."""
+    init = "g = torch.Generator()\ng.seed()\nself.w = nn.Parameter(torch.rand(9, generator=g))"
+    found = gate(sandbox.run, tmp_path).inspect(candidate("return self.head(self.conv(x).mean((2, 3)))", init))
+    assert isinstance(found, Rejection)
+    assert found.reason is Reason.fixed_seed
+    assert "/dev" not in found.detail
 
 
 @pytest.mark.few(12)

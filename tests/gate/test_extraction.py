@@ -85,7 +85,18 @@ def test_excerpt_is_no_version() -> None:
     assert source_of(f"```python\n{VALID}```\nThe change:\n```python\n{excerpt}```") == VALID
 
 
-@pytest.mark.parametrize("again", [OTHER, "ImageRegressionCNN = nn.Identity", "from m import a as ImageRegressionCNN"])
+@pytest.mark.parametrize(
+    "again",
+    [
+        OTHER,
+        "ImageRegressionCNN = nn.Identity",
+        "from m import a as ImageRegressionCNN",
+        "try:\n    pass\nexcept ValueError as ImageRegressionCNN:\n    pass",
+        "match [1]:\n    case [*ImageRegressionCNN]:\n        pass",
+        "match {}:\n    case {**ImageRegressionCNN}:\n        pass",
+        "del ImageRegressionCNN",
+    ],
+)
 def test_two_definitions_in_one_text_are_ambiguous(again: str) -> None:
     """Python would silently keep the last, so a reader and the machine would see different classes."""
     rejection = refusal_of(f"{VALID}\n\n{again}\n")

@@ -279,6 +279,8 @@ def test_prediction_depends_on_its_own_image_only(expression: str, init: str) ->
         ("self.conv(x) * (torch.rand(1) > 0.5)", ""),
         ("torch.bernoulli(self.conv(x).sigmoid())", ""),
         ("self.conv(x)[:, torch.randperm(4)]", ""),
+        ("self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator())", ""),
+        ("self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator().manual_seed(3))", ""),
     ],
 )
 def test_evaluation_leaves_nothing_to_chance(expression: str, init: str) -> None:
@@ -343,6 +345,12 @@ def test_constant_weights_are_honest(init: str) -> None:
     assert profile_of(candidate(f"return {GOOD}", init)).learnt_outside == 0
 
 
+@pytest.mark.parametrize("forward", ["x -= 0.5", "x.neg_()", "x.normal_() if self.training else x.mul_(2)"])
+def test_network_may_write_to_its_input(forward: str) -> None:
+    """The trainer makes a batch anew, so nothing else sees it."""
+    assert profile_of(candidate(f"{forward}\nreturn {GOOD}")).flops == profile_of(VALID).flops
+
+
 @pytest.mark.parametrize(
     ("init", "forward", "learnt"),
     [
@@ -351,6 +359,12 @@ def test_constant_weights_are_honest(init: str) -> None:
         ("self.w = [torch.zeros(2), {'a': torch.zeros(5)}]", "self.w[1]['a'] += 1", 5),
         ("w = torch.zeros(4)\nself.learn = lambda: w.add_(1)", "self.learn()", 4),
         ("self.register_buffer('steps', torch.zeros(()))", "self.steps += 1", 1),
+        ("self.m = nn.BatchNorm1d(9, affine=False)", "self.m.running_var.add_(y.detach().mean())", 9),
+        ("self.m = nn.BatchNorm1d(9)", "self.m.running_mean = self.m.running_mean + 1", 9),
+        ("def hold(): pass\nhold.s = torch.zeros(6)\nself.hold = hold", "self.hold.s = self.hold.s + 1", 6),
+        ("self.grid = None", "self.grid = torch.linspace(-1, 1, 8)", 0),
+        ("self.grid = [torch.ones(8), torch.zeros(8)]", "self.grid = [torch.zeros(8), torch.ones(8)]", 0),
+        ("self.grid = [torch.ones(8), torch.zeros(8)]", "self.grid = [torch.zeros(8), self.grid[0] + 1]", 8),
         ("self.norm = nn.BatchNorm2d(4)", "self.norm(self.conv(x))", 0),
         ("self.norm = nn.utils.parametrizations.spectral_norm(nn.Linear(3, 3))", "y = self.norm(y)", 0),
         ("self.norm = nn.utils.parametrizations.weight_norm(nn.Linear(3, 3))", "y = self.norm(y)", 0),
@@ -359,7 +373,7 @@ def test_constant_weights_are_honest(init: str) -> None:
     ],
 )
 def test_what_is_learnt_outside_the_parameters_is_counted(init: str, forward: str, learnt: int) -> None:
-    """In buffers, attributes, lists and closures; what layers of torch keep, and activations, are not learnt."""
+    """In buffers, attributes, lists and closures. What layers that run keep, and what is made again, is not learnt."""
     steps = "\n".join(f"    {line}" for line in forward.split("\n"))
     source = candidate(f"y = {GOOD}\nif self.training:\n{steps}\nreturn y", init)
     profile = profile_of(source)
@@ -411,6 +425,16 @@ def test_products_with_vectors_are_counted() -> None:
         "self.w = nn.Parameter(torch.ones(3, 3))\nself.b = nn.Bilinear(4, 4, 3, bias=False)",
     )
     assert profile_of(source).flops == profile_of(VALID).flops + 2 * 9 + 2 * 9 + 2 * 3 * 4 * 4
+
+
+def test_parameter_of_integers_is_told_what_to_do() -> None:
+    """The hint about real and imaginary parts is for complex ones only."""
+    init = "self.w = nn.Parameter(torch.ones(3, dtype=torch.int64), requires_grad=False)"
+    rejection = rejection_of(candidate(f"return {GOOD}", init))
+    assert rejection.reason is Reason.construction_failed
+    assert "int64" in rejection.detail
+    assert "buffer" in rejection.detail
+    assert "imaginary" not in rejection.detail
 
 
 def test_complex_parameter_is_told_in_our_words() -> None:

@@ -20,6 +20,12 @@ THOUGHTS = [
     ("<think>\n<think>\n", "\n</think>\n"),  # the chat template wrote the first
     ("<thinking>\n<thought>\n", "\n</thought>\n</thinking>\n"),
     ("Okay. <think>", "</think>"),
+    ("<reasoning>\n", "\n</reasoning>\n"),
+    ("<reflection>\n", "\n</reflection>\n"),
+    ("[THINK]", "[/THINK]"),
+    ("[THINK]\n", "\n[/THINK]\n"),
+    ("\u25c1think\u25b7\n", "\n\u25c1/think\u25b7\n"),
+    ("&lt;think&gt;\n", "\n&lt;/think&gt;\n"),
     ("<|begin_of_thought|>\n", "\n<|end_of_thought|>\n"),
     ("<|channel|>analysis<|message|>", "<|end|><|start|>assistant<|channel|>final<|message|>"),
 ]
@@ -46,6 +52,8 @@ MARKS = [
 #: Docstrings with what would be a fence, a thought or a mark elsewhere.
 DOCSTRINGS = [
     "Small. <think> No thought. </think>",
+    "Small. [THINK] Less <reasoning>, and no &lt;think&gt;.",
+    "Small.\n\n    [/THINK]\n    ",
     "Small.\n\n    <think>\n    No thought.\n    ",
     "Small.\n\n    </think>\n    ",
     "Small.\n\n    ```python\n    net = ImageRegressionCNN()\n    ```\n    ",
@@ -78,7 +86,9 @@ def test_thought_that_is_not_closed_leaves_no_answer(opening: str, closing: str,
         assert refusal_of(text, "max_tokens").reason is Reason.truncated
 
 
-@pytest.mark.parametrize("closing", ["</think>", "</thinking>", "</Thought>"])
+@pytest.mark.parametrize(
+    "closing", ["</think>", "</thinking>", "</Thought>", "[/THINK]", "\u25c1/think\u25b7", "&lt;/think&gt;"]
+)
 @pytest.mark.parametrize("draft", DRAFTS)
 def test_closing_tag_alone_ends_a_thought(closing: str, draft: str) -> None:
     """The chat template opened it."""
@@ -114,7 +124,16 @@ def test_text_of_code_is_not_read(write: str, words: str) -> None:
 
 @pytest.mark.parametrize("write", ["{}", "```python\n{}```"])
 @pytest.mark.parametrize(
-    "line", ["# <think> small", "NOTE = '<think>'", "NOTE = '''\n<think>\n'''", "NOTE = '```'", "NOTE = '</s>'"]
+    "line",
+    [
+        "# <think> small",
+        "NOTE = '<think>'",
+        "NOTE = '''\n<think>\n'''",
+        "NOTE = '```'",
+        "NOTE = '</s>'",
+        "# </reasoning>",
+        "NOTE = '[THINK]'",
+    ],
 )
 def test_strings_and_comments_are_not_read(write: str, line: str) -> None:
     """At the top level, where nothing is indented."""

@@ -1,11 +1,14 @@
 """The last block with the class is the network: not the parent that a model quotes, and not an excerpt."""
 
+import json
 from collections.abc import Callable
+from textwrap import indent
 
 import pytest
-from gate_cases import VALID, fenced, refusal_of, source_of
+from gate_cases import VALID, completion, contract, fenced, refusal_of, source_of
 
-from tacevo.records import Reason
+from tacevo.gate.extraction import extract
+from tacevo.records import Reason, Rejection
 
 PARENT = VALID
 NEW = VALID.replace("4", "8")
@@ -41,10 +44,48 @@ SHOWN: dict[str, Callable[[str], str]] = {
     "tags": lambda own: f"<parent>{PARENT.rstrip()}</parent>\n<child>{own.rstrip()}</child>",
 }
 
+HEADER = "class ImageRegressionCNN(nn.Module):\n"
+
+
+def quoted(own: str, mark: str) -> str:
+    """Put a mark before each line."""
+    return indent(own, mark, lambda _: True)
+
+
+#: Forms of a later version that cannot be used; alone they are no answer.
+UNUSABLE: dict[str, Callable[[str], str]] = {
+    "broken text": lambda own: fenced(own.replace("super().__init__()", "super().__init__("), "text"),
+    "broken plaintext": lambda own: fenced(own.replace("(self, x):", "(self, x)"), "plaintext"),
+    "broken in a fence of a file": lambda own: fenced(own.replace("(self, x):", "(self, x)"), "net.txt"),
+    "indentation lost": lambda own: fenced("\n".join(map(str.strip, own.split("\n")))),
+    "indentation lost without a fence": lambda own: "\n".join(map(str.strip, own.split("\n"))),
+    "upper case": lambda own: fenced(own.replace("class ", "Class ")),
+    "renamed": lambda own: fenced(own.replace("CNN(nn", "CNNv2(nn")),
+    "renamed in front": lambda own: fenced(own.replace("class ", "class New")),
+    "subclass": lambda own: fenced(own.replace("CNN(nn.Module)", "CNN2(ImageRegressionCNN)")),
+    "alias": lambda own: fenced(own.replace("ImageRegressionCNN", "Net") + "\nImageRegressionCNN = Net\n"),
+    "function": lambda own: fenced("def ImageRegressionCNN(num_outputs=3):\n    return nn.Linear(3, num_outputs)\n"),
+    "diff": lambda own: fenced(quoted(own, "+"), "diff"),
+    "diff without a fence": lambda own: quoted(own, "+"),
+    "quote": lambda own: quoted(own, "> "),
+    "quoted fence": lambda own: quoted(fenced(own), "> "),
+    "bars": lambda own: quoted(own, "| "),
+    "prompts": lambda own: quoted(own, "... ").replace("...", ">>>", 1),
+    "numbers": lambda own: "\n".join(f"{at:3}  {line}" for at, line in enumerate(own.split("\n"), 1)),
+    "numbers and bars": lambda own: fenced("\n".join(f"{at:3}| {line}" for at, line in enumerate(own.split("\n"), 1))),
+    "json": lambda own: fenced(json.dumps({"code": own}), "json"),
+    "json without a fence": lambda own: json.dumps({"reason": "smaller", "code": own}, indent=2),
+    "constructor left out": lambda own: fenced(
+        f"{HEADER}    ...\n    def forward(self, x):\n        return self.head(x)\n"
+    ),
+    "forward left out": lambda own: fenced(own.split("        return")[0] + "        ...\n"),
+    "new loop": lambda own: fenced(f"{HEADER}    ...\n    def forward(self, x):\n        for _ in range(3): pass\n"),
+}
+
 EXCERPTS = [
     "    ...\n\n    def forward(self, x):\n        ...\n",
-    "    def __init__(self):\n        self.new = 1\n\n    def forward(self, x):\n        ...  # same\n",
-    "    def __init__(self):\n        ...\n\n    def forward(self, x):\n        return self.head(x)\n",
+    "    def __init__(self):\n        super().__init__()\n\n    def forward(self, x):\n        ...  # same\n",
+    "    def __init__(self):\n        ...\n\n    def forward(self, x):\n" + NEW.split("\n")[-2] + "\n",
     "    def forward(self, x):\n        pass\n",
     "    def forward(self, x):\n        raise NotImplementedError\n",
     '    def forward(self, x):\n        """Unchanged."""\n',
@@ -64,6 +105,14 @@ def test_parent_that_is_quoted_is_not_the_child(shown: Callable[[str], str]) -> 
 def test_parent_does_not_stand_in_for_a_broken_child(shown: Callable[[str], str]) -> None:
     """An archive would otherwise hold a mutation that is its parent."""
     assert refusal_of(shown(BROKEN)).reason is Reason.syntax
+
+
+@pytest.mark.parametrize("form", UNUSABLE.values(), ids=UNUSABLE)
+def test_version_in_another_form_is_not_replaced_by_the_parent(form: Callable[[str], str]) -> None:
+    """The model's own network is lost then, but nothing is taken for it."""
+    for given in (fenced(PARENT), f"\n{PARENT}", f"```text\n{PARENT}```"):
+        reason = refusal_of(f"You gave:\n{given}\nIt's now:\n\n{form(NEW)}\n\nIt's small.").reason
+        assert reason in (Reason.no_class, Reason.syntax)
 
 
 @pytest.mark.parametrize("own", FAULTS.values(), ids=FAULTS)
@@ -98,9 +147,34 @@ def test_excerpt_does_not_replace_the_class(excerpt: str, write: Callable[[str],
         "So\nclass ImageRegressionCNN is small.",
         "So\nclass ImageRegressionCNN: it is small.",
         "```\nclass ImageRegressionCNN -> conv -> head\n```",
+        fenced(quoted(NEW, "> "), "text"),  # the same once more
+        fenced(quoted(NEW, "+"), "diff"),
+        fenced("class Net:\n    def test(self):\n        ImageRegressionCNN()\n"),
         "```diff\n class ImageRegressionCNN(nn.Module):\n     def __init__(self):\n-        a\n+        b\n```",
     ],
 )
-def test_words_about_the_class_are_no_version(words: str) -> None:
-    """A statement has something below it, and a diff is not Python."""
+def test_what_adds_nothing_is_no_version(words: str) -> None:
+    """A statement has something below it, and a diff is not Python; nor does a repetition add anything."""
     assert source_of(f"{fenced(NEW)}\n{words}") == NEW
+
+
+@pytest.mark.parametrize(
+    "behind",
+    [
+        fenced("def forward(self, x):\n    return self.head(x.mean((2, 3)))\n"),
+        fenced("self.conv = nn.Conv2d(in_channels, 8, 3)\n"),
+        fenced("class Net(nn.Module):\n    pass\n"),
+        fenced("+class Net(nn.Module):\n", "diff"),
+    ],
+)
+def test_given_network_before_other_code_is_no_answer(behind: str) -> None:
+    """Of a network that the model was given, the rest of the answer says whether it meant to return it."""
+    text = f"{fenced(VALID)}\n{behind}"
+    assert source_of(text) == VALID
+    found = extract(completion(text), contract(), own=False)
+    assert isinstance(found, Rejection)
+    assert found.reason is Reason.no_class
+    alone = f"{fenced(VALID)}\nUse it so:\n{fenced('net = ImageRegressionCNN()' + chr(10))}"
+    assert extract(completion(alone), contract(), own=False) == VALID
+    helped = f"{fenced(VALID.replace('F.relu', 'act'))}\n{fenced('def act(x):' + chr(10) + '    return x' + chr(10))}"
+    assert isinstance(extract(completion(helped), contract(), own=False), str)

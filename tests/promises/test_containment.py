@@ -225,7 +225,7 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
         effects = replace(
             fakes.effects(executor=executor),
             llm=MixedLLM(),
-            admit=lambda completion: admit(completion.text),
+            admit=lambda completion, asked: admit(completion.text),
             inspect=admit,
             measure=admit,
             evaluate=lambda source, seed: trainer.train(source, seconds=2),

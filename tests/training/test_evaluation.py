@@ -28,6 +28,9 @@ pytestmark = pytest.mark.timeout(120)
 
 DATA = examples()
 EXAMPLES = labelled(DATA)
+
+#: Optimiser steps of an epoch.
+STEPS = 8
 WEIGHTS = "0" * 64
 
 
@@ -67,7 +70,8 @@ def never(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished |
 
 def good_answer(predictions: np.ndarray[Any, Any]) -> Finished:
     """Write what a trainer sends that predicts the same after every epoch."""
-    frames = [Frame({"epoch": epoch, "train_loss": 0.5}, predictions.tobytes()) for epoch in range(RECIPE.epochs)]
+    headers = [{"epoch": epoch, "train_loss": 0.5, "steps": STEPS * (epoch + 1)} for epoch in range(RECIPE.epochs)]
+    frames = [Frame(header, predictions.tobytes()) for header in headers]
     return Finished((*frames, Frame({"weights_sha256": WEIGHTS}, b"")))
 
 
@@ -202,7 +206,14 @@ def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:
 def judged(not_deterministic: Any, device: Device) -> Training | Rejection:
     """Judge an answer that is good otherwise."""
     last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": not_deterministic}, b"")
-    return judge(Finished((*GOOD[:-1], last)), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets, device)
+    return judge(
+        Finished((*GOOD[:-1], last)),
+        CONTRACT,
+        EXAMPLES.validation_targets,
+        epochs=RECIPE.epochs,
+        steps=STEPS,
+        device=device,
+    )
 
 
 def test_operations_without_a_deterministic_form_are_kept() -> None:
@@ -303,7 +314,7 @@ def test_fingerprint_of_other_data_is_refused(tmp_path: Path) -> None:
 
 def test_perfect_predictions_have_no_loss() -> None:
     """The loss comes from the parent's labels."""
-    verdict = judge(PERFECT, CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    verdict = judge(PERFECT, CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
     assert isinstance(verdict, Training)
     assert verdict.validation_losses == (0.0,) * RECIPE.epochs
 
@@ -311,7 +322,9 @@ def test_perfect_predictions_have_no_loss() -> None:
 def test_classification_is_judged_by_cross_entropy() -> None:
     """Equal logits over two classes cost log 2, in nine digits."""
     contract = replace(CONTRACT, loss=Loss.cross_entropy)
-    verdict = judge(good_answer(np.zeros((8, 2), np.float32)), contract, RECIPE.epochs, np.zeros(8, np.int64))
+    verdict = judge(
+        good_answer(np.zeros((8, 2), np.float32)), contract, np.zeros(8, np.int64), epochs=RECIPE.epochs, steps=STEPS
+    )
     assert isinstance(verdict, Training)
     assert verdict.fitness == 0.693147181
 
@@ -326,9 +339,11 @@ GOOD = PERFECT.frames
         GOOD[:-1],
         GOOD[1:],
         (*GOOD, GOOD[-1]),
-        (Frame({"epoch": 0, "train_loss": 0.5}, b"123"), *GOOD[1:]),
-        (Frame({"epoch": 0, "train_loss": 0.5}, bytes(1000)), *GOOD[1:]),
-        (Frame({"epoch": 0, "train_loss": "low"}, GOOD[0].payload), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": 0.5, "steps": STEPS}, b"123"), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": 0.5, "steps": STEPS}, bytes(1000)), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": "low", "steps": STEPS}, GOOD[0].payload), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": 0.5, "steps": STEPS + 1}, GOOD[0].payload), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": 0.5}, GOOD[0].payload), *GOOD[1:]),
         (Frame([], GOOD[0].payload), *GOOD[1:]),
         (Frame(None, GOOD[0].payload), *GOOD[1:]),
         (*GOOD[:-1], Frame({"weights_sha256": "zz"}, b"")),
@@ -336,11 +351,11 @@ GOOD = PERFECT.frames
         (Frame({"rejection": {"reason": "no such reason", "detail": ""}}, b""),),
         (Frame({"rejection": 7}, b""),),
     ],
-    ids=range(13),
+    ids=range(15),
 )
 def test_malformed_answer_is_a_bad_output(frames: tuple[Frame, ...]) -> None:
     """Frames that a trainer would not send are the candidate's, and count against it."""
-    verdict = judge(Finished(frames), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    verdict = judge(Finished(frames), CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.bad_output
 
@@ -350,7 +365,7 @@ def test_predictions_that_are_not_finite_are_rejected(value: float) -> None:
     """One bad number after any epoch is enough."""
     predictions = EXAMPLES.validation_targets.copy()
     predictions[3, 1] = value
-    verdict = judge(good_answer(predictions), CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    verdict = judge(good_answer(predictions), CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.not_finite
 
@@ -358,7 +373,7 @@ def test_predictions_that_are_not_finite_are_rejected(value: float) -> None:
 def test_detail_of_a_child_is_cleaned() -> None:
     """Text that a candidate forged cannot speak to a terminal or break a store."""
     forged = Finished((Frame({"rejection": {"reason": "crashed", "detail": "\x1b[2J" + "x" * 10_000}}, b""),))
-    verdict = judge(forged, CONTRACT, RECIPE.epochs, EXAMPLES.validation_targets)
+    verdict = judge(forged, CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
     assert isinstance(verdict, Rejection)
     assert verdict.detail.isprintable()
     assert len(verdict.detail) == 300

@@ -47,8 +47,8 @@ def answer(offsets: list[float], *, test_offset: float = 0.0) -> Finished:
     for epoch, offset in enumerate(offsets):
         predictions = truth + np.float32(offset)
         predictions[5:] += np.float32(test_offset)
-        counts = {"steps": 8 * (epoch + 1), "passes": 10}
-        frames.append(Frame({"epoch": epoch, "train_loss": 0.5, **counts}, predictions.astype(np.float32).tobytes()))
+        header: Json = {"epoch": epoch, "train_loss": 0.5, "steps": 8 * (epoch + 1)}
+        frames.append(Frame(header, predictions.astype(np.float32).tobytes()))
     return Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
 
 
@@ -81,7 +81,7 @@ def evaluator(
 
 def judged(outcome: Finished) -> FullTraining:
     """Judge an answer that must be good."""
-    verdict = assess(outcome, SETTING, EXAMPLES.validation_targets, HELD_OUT)
+    verdict = assess(outcome, SETTING, EXAMPLES, HELD_OUT)
     assert not isinstance(verdict, Rejection)
     return verdict[0]
 
@@ -97,7 +97,7 @@ def test_epoch_of_the_lowest_validation_loss_is_tested() -> None:
 def test_classification_is_tested_by_class() -> None:
     """Equal logits cost log 2 in every epoch, and the first class wins: two of three test images are of it."""
     outcome, setting, _, (chosen_on, held_out) = classified()
-    found = assess(outcome, setting, chosen_on.validation_targets, held_out)
+    found = assess(outcome, setting, chosen_on, held_out)
     assert not isinstance(found, Rejection)
     verdict, _ = found
     assert (verdict.epoch, verdict.validation_loss) == (1, 0.693147181)
@@ -155,7 +155,7 @@ def test_predictions_that_are_not_finite_are_refused() -> None:
     spoilt = np.frombuffer(outcome.frames[3].payload, np.float32).copy()
     spoilt[-1] = np.nan
     frames = (*outcome.frames[:3], Frame(outcome.frames[3].header, spoilt.tobytes()), outcome.frames[4])
-    verdict = assess(Finished(frames), SETTING, EXAMPLES.validation_targets, HELD_OUT)
+    verdict = assess(Finished(frames), SETTING, EXAMPLES, HELD_OUT)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.not_finite
 
@@ -290,7 +290,7 @@ def test_labels_that_are_not_classes_are_refused(classes: list[int], tmp_path: P
 def test_worker_cannot_report_metrics(tmp_path: Path) -> None:
     """A frame that holds any is not a trainer's; metrics follow from predictions alone."""
     first, *others = ANSWER.frames
-    boasting = Frame({"epoch": 0, "train_loss": 0.5, "mse": 0.0}, first.payload)
+    boasting = Frame({"epoch": 0, "train_loss": 0.5, "steps": 8, "mse": 0.0}, first.payload)
     verdict = evaluator(Recorder(Finished((boasting, *others))).run, tmp_path).evaluate(SOURCE, 0)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.bad_output

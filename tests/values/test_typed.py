@@ -9,7 +9,7 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.records import STRICT, Kind
-from tacevo.typed import FreeJson, UncheckedJson, convert, parse
+from tacevo.typed import FreeJson, UncheckedJson, _check_keys, convert, parse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +40,26 @@ def test_sound_text_becomes_a_record() -> None:
     assert parse(Outer, text, place="f", error=RunError) == Outer(
         inner=(Inner(count=2, kind=Kind.regression),), share=0.5
     )
+
+
+class Counted(str):
+    """A key that counts how often it is compared."""
+
+    __slots__ = ()
+    __hash__ = str.__hash__
+    compared = 0
+
+    def __eq__(self, other: object) -> bool:
+        Counted.compared += 1
+        return str.__eq__(self, other)
+
+
+def test_keys_are_checked_in_one_pass() -> None:
+    """The key that comes twice is the last of many here; each of them is looked up once."""
+    names = [Counted(number) for number in range(1000)]
+    with pytest.raises(ValueError, match=r'^"999" a second time$'):
+        _check_keys([*((name, None) for name in names), (Counted(999), None)])
+    assert Counted.compared < 10
 
 
 def test_values_become_a_record() -> None:

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from tacevo.data.source import listed
-from tacevo.data.sources.names import difference, folded, is_passed_over
+from tacevo.data.sources.filenames import difference, folded, is_passed_over
 from tacevo.errors import DataError
 
 

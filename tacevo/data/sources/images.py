@@ -14,7 +14,7 @@ import numpy.typing as npt
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from tacevo.data.source import Catalogue, Picture, check_no_faults
-from tacevo.data.sources.names import SUFFIXES, is_passed_over
+from tacevo.data.sources.filenames import SUFFIXES, is_passed_over
 from tacevo.errors import DataError
 
 #: Changes when the same file would be decoded to other pixels.

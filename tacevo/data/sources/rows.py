@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats, shortened
+from tacevo.data.sources.filenames import folded, own_names
 from tacevo.data.sources.hints import number_in
 from tacevo.data.sources.images import file_catalogue, image_files
-from tacevo.data.sources.names import folded, own_names
 from tacevo.errors import DataError
 from tacevo.records import Kind
 

@@ -19,9 +19,9 @@ import numpy.typing as npt
 
 from tacevo.choices import SensorTask
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
+from tacevo.data.sources.filenames import SUFFIXES
 from tacevo.data.sources.hints import check_directory, check_file, content
 from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
-from tacevo.data.sources.names import SUFFIXES
 from tacevo.data.sources.rows import Row, read_rows, row_catalogue
 from tacevo.data.splitting import Split, ordered_split
 from tacevo.errors import DataError

@@ -11,14 +11,14 @@ import tokenize
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain
 
+from tacevo.gate.names import bound_by
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.overrides import overrides
 from tacevo.gate.policy.problems import Problem, parse
 from tacevo.gate.policy.weight_changes import weight_changes
 from tacevo.records import Contract, Reason, Rejection, Stage
-from tacevo.sandbox import names
+from tacevo.sandbox import attributes
 
 #: Deepest nesting of the syntax tree; honest networks stay below 30, and the compiler's own stack ends near 1000.
 DEEPEST = 100
@@ -33,9 +33,6 @@ _TEMPLATE = re.compile(r"\{[^{}]*\.__")
 _UNORDERED = "the order of sets differs between processes; use a list, a tuple or a dict"
 
 _WRAPS = "functools.wraps"
-
-#: Functions that make an attribute of the name that they are given.
-_NAMING = {"setattr", "register_buffer", "register_parameter", "register_module", "add_module"}
 
 #: Syntax that is refused wherever it stands, with the message.
 _REFUSED: Mapping[type[ast.AST], str] = {
@@ -116,8 +113,6 @@ class _Scope:
     #: Ids of the nodes of which an attribute is taken, and of those that are called.
     bases: frozenset[int]
     called: frozenset[int]
-    #: What the text may have named its attributes.
-    own: frozenset[str]
     #: Ids of the sets that something is looked up in, and of the decorators that `functools.wraps` makes.
     looked_up: frozenset[int]
     decorators: frozenset[int]
@@ -136,29 +131,21 @@ def _scope(nodes: list[ast.AST]) -> _Scope:
         defined=frozenset(name for node in nodes if (name := _defined(node))),
         bases=frozenset(id(node.value) for node in nodes if isinstance(node, ast.Attribute)),
         called=frozenset(id(node.func) for node in nodes if isinstance(node, ast.Call)),
-        own=frozenset(chain.from_iterable(map(_named, nodes))),
         looked_up=_looked_up(nodes),
         decorators=frozenset(
             id(made.func)
             for node in nodes
             if isinstance(node, ast.FunctionDef)
             for made in node.decorator_list
-            if isinstance(made, ast.Call) and len(made.args) == 1 and not made.keywords
+            if isinstance(made, ast.Call) and _has_one_argument(made)
         ),
         wraps=frozenset(name for name, path in bindings if path == _WRAPS),
     )
 
 
-def _named(node: ast.AST) -> Iterator[str]:
-    """Yield the names that a text may give to an attribute: as `_defined`, by a write, or as words of a call."""
-    match node:
-        case ast.Attribute(attr=name, ctx=ast.Store()):
-            yield name
-        case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name), args=args) if name in _NAMING:
-            parts = (part for arg in args for part in ast.walk(arg))
-            yield from (part.value for part in parts if isinstance(part, ast.Constant) and isinstance(part.value, str))
-        case _ if (defined := _defined(node)) is not None:
-            yield defined
+def _has_one_argument(call: ast.Call) -> bool:
+    """Return whether a call has one argument, which is not unpacked."""
+    return len(call.args) == 1 and not isinstance(call.args[0], ast.Starred) and not call.keywords
 
 
 def _looked_up(nodes: list[ast.AST]) -> frozenset[int]:
@@ -185,12 +172,9 @@ def _looked_up(nodes: list[ast.AST]) -> frozenset[int]:
 
 def _defined(node: ast.AST) -> str | None:
     """Return the name that a node binds, except by an import; None where it binds none."""
-    match node:
-        case ast.Name(id=name, ctx=ast.Store()) | ast.arg(arg=name):
-            return name
-        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
-            return name
-    return None
+    if isinstance(node, ast.arg):
+        return node.arg
+    return None if isinstance(node, ast.alias) else bound_by(node)
 
 
 def _bindings(node: ast.Import | ast.ImportFrom) -> list[tuple[str, str]]:
@@ -216,8 +200,8 @@ def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
         case ast.Constant(value=str(text)) if _TEMPLATE.search(text):
             yield Problem.at(Reason.forbidden_name, node, "a format template may not read special attributes")
         case ast.FunctionDef(name=name):
-            if names.is_special(name) and name not in names.SPECIAL_METHODS:
-                methods = ", ".join(sorted(names.SPECIAL_METHODS))
+            if attributes.is_special(name) and name not in attributes.SPECIAL_METHODS:
+                methods = ", ".join(sorted(attributes.SPECIAL_METHODS))
                 detail = f"special method {name} may not be defined; allowed are {methods}"
                 yield Problem.at(Reason.forbidden_construct, node, detail)
             yield from _problems_of_binding(node, name, scope)
@@ -227,8 +211,8 @@ def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
                     Reason.forbidden_construct, node, f"class {name} may have base classes only; remove the keywords"
                 )
             yield from _problems_of_binding(node, name, scope)
-        case ast.arg(arg=name) | ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)):
-            yield from _problems_of_binding(node, name, scope)
+        case ast.arg() | ast.ExceptHandler() | ast.MatchAs() | ast.MatchStar() | ast.MatchMapping():
+            yield from _problems_of_binding(node, _defined(node) or "", scope)
         case ast.Set() if id(node) not in scope.looked_up:
             yield Problem.at(Reason.forbidden_construct, node, f"a set may be looked up in, and not used: {_UNORDERED}")
         case _ if type(node) in _REFUSED:
@@ -256,12 +240,12 @@ def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
         yield from _problems_of_binding(node, name, scope)
     elif name in scope.wraps and id(node) not in scope.decorators:
         yield _problem_of_wraps(node)
-    elif name in allowed.BUILTINS or (names.is_special(name) and name not in names.SPECIAL_NAMES):
+    elif name in allowed.BUILTINS or (attributes.is_special(name) and name not in attributes.SPECIAL_NAMES):
         yield Problem.at(Reason.forbidden_name, node, f"{name} may not be used in a network")
     elif name in allowed.UNSTABLE and name not in scope.defined:
         detail = "memory addresses differ between processes" if name == "id" else _UNORDERED
         yield Problem.at(Reason.forbidden_construct, node, f"{name} may not be used: {detail}")
-    elif name in names.ATTRIBUTE_FUNCTIONS and id(node) not in scope.called:
+    elif name in attributes.ATTRIBUTE_FUNCTIONS and id(node) not in scope.called:
         yield Problem.at(Reason.forbidden_name, node, f"{name} may only be called, not passed as a value")
     elif name in scope.modules and id(node) not in scope.bases:
         yield Problem.at(Reason.forbidden_name, node, f"module {name} may not be used as a value; use {name}.NAME")
@@ -276,7 +260,7 @@ def _problems_of_binding(node: ast.AST, name: str, scope: _Scope) -> Iterator[Pr
 
 def _problems_of_attribute(node: ast.Attribute, scope: _Scope) -> Iterator[Problem]:
     """Find attributes that lead out of the network, and changes to what was imported."""
-    yield from _problems_of_attribute_name(node, node.attr, scope)
+    yield from _problems_of_attribute_name(node, node.attr)
     if not isinstance(node.ctx, ast.Load) and _root(node) in scope.imported:
         yield Problem.at(
             Reason.forbidden_construct, node, f"{ast.unparse(node)} may not be changed, because it was imported"
@@ -304,15 +288,10 @@ def _problem_of_wraps(node: ast.AST) -> Problem:
     )
 
 
-def _problems_of_attribute_name(node: ast.AST, name: str, scope: _Scope) -> Iterator[Problem]:
-    """Find attribute names that are forbidden on every object, and those that are private to what is not the text's."""
-    if names.is_refused(name) or (names.is_private(name) and not _is_own(name, scope)):
+def _problems_of_attribute_name(node: ast.AST, name: str) -> Iterator[Problem]:
+    """Find attribute names that are forbidden on every object."""
+    if attributes.is_refused(name):
         yield Problem.at(Reason.forbidden_name, node, f"attribute {name} may not be used in a network")
-
-
-def _is_own(name: str, scope: _Scope) -> bool:
-    """Return whether a text may have made an attribute; of a computed name its first word is known."""
-    return name in scope.own or any(name.startswith(word) for word in scope.own if len(word) > 1 and word[0] == "_")
 
 
 def _problems_of_call(node: ast.Call, scope: _Scope) -> Iterator[Problem]:
@@ -323,8 +302,8 @@ def _problems_of_call(node: ast.Call, scope: _Scope) -> Iterator[Problem]:
     if function in ("setattr", "delattr") and node.args and _root(node.args[0]) in scope.imported:
         yield Problem.at(Reason.forbidden_construct, node, f"{function} may not change what was imported")
     match node.args:
-        case [_, ast.Constant(value=str(name)), *_] if function in names.ATTRIBUTE_FUNCTIONS:
-            yield from _problems_of_attribute_name(node, name, scope)
+        case [_, ast.Constant(value=str(name)), *_] if function in attributes.ATTRIBUTE_FUNCTIONS:
+            yield from _problems_of_attribute_name(node, name)
 
 
 def _module_of(node: ast.AST, scope: _Scope) -> str | None:

@@ -6,15 +6,16 @@ A network that answers `parameters()`, `train()` or `state_dict()` itself can mi
 import ast
 from collections.abc import Iterable, Iterator
 
+from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
-from tacevo.sandbox import names
+from tacevo.sandbox import attributes
 
 _Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
 def overrides(node: ast.AST) -> Iterator[Problem]:
-    """Find the names in `names.MODULE_NAMES` that one node binds; its children are visited separately.
+    """Find the names in `attributes.MODULE_NAMES` that one node binds; its children are visited separately.
 
     A class is searched for what its body binds: methods, variables in every form of assignment, imports, classes.
     Variables of a method may have any name, and so may names outside classes. Attributes are searched for writes and
@@ -35,14 +36,18 @@ def overrides(node: ast.AST) -> Iterator[Problem]:
 
 
 def _problems_of_class(part: ast.AST) -> Iterator[Problem]:
-    for name in _bound(part):
+    if name := bound_by(part):
         yield from _problems_of_name(part, name)
-        if names.is_special(name) and name not in names.SPECIAL_BINDINGS and not isinstance(part, ast.FunctionDef):
+        if (
+            attributes.is_special(name)
+            and name not in attributes.SPECIAL_BINDINGS
+            and not isinstance(part, ast.FunctionDef)
+        ):
             yield Problem.at(Reason.forbidden_construct, part, f"special name {name} may not be assigned in a class")
 
 
 def _problems_of_name(node: ast.AST, name: str) -> Iterator[Problem]:
-    if name in names.MODULE_NAMES:
+    if name in attributes.MODULE_NAMES:
         detail = f"{name} is a name of nn.Module and may not be defined or assigned; choose another name"
         yield Problem.at(Reason.redefines_module, node, detail)
 
@@ -60,16 +65,3 @@ def _class_scope(nodes: Iterable[ast.AST]) -> Iterator[ast.AST]:
                 yield from _class_scope([*node.decorator_list, *node.bases])
             case _ if not isinstance(node, _Comprehension):
                 yield from _class_scope(ast.iter_child_nodes(node))
-
-
-def _bound(node: ast.AST) -> Iterator[str]:
-    """Yield the names that a node of a scope binds there or deletes from it."""
-    match node:
-        case ast.Name(id=name, ctx=ast.Store() | ast.Del()) | ast.FunctionDef(name=name) | ast.ClassDef(name=name):
-            yield name
-        case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
-            yield name
-        case ast.MatchMapping(rest=str(name)):
-            yield name
-        case ast.alias(name=path, asname=name):
-            yield name or path.split(".")[0]

@@ -15,7 +15,7 @@ from typing import Self
 
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
-from tacevo.sandbox.names import MODES, WEIGHTS, is_special
+from tacevo.sandbox.attributes import MODES, WEIGHTS, is_special
 
 #: Attributes that may not be used while the network runs, each with the reason.
 _ATTRIBUTES: Mapping[str, Reason] = {

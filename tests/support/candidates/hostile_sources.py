@@ -135,7 +135,7 @@ def pipe():
         return number
 place = pipe()
 for epoch in range(4):
-    counts = {'steps': 8 * (epoch + 1), 'passes': 9}
+    counts = {'steps': 8 * (epoch + 1)}
     os.write(place, frame(5, {'epoch': epoch, 'train_loss': 0.0, **counts}, struct.pack('<16f', *[0.5] * 16)))
 os.write(place, frame(5, {'weights_sha256': '0' * 64}))
 os.write(place, frame(6, None))

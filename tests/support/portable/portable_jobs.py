@@ -70,7 +70,7 @@ def networks() -> None:
         show(f"{name}: probe", digest_of_json(to_json(profile)))
         show(f"{name}: descriptors", digest_of_json(to_json(describe(profile))))
         show(f"{name}: training", digest([json.dumps(frame.header).encode() + frame.payload for frame in frames]))
-        verdict = judge(Finished(frames), task, RECIPE.epochs, _targets(task)[16:])
+        verdict = judge(Finished(frames), task, _targets(task)[16:], epochs=RECIPE.epochs, steps=2)
         if not isinstance(verdict, Training):
             raise ValueError(f"{name} should train; got {verdict}")
         show(f"{name}: losses", digest_of_json(to_json(verdict)))

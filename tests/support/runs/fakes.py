@@ -129,7 +129,7 @@ def inspect(source: str) -> Admitted | Rejection:
     )
 
 
-def admit(completion: Completion) -> Admitted | Rejection:
+def admit(completion: Completion, asked: str) -> Admitted | Rejection:
     """Put an answer through the fake gate."""
     return inspect(completion.text)
 

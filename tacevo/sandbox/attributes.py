@@ -23,15 +23,16 @@ ATTRIBUTE_FUNCTIONS = frozenset({"getattr", "setattr", "delattr", "hasattr"})
 WEIGHTS = ("data", "grad", "backward", "load_state_dict")
 MODES = ("train", "eval")
 
-#: Private attributes of libraries that a text may read: of modules, and of named tuples. Others are its own or refused.
-READABLE = frozenset({"_modules", "_parameters", "_buffers", "_replace", "_asdict", "_fields", "_make"})
-
 _LEADING_OUT = """
     numpy ctypes tofile from_file storage untyped_storage data_ptr share_memory_ as_subclass mro _evaluate
     f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
 """
 
-_REFUSED = frozenset(_LEADING_OUT.split())
+#: Private attributes of tensors and of the nodes of their graphs that reach memory, gradients or other constructors.
+_PRIVATE = """
+    _grad _grad_fn _cdata _typed_storage _make_subclass _make_wrapper_subclass _reduce_ex_internal _fix_weakref
+    _view_func _view_func_unsafe _rev_view_func_unsafe _python_dispatch _lazy_clone _dtensor__new__ _register_hook_dict
+"""
 
 #: Names that register or hold hooks. Honest answers do not use them, and a hook could take an optimiser step with the
 #: gradient that it is given.
@@ -56,11 +57,19 @@ _MODULE_NAMES = """
 """
 
 #: What `nn.Module` and its objects define, and a candidate may not; it may define `__init__`, `forward` and texts. The
-#: conversions (`CONVERSIONS`) are left out: nothing here calls them, and `self.half = 8` is honest.
+#: conversions are left out: nothing here calls them, and `self.half = 8` is honest.
 MODULE_NAMES = frozenset(_MODULE_NAMES.split())
 
-#: Methods of `nn.Module` that convert or move it.
-CONVERSIONS = frozenset({"bfloat16", "cpu", "cuda", "double", "float", "half", "ipu", "mtia", "type", "xpu"})
+#: Private names of `nn.Module` that a text may read; the others run or change a module behind its back.
+_READABLE = frozenset({"_modules", "_parameters", "_buffers", "_get_name", "_version"})
+
+_REFUSED = frozenset(
+    [*_LEADING_OUT.split(), *_PRIVATE.split(), *(name for name in MODULE_NAMES if name[0] == "_" and name[1] != "_")]
+).difference(_READABLE)
+
+
+#: Tensors that a node of a graph keeps, such as a layer's weight.
+_SAVED = re.compile(r"_(raw_)?saved_\w+")
 
 
 def is_special(name: str) -> bool:
@@ -71,9 +80,4 @@ def is_special(name: str) -> bool:
 def is_refused(attribute: str) -> bool:
     """Return whether an attribute leads out of the network, or hooks into it, whatever object it is of."""
     is_hidden = is_special(attribute) and attribute not in SPECIAL_NAMES
-    return is_hidden or attribute in _REFUSED or _HOOK.fullmatch(attribute) is not None
-
-
-def is_private(attribute: str) -> bool:
-    """Return whether an attribute is private to a class; a text may reach those of its own classes only."""
-    return attribute.startswith("_") and not is_special(attribute) and attribute not in READABLE
+    return is_hidden or attribute in _REFUSED or any(form.fullmatch(attribute) for form in (_HOOK, _SAVED))
