@@ -11,6 +11,7 @@ from ledger_lines import run_record
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
+from tacevo.cli.edge import Terminated
 from tacevo.config.compose import compose
 from tacevo.config.tasks import load_task
 from tacevo.errors import RunError, telling
@@ -56,9 +57,11 @@ def test_interrupt_says_that_something_is_kept_once_it_is(place: Path) -> None:
 
 @pytest.mark.parametrize(("is_kept", "words"), [(True, "what was computed is kept"), (False, "nothing is finished")])
 def test_interrupt_is_told_in_its_words(is_kept: bool, words: str) -> None:
-    """Of a search, a study and a sweep; other errors pass as they are."""
-    with pytest.raises(KeyboardInterrupt, match=words), telling(lambda: is_kept):
-        raise KeyboardInterrupt
+    """Of a search, a study and a sweep, by Ctrl-C and by SIGTERM; other errors pass as they are."""
+    for kind in (KeyboardInterrupt, Terminated):
+        with pytest.raises(KeyboardInterrupt, match=words) as told, telling(lambda: is_kept):
+            raise kind
+        assert told.type is kind
     with pytest.raises(RunError, match=r"^damaged$"), telling(lambda: is_kept):
         raise RunError("damaged")
 
