@@ -24,7 +24,7 @@ from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
+from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused, unkept
 from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.redaction import names_place
 from tacevo.storage.store import Seen, Store
@@ -50,18 +50,17 @@ def build_llm(config: RunConfig, mode: Mode, *, seen: Seen | None = None) -> LLM
         return RecordingLLM(None, Store(root, "completions", Mode.replay, seen=seen))
     prices = prices_of(llm)
     provider = _provider(llm, root, prices)
-    recording = RecordingLLM(
+    account = Account(prices.price_of)
+    if llm.budget_usd is not None:
+        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+    return RecordingLLM(
         provider,
         Store(root, "completions", llm.mode, seen=seen),
         price=prices.price_of,
+        count=unkept if llm.budget_usd is None else account.add,
         elsewhere=asks_elsewhere(llm),
         unlabelled=_unlabelled(llm),
     )
-    if llm.budget_usd is None:
-        return recording
-    account = Account(prices.price_of)
-    budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
-    return replace(recording, inner=budgeted, count=account.add)
 
 
 def asks_elsewhere(llm: LLMConfig) -> bool:
