@@ -5,7 +5,6 @@ from typing import Any
 
 import yaml
 
-
 #: The tag of the key `<<`, whose mapping gives the keys that the mapping itself lacks.
 _MERGE = "tag:yaml.org,2002:merge"
 
@@ -13,7 +12,7 @@ _MERGE = "tag:yaml.org,2002:merge"
 class _Once:
     """Refuses a mapping that has a key twice; a loader beside it does the rest."""
 
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         """Read a mapping whose keys are all different, before those that `<<` merges into it join them."""
         node: yaml.MappingNode = super().compose_mapping_node(anchor)  # type: ignore[misc]
         seen = set()
