@@ -102,4 +102,4 @@ def telling(is_kept: Callable[[], bool]) -> Iterator[None]:
         yield
     except KeyboardInterrupt as interrupt:
         words = "what was computed is kept" if is_kept() else "nothing is finished yet"
-        raise KeyboardInterrupt(f"{words}, and the same command continues") from interrupt
+        raise type(interrupt)(f"{words}, and the same command continues") from interrupt  # SIGTERM has its own status

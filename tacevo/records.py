@@ -221,7 +221,7 @@ class Completion(Record):
     @property
     def tokens(self) -> tuple[int, int] | None:
         """Input and output tokens; None where one of them is not known."""
-        read, written = count(self.input_tokens), count(self.output_tokens)
+        read, written = token_count(self.input_tokens), token_count(self.output_tokens)
         return None if read is None or written is None else (read, written)
 
     @property
@@ -243,7 +243,7 @@ class Completion(Record):
         return {name: getattr(self, name) for name in said}
 
 
-def count(value: object) -> int | None:
+def token_count(value: object) -> int | None:
     """Read a number of tokens; None for all that is none: `true`, a text, a fraction, less than 0, more than 10^9."""
     return value if type(value) is int and 0 <= value <= 10**9 else None
 

@@ -45,8 +45,8 @@ REPEATED = 0.25
 #: The paper lost 4 % and 5.5 % of its candidates at the whole gate.
 REJECTED = 0.2
 
-#: In the published runs no training took more than 4.4 times what its operations explain, by wall time; one that trains
-#: more than it was asked to does.
+#: In the published runs no training took more than 4.4 times the wall time that its operations explain. A training that
+#: does more than it was asked to takes longer.
 UNEXPLAINED = 5.0
 
 #: So many trainings show what is usual.
@@ -203,10 +203,11 @@ def _of_time(run: Run) -> Iterator[Alarm]:
     times = {name: seconds / max(usual, of_flop * flops[name]) for name, seconds in taken.items()}
     if many := {name: factor for name, factor in times.items() if factor > UNEXPLAINED}:
         worst = max(many, key=lambda name: many[name])
+        others = f", and {counted(len(many) - 1, 'other')} more than {UNEXPLAINED:g} times" if len(many) > 1 else ""
         yield Alarm(
             name="unexplained processor time",
             sentence=f"The training of {worst} took {many[worst]:.0f} times the processor time that its operations "
-            f"explain, and {len(many) - 1} others more than {UNEXPLAINED:g} times: read what they do.",
+            f"explain{others}: read what it does.",
             figures=tuple(sorted(many.items())),
         )
 

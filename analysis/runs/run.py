@@ -70,9 +70,9 @@ class Run:
     #: The further trainings of elites, in order; none unless the search trained elites again.
     reevaluations: tuple[ReevaluationLine, ...] = ()
     #: The trivial loss of its validation images; None in runs of earlier releases.
-    trivial: float | None = None
+    trivial: float | None
     #: What answered, in words.
-    model: str = ""
+    model: str
 
     @property
     def task(self) -> str:

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,8 +40,11 @@ from tacevo.studies.terms import fewest_seeds
 #: The trivial predictor, among the names of networks, of which none is empty.
 _TRIVIAL = ""
 
-#: Returns the difference of two networks, the last of its arguments, with its interval over seeds and images.
-Differ = Callable[..., Interval]
+#: Tests two networks on the same images.
+Test = Callable[[str, str], Paired]
+
+#: Returns the difference of two networks, with its interval over seeds and images.
+Differ = Callable[[str, str], Interval]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,19 +74,6 @@ class Pair:
     #: the test and the interval, so that neither stands beside an interval that holds 0. None of fewer seeds than a
     #: comparison takes.
     verdict: Verdict | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutputPair:
-    """A variant against the baseline on one output of a regression."""
-
-    output: str
-    pair: Pair
-
-    @property
-    def difference(self) -> Interval:
-        """Mean squared error of the variant's seeds less the baseline's on that output, over seeds and images."""
-        return self.pair.difference
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,8 +111,9 @@ class ImageFindings:
     pairs: tuple[Pair, ...]
     #: Every network against the trivial predictor, which knows the test images' mean or majority; one more family.
     against_trivial: tuple[Pair, ...]
-    #: Every variant on each output of a regression of several; one more family.
-    outputs: tuple[OutputPair, ...]
+    #: Every variant against the baseline on each output, by the output's name, of a regression of several; one more
+    #: family. The difference is that of the mean squared errors on the output.
+    outputs: tuple[tuple[str, Pair], ...]
     #: Of a classification.
     calibrations: tuple[Calibrated, ...]
     #: Of a regression; by output, then network.
@@ -159,8 +151,8 @@ def _of_classes(study: Study, predictions: Predictions, seed: int) -> ImageFindi
 
     return ImageFindings(
         ensembles=_ensembles(study, {name: int(hits[name].sum()) / len(labels) for name in ensembles}, differ),
-        pairs=_pairs(study, _of_two(study), test, differ),
-        against_trivial=_pairs(study, _with_trivial(study), test, differ),
+        pairs=_pairs(study, [(*pair, test, differ) for pair in _of_two(study)]),
+        against_trivial=_pairs(study, [(*pair, test, differ) for pair in _with_trivial(study)]),
         outputs=(),
         calibrations=tuple(
             Calibrated(
@@ -183,11 +175,7 @@ def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindin
     means = {name: squared_errors(mean, labels) for name, mean in ensembles.items()}
     means[_TRIVIAL] = squared_errors(np.tile([_mean(column) for column in labels.T], (len(labels), 1)), labels)
     errors[_TRIVIAL] = means[_TRIVIAL][None]
-    differ = _differences(errors, seed, "mse")
-
-    def test(one: str, other: str) -> Paired:
-        return signed_rank(means[one], means[other])
-
+    test, differ = partial(_by_errors, means), _differences(errors, seed, "mse")
     residuals = [
         _residuals(output, name, predictions.of[name][:, :, at], ensembles[name][:, at], labels[:, at])
         for at, output in enumerate(study.names)
@@ -195,8 +183,8 @@ def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindin
     ]
     return ImageFindings(
         ensembles=_ensembles(study, {name: _mean(means[name]) for name in ensembles}, differ),
-        pairs=_pairs(study, _of_two(study), test, differ),
-        against_trivial=_pairs(study, _with_trivial(study), test, differ),
+        pairs=_pairs(study, [(*pair, test, differ) for pair in _of_two(study)]),
+        against_trivial=_pairs(study, [(*pair, test, differ) for pair in _with_trivial(study)]),
         outputs=_outputs(study, predictions, ensembles, seed) if len(study.names) > 1 else (),
         calibrations=(),
         residuals=tuple(residuals),
@@ -207,27 +195,26 @@ def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindin
 
 def _outputs(
     study: Study, predictions: Predictions, ensembles: Mapping[str, Floats], seed: int
-) -> tuple[OutputPair, ...]:
+) -> tuple[tuple[str, Pair], ...]:
     """Compare every variant with the baseline on each output; all of these are one family."""
     baseline, *variants = (network.name for network in study.networks)
-    means: dict[str, dict[str, Floats]] = {}
-    found: dict[str, Differ] = {}
+    family: list[tuple[str, str, Test, Differ]] = []
     for at, output in enumerate(study.names):
         labels = predictions.labels[:, at : at + 1]
         errors = {
             name: np.stack([squared_errors(one[:, at : at + 1], labels) for one in each])
             for name, each in predictions.of.items()
         }
-        found[output] = _differences(errors, seed, f"mse_{output}")
-        means[output] = {name: squared_errors(mean[:, at : at + 1], labels) for name, mean in ensembles.items()}
-    each = [(output, name, baseline) for output in study.names for name in variants]
-    pairs = _pairs(
-        study,
-        each,
-        lambda output, one, other: signed_rank(means[output][one], means[output][other]),
-        lambda output, one, other: found[output](one, other),
-    )
-    return tuple(OutputPair(output=output, pair=pair) for (output, _, _), pair in zip(each, pairs, strict=True))
+        means = {name: squared_errors(mean[:, at : at + 1], labels) for name, mean in ensembles.items()}
+        test, differ = partial(_by_errors, means), _differences(errors, seed, f"mse_{output}")
+        family += [(name, baseline, test, differ) for name in variants]
+    outputs = [output for output in study.names for _ in variants]
+    return tuple(zip(outputs, _pairs(study, family), strict=True))
+
+
+def _by_errors(means: Mapping[str, Floats], one: str, other: str) -> Paired:
+    """Test two ensembles by their squared errors on the images."""
+    return signed_rank(means[one], means[other])
 
 
 def _differences(scores: Mapping[str, Floats], seed: int, metric: str) -> Differ:
@@ -257,23 +244,21 @@ def _with_trivial(study: Study) -> list[tuple[str, str]]:
     return [(network.name, _TRIVIAL) for network in study.networks]
 
 
-def _pairs(
-    study: Study, names: Sequence[tuple[str, ...]], test: Callable[..., Paired], differ: Differ
-) -> tuple[Pair, ...]:
-    """Test the pairs of one family, correct, and judge the first of each; names end in those of the pair."""
-    if not names:
+def _pairs(study: Study, family: Sequence[tuple[str, str, Test, Differ]]) -> tuple[Pair, ...]:
+    """Test the pairs of one family, correct, and judge the first of each."""
+    if not family:
         return ()
-    tests = [test(*pair) for pair in names]
+    tests = [test(one, other) for one, other, test, _ in family]
     return tuple(
         Pair(
-            first=pair[-2],
-            second=pair[-1] or "trivial",
+            first=one,
+            second=other or "trivial",
             test=tested,
             p_holm=p,
-            difference=(difference := differ(*pair)),
+            difference=(difference := differ(one, other)),
             verdict=_verdict(study, tested, difference, is_shown=p <= study.terms.alpha),
         )
-        for pair, tested, p in zip(names, tests, holm([one.p for one in tests]), strict=True)
+        for (one, other, _, differ), tested, p in zip(family, tests, holm([one.p for one in tests]), strict=True)
     )
 
 

@@ -24,7 +24,7 @@ class Study(Design):
     #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
     units: tuple[str, ...]
     #: Units of the recording for one unit of training, one for each regressed value; () of a classification.
-    scale: tuple[float, ...] = ()
+    scale: tuple[float, ...]
     #: Each is of the weights of the epoch with the lowest validation loss. Metrics are those of the test split, by
     #: name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`, `cross_entropy`. A confusion counts
     #: test images by (true class, predicted class).

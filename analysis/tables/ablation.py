@@ -18,6 +18,7 @@ from analysis.tables.comparison import between, power_note
 from analysis.tables.plan import counts, planned_table
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
+from tacevo.evolution.chance import is_at_chance
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
 from tacevo.storage.plan import Measure, SeedPlan
@@ -121,10 +122,20 @@ def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
                 if metric in found.metrics
             ),
             *_reference_note(sweep, found),
+            *_chance_note(sweep),
             *_missing_note(sweep),
             *_failed_note(sweep, found.metrics[0]),
         ),
     )
+
+
+def _chance_note(sweep: Sweep) -> list[str]:
+    """Say in which jobs nothing was learned."""
+    found = [one for one in sweep.finished if is_at_chance(one.run.generations[-1].best, one.run.trivial)]
+    if not found:
+        return []
+    jobs, names = counted(len(sweep.finished), "finished job"), ", ".join(one.job.name for one in found)
+    return [f"At chance: {len(found)} of {jobs}; their best networks are hardly below the trivial loss: {names}."]
 
 
 def settings_table(sweep: Sweep) -> Table:

@@ -172,7 +172,7 @@ def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Tabl
         columns=("figure", "value"),
         rows=tuple(rows),
         notes=(
-            *([run.shortfall] * bool(run.shortfall)),
+            *([run.shortfall] if run.shortfall else []),
             ONE_DRAW if run.record == drawn(1) else MEDIAN.format(record=run.record),
             *([] if run.trivial is None else [TRIVIAL_LOSS]),
         ),

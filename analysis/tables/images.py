@@ -95,8 +95,8 @@ def image_outputs_table(study: Study, found: ImageFindings) -> Table:
         caption=f"The variants of {study.task} against the baseline on each output, image by image.",
         columns=("output", "network", f"difference (MSE, {recorded_unit(study, '²')})", *_TESTED),
         rows=tuple(
-            (one.output, one.pair.first, between(one.difference, scale[one.output] ** 2), *_tested(one.pair))
-            for one in found.outputs
+            (output, pair.first, between(pair.difference, scale[output] ** 2), *_tested(pair))
+            for output, pair in found.outputs
         ),
         notes=(
             "Difference: as in the table of ensembles, over images and seeds.",

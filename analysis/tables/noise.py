@@ -12,13 +12,13 @@ from tacevo.studies.lines import Network
 from tacevo.text import counted, drawn
 
 
-def noise_tables(found: Reestimates, task: str, trivial: float | None = None) -> tuple[Table, ...]:
+def noise_tables(found: Reestimates, task: str, trivial: float | None) -> tuple[Table, ...]:
     """Return all tables of a study's or a noise run's re-estimates, with the trivial loss where it is known."""
     noise = noise_table(found, task, trivial)
     return (noise, ranking_table(found, task)) if found.rankings else (noise,)
 
 
-def noise_table(found: Reestimates, task: str, trivial: float | None = None) -> Table:
+def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
     """Show the recorded fitness of each network beside what other training seeds give, and the trivial loss."""
     seeds = counted(found.noise.seeds, "other training seed")
     return Table(

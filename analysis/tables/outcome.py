@@ -30,7 +30,7 @@ def study_outcome(
     *,
     record: str,
     is_alone: bool,
-    trivial: float | None = None,
+    trivial: float | None,
 ) -> Table:
     """Show what a study found.
 
@@ -84,7 +84,7 @@ def _row(study: Study, network: Network, found: Comparisons | None, again: Reest
     return cells
 
 
-def noise_outcome(found: Reestimates, task: str, trivial: float | None = None) -> Table:
+def noise_outcome(found: Reestimates, task: str, trivial: float | None) -> Table:
     """Show what a noise run found: the recorded fitness of its networks beside what other seeds give.
 
     `trivial` is the trivial loss, where it is known; it has the last row.

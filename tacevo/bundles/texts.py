@@ -15,7 +15,6 @@ from tacevo.bundles.pages import yaml_text
 from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.recorded import RecordedRun
 from tacevo.config.strict_yaml import read_yaml
-from tacevo.environment import PACKAGES
 from tacevo.errors import BundleError
 from tacevo.evolution.files import NETWORKS, PROMPTS, read_archive_files
 from tacevo.records import Json, to_json, written
@@ -24,14 +23,6 @@ from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import Timing, timing_text
 from tacevo.studies.directory import FinishedStudy, plain_study
 from tacevo.typed import UncheckedJson, parse
-
-#: What the free maps of run.json and study.json hold (versions, machine, confinement), in the order of their writers.
-FACTS = (
-    *("python", *PACKAGES),
-    *("cpu", "cores", "architecture", "system", "libc", "gpu"),
-    *("level", "session", "environment", "rlimits", "no_new_privs", "not_dumpable", "no_capabilities", "supervisor"),
-    *("fixed_addresses", "landlock", "seccomp"),
-)
 
 #: The citation is a few kB; YAML takes seconds for a megabyte.
 _LONGEST_CITATION = 100_000
@@ -82,16 +73,7 @@ def _read(path: Path) -> dict[str, Json]:
 
 def _as_written(plain: Mapping[str, Json], path: Path) -> str:
     """Return the text of what run.json or study.json holds; a setting that came after its release is not in it."""
-    maps = {name: _in_order(plain[name]) for name in ("versions", "machine", "confinement") if name in plain}
-    return readable(_present({**plain, **maps}, _read(path)))
-
-
-def _in_order(facts: Json) -> Json:
-    """Put the known names of a map, or of each in a list, into their order; those of another release stay in place."""
-    if not isinstance(facts, Mapping):
-        return [_in_order(each) for each in facts] if isinstance(facts, list) else facts
-    known = iter(sorted((name for name in facts if name in FACTS), key=FACTS.index))
-    return {place: facts[place] for place in [next(known) if name in FACTS else name for name in facts]}
+    return readable(_present(plain, _read(path)))
 
 
 def _present(plain: Json, recorded: Json) -> Json:

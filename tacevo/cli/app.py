@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from tacevo import __version__
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
-from tacevo.cli.edge import Terminated, edge
+from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.errors import BundleError, DivergenceError, TacevoError
 from tacevo.text import printable
 
@@ -38,6 +38,9 @@ COMMANDS = {
     "cache": ("cache", "look into the stores of answers, and move what a run needs"),
     "doctor": ("inspect", "check whether this machine has what a run needs"),
 }
+
+#: The modules whose commands do not need our package `analysis`.
+WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache"})
 
 _EPILOG = """\
 examples:
@@ -115,6 +118,8 @@ def _parser(command: str | None) -> Parser:
     for name, (module, line) in COMMANDS.items():
         described = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.")
         if name == command:
+            if module not in WITHOUT_ANALYSIS:
+                check_analysis()
             getattr(importlib.import_module(f"tacevo.cli.{module}"), f"add_{name}")(described)
     return parser
 

@@ -1,16 +1,15 @@
-"""What a command sets in its process: text that any terminal takes, signals that end it, and our own `analysis`.
+"""What a command sets in its process: text that any terminal takes, and signals that end it.
 
-Promises: whichever polite signal asks a command to end, it ends by a KeyboardInterrupt in its main thread; a package
-`analysis` that stands before ours on the import path is named, and none of its code runs.
+Promises: whichever polite signal asks a command to end, it ends by a KeyboardInterrupt in its main thread.
 """
 
 import contextlib
 import io
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
-from importlib.machinery import ModuleSpec, PathFinder
+from importlib.machinery import PathFinder
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -32,14 +31,12 @@ class Terminated(KeyboardInterrupt):
 def edge() -> Iterator[None]:
     """Set what a command needs in its process; all but the streams is put back at its end."""
     _print_anything()
-    finder, hook = _OwnAnalysis(), sys.unraisablehook
+    hook = sys.unraisablehook
     handler = signal.signal(signal.SIGTERM, _terminate)
     sys.unraisablehook = partial(_interrupt_again, hook)
-    sys.meta_path.insert(0, finder)
     try:
         yield
     finally:
-        sys.meta_path.remove(finder)
         sys.unraisablehook = hook
         signal.signal(signal.SIGTERM, handler)
 
@@ -69,25 +66,18 @@ def _interrupt_again(otherwise: Callable[[Any], Any], ignored: Any) -> None:
     signal.setitimer(signal.ITIMER_REAL, _AGAIN)
 
 
-class _OwnAnalysis:
-    """A finder of modules that refuses a package `analysis` which is not ours, and leaves the rest to the others."""
+def check_analysis() -> None:
+    """Refuse a package `analysis` that stands before ours on the import path; none of its code runs.
 
-    def find_spec(self, name: str, path: Sequence[str] | None = None, target: object = None) -> ModuleSpec | None:
-        """Find nothing.
-
-        Raises:
-            ConfigError: the package that would be imported is somebody else's.
-        """
-        if name.partition(".")[0] != "analysis":
-            return None
-        if path is None:
-            spec = PathFinder.find_spec(name)
-            path = () if spec is None else tuple(spec.submodule_search_locations or [str(spec.origin)])
-        if path and not Path(path[0]).resolve().is_relative_to(_ANALYSIS):
-            raise ConfigError(
-                path[0],
-                place="package analysis",
-                expected=f"that of tacevo, {_ANALYSIS}",
-                remedy="take its directory out of PYTHONPATH, start in another one, or rename it",
-            )
-        return None
+    Raises:
+        ConfigError: there is one.
+    """
+    spec = PathFinder.find_spec("analysis")
+    places = [] if spec is None else list(spec.submodule_search_locations or [str(spec.origin)])
+    if places and Path(places[0]).resolve() != _ANALYSIS:
+        raise ConfigError(
+            places[0],
+            place="package analysis",
+            expected=f"that of tacevo, {_ANALYSIS}",
+            remedy="take its directory out of PYTHONPATH, start in another one, or rename it",
+        )

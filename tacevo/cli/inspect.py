@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import hashlib
 import json
 import math
 import os
@@ -262,10 +261,9 @@ def show_candidate(path: Path, name: str) -> str:
 
 def _kept(directory: RunDirectory, line: CandidateLine) -> list[str]:
     """Return the source or the answer of a candidate as its file has it, below what is wrong with it."""
-    kept = directory.read_kept(line.id)
+    kept, is_edited = directory.read_checked(line.id, line.source)
     if kept is None:
         return ["Its file is missing."]
-    is_edited = line.source not in {None, hashlib.sha256(kept).hexdigest()}
     return [*([_EDITED] if is_edited else []), kept.decode(errors="replace")]
 
 

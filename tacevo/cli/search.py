@@ -13,13 +13,13 @@ from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.folder import groups
 from tacevo.records import Mode
-from tacevo.runs.estimate import describe_estimate
+from tacevo.runs.estimate import describe_estimate, describe_estimates
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
 from tacevo.storage.canonical import canonical, leaves
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
-from tacevo.sweeps.plan import sweep
+from tacevo.sweeps.plan import plan_unasked, sweep
 from tacevo.sweeps.status import Standing, describe_jobs, status_of
 from tacevo.sweeps.terms import Asked, describe_terms, read_varied
 from tacevo.text import counted
@@ -60,7 +60,9 @@ def _describe_settings() -> str:
 
 def _search(options: argparse.Namespace) -> int:
     if options.multirun and options.estimate:
-        options.parser.error("--estimate is for one search, so it cannot be combined with -m")
+        planned = plan_unasked(options.overrides, _asked(options).vary or ())
+        print(describe_estimates([(entry.job.name, entry.config) for entry in planned]))
+        return DONE
     if options.multirun:
         return run_sweep(options)
     if options.into is not None:
@@ -159,16 +161,20 @@ def says_terms(options: argparse.Namespace) -> bool:
     return any(said is not None for said in (options.reference, options.primary, options.vary, options.plan))
 
 
-def run_sweep(options: argparse.Namespace) -> int:
-    """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
-    asked = Asked(
+def _asked(options: argparse.Namespace) -> Asked:
+    """Read what the command line says of the terms of a sweep."""
+    return Asked(
         primary=options.primary,
         reference=options.reference,
         vary=None if options.vary is None else read_varied(options.vary),
         plan=None if options.plan is None else Path(options.plan),
     )
+
+
+def run_sweep(options: argparse.Namespace) -> int:
+    """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
     with Progress() as view:
-        swept = sweep(options.overrides, options.into, view, asked=asked)
+        swept = sweep(options.overrides, options.into, view, asked=_asked(options))
     print(describe_jobs(swept.statuses))
     print(f"\nsweep: {swept.directory}")
     return DONE if all(status.standing is Standing.finished for status in swept.statuses) else DIFFERENT

@@ -1,7 +1,6 @@
 """From what a user typed to a checked configuration: the only module that composes with Hydra."""
 
 import contextlib
-import inspect
 import re
 import sys
 from collections.abc import Collection, Iterator, Sequence
@@ -12,7 +11,7 @@ from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
-from hydra.core.override_parser import overrides_parser, overrides_visitor
+from hydra.core.override_parser import overrides_parser
 from hydra.core.override_parser.types import Override
 from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
@@ -217,23 +216,18 @@ def _values(override: Override) -> tuple[str, ...]:
     return tuple(f"{override.get_key_element()}={value}" for value in values)
 
 
-def _with_assertions() -> None:
-    """Let Hydra read overrides with the assertions that PYTHONOPTIMIZE leaves out: some of them step over a token.
-
-    Without them, it can read neither a function, as in `seed=range(0,5)`, nor a dictionary.
-    """
-    code = compile(inspect.getsource(overrides_visitor), overrides_visitor.__file__, "exec", optimize=0)
-    exec(code, vars(overrides_visitor))
-    vars(overrides_parser)["HydraOverrideVisitor"] = overrides_visitor.HydraOverrideVisitor
-
-
 @contextlib.contextmanager
 def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "search") -> Iterator[None]:
     """Let Hydra read conf/, and turn what it raises into an error in the user's words."""
+    if sys.flags.optimize:  # some assertions of its parser step over a token
+        raise ConfigError(
+            str(sys.flags.optimize),
+            place="PYTHONOPTIMIZE",
+            expected="no value",
+            remedy="unset it, and leave out -O: Hydra reads settings by assertions",
+        )
     ConfigStore.instance().store(name="schema", node=_defaults(RunConfig))
     GlobalHydra.instance().clear()
-    if sys.flags.optimize:
-        _with_assertions()
     try:
         with initialize_config_dir(config_dir=str(conf_root()), version_base="1.3", job_name="tacevo"):
             yield

@@ -66,11 +66,11 @@ def _is_pattern(text: str) -> bool:
 MOST = 1_000_000
 
 # The kinds of values; an error names a kind in the words that stand here.
-Natural = Annotated[int, Ge(0)]
-Count = Annotated[int, Ge(1)]
-Bounded = Annotated[int, Ge(0), Le(MOST)]
-Many = Annotated[int, Ge(1), Le(MOST)]
-Images = Annotated[int, Ge(10), Le(10 * MOST)]
+AtLeast0 = Annotated[int, Ge(0)]
+AtLeast1 = Annotated[int, Ge(1)]
+ZeroToMillion = Annotated[int, Ge(0), Le(MOST)]
+OneToMillion = Annotated[int, Ge(1), Le(MOST)]
+ImageCount = Annotated[int, Ge(10), Le(10 * MOST)]
 Memory = Annotated[int, Ge(64)]
 Positive = Annotated[float, Gt(0)]
 Fraction = Annotated[float, Ge(0), Le(1)]
@@ -85,16 +85,16 @@ Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
 class SearchConfig(Record):
     """The size of a search (paper, Algorithm 1)."""
 
-    generations: Bounded
+    generations: ZeroToMillion
     #: B, the candidates of a generation.
-    candidates: Many
+    candidates: OneToMillion
     #: Mutations of the baseline that start the archive, beside the baseline itself.
-    initial: Bounded
+    initial: ZeroToMillion
     #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.evolution.lines.training_flops`) is the
     #: last; null for `generations` alone.
     training_flops: Positive | None = None
     #: Generations in a row without one usable answer after which the search stops; null for never.
-    stop_after_unusable: Count | None = 2
+    stop_after_unusable: AtLeast1 | None = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,13 +106,13 @@ class TaskConfig(Record):
     class_name: Identifier
     #: What the baseline's constructor calls the number of outputs.
     output_argument: Identifier
-    outputs: Many
+    outputs: OneToMillion
     loss: Loss
     #: Names of the regressed values or classes; empty where the data set names them.
     output_names: tuple[str, ...]
     target_scaling: TargetScaling
     #: Images that the simulated data set holds: as many as were released, where the paper says how many.
-    images: Images
+    images: ImageCount
     #: Files below conf/: the baseline class, the instructions, the system prompt.
     baseline: str
     instructions: str
@@ -127,9 +127,9 @@ class DataConfig(Record):
     #: Height and width, in pixels.
     image_size: Annotated[int, Ge(16), Le(16_384)]
     #: Simulated: how many images, the seed of the contacts, that of the sensor, and its light.
-    images: Images
-    seed: Natural
-    sensor_seed: Natural
+    images: ImageCount
+    seed: AtLeast0
+    sensor_seed: AtLeast0
     light: LightScene
     #: Simulated gratings: the spacings that are the classes, in mm.
     spacings_mm: tuple[Positive, ...]
@@ -145,7 +145,7 @@ class DataConfig(Record):
     #: Tables: leave out rows whose image is missing, instead of refusing the table.
     skip_missing: bool
     split: SplitRule
-    split_seed: Natural
+    split_seed: AtLeast0
     normalisation: Normalisation
     #: With `split=random`: the parts of all images that are for validation and for the test; the others train.
     validation_part: Part = 0.1
@@ -167,10 +167,10 @@ class DataConfig(Record):
 class ArchiveConfig(Record):
     """The archives of networks and of prompts; that of prompts is always a CVT archive."""
 
-    niches: Many
-    prompt_niches: Many
+    niches: OneToMillion
+    prompt_niches: OneToMillion
     #: Uniform points from which k-means finds the centroids.
-    samples: Many
+    samples: OneToMillion
     seed: int
     bounds: BoundsRule
     #: With `bounds=fixed`: the (low, high) of each descriptor.
@@ -179,7 +179,7 @@ class ArchiveConfig(Record):
     eff_ratio_scale: Scale
     kind: ArchiveKind = ArchiveKind.cvt
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
-    kept: Many = 10
+    kept: OneToMillion = 10
     #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
     reevaluated: Part = 0.25
     #: The axes of the networks' niches.
@@ -208,28 +208,29 @@ class LLMConfig(Record):
     provider: Provider
     model: Annotated[str, is_a("a model's name", bool)]
     mode: Mode
-    max_tokens: Count
+    max_tokens: AtLeast1
     #: Another server than the provider's own.
     base_url: str | None
     #: Requests in flight at once.
-    concurrency: Many
+    concurrency: OneToMillion
     #: Grammar: the part of its answers that carries a fault real models make.
     slip_rate: Fraction
     #: `batch`: a generation as one Message Batch of `llm=anthropic`.
     delivery: Delivery = Delivery.direct
     #: Further sampling settings; what is null or empty is not sent.
     top_p: Annotated[float, Gt(0), Le(1)] | None = None
-    top_k: Count | None = None
+    top_k: AtLeast1 | None = None
     stop_sequences: tuple[Text, ...] = ()
     #: Tokens of `max_tokens` that the model may think with before it answers.
-    thinking_tokens: Count | None = None
+    thinking_tokens: AtLeast1 | None = None
     #: No new request starts that could bring a run's answers above this many US dollars; null for no limit.
     budget_usd: Annotated[float, Ge(0)] | None = None
     #: The price table: a file below conf/, or absolute.
     prices: str = "prices.yaml"
     #: `user` for models without a system prompt: it is joined to the first turn.
     system: SystemTurn = SystemTurn.system
-    #: What stands for the model's name wherever it is recorded, where that name is a path of this machine.
+    #: What stands for the model's name in requests, stores, ledger, MLflow and bundles, where that name is a path of
+    #: this machine. Only run.json keeps the path, as `llm.model`: the same command continues the run by it.
     label: Annotated[Text, is_a("a name, not a path", lambda value: not names_place(value))] | None = None
 
     LATER: ClassVar[frozenset[str]] = frozenset({"system", "label"})
@@ -257,7 +258,7 @@ class PromptsConfig(Record):
 
     policy: PromptPolicy
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
-    pool: Many | None = None
+    pool: OneToMillion | None = None
 
     def check_library(self, instructions: int) -> None:
         """Refuse a pool that is larger than the task's library of so many instructions."""
@@ -274,9 +275,9 @@ class ProposalsConfig(Record):
     mutation_probability: Fraction
     parents: ParentPolicy
     #: With `parents=best`: how many of the best elites are parents.
-    best: Many
+    best: OneToMillion
     #: How often an answer that the gate rejected goes back with the reason; the paper discards it.
-    repair_attempts: Bounded = 0
+    repair_attempts: ZeroToMillion = 0
     #: What one draw of the operator holds for; the paper draws one for a whole generation.
     operator_for: OperatorScope = OperatorScope.generation
     #: With `parents=tournament`: how many of the youngest trained candidates compete, and how many draws each parent
@@ -289,7 +290,7 @@ class ProposalsConfig(Record):
 class TrainingConfig(Record):
     """The short training behind a fitness."""
 
-    epochs: Many
+    epochs: OneToMillion
     batch_size: Annotated[int, Ge(2), Le(MOST)]
     learning_rate: Positive
     #: What one candidate's training may use.
@@ -302,17 +303,17 @@ class TrainingConfig(Record):
     precision: Precision = Precision.float32
     gpu_memory_mib: Memory = 8192
     #: Trainings of each candidate; its fitness is the median of their losses.
-    seeds: Annotated[Many, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
+    seeds: Annotated[OneToMillion, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 
 @dataclass(frozen=True, kw_only=True)
 class GateConfig(Record):
     """What an admitted candidate may be."""
 
-    max_parameters: Count
-    max_flops: Count
-    max_modules: Count
-    max_source_bytes: Count
+    max_parameters: AtLeast1
+    max_flops: AtLeast1
+    max_modules: AtLeast1
+    max_source_bytes: AtLeast1
     #: What one candidate's probe may use.
     seconds: Positive
     memory_mib: Memory
@@ -330,12 +331,12 @@ class ExecutorConfig(Record):
     """Where candidates are evaluated, and how many at once."""
 
     kind: ExecutorKind
-    workers: Many
+    workers: OneToMillion
     #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
     #: to start a Ray of `workers` slots here, which ends with the search.
     address: Text | None = None
     #: With `training.device=cuda`: most candidates that train on one GPU at once.
-    per_gpu: Many = 1
+    per_gpu: OneToMillion = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -377,7 +378,7 @@ class OutputConfig(Record):
 class RunConfig(Record):
     """One whole run."""
 
-    seed: Natural
+    seed: AtLeast0
     search: SearchConfig
     task: TaskConfig
     data: DataConfig

@@ -5,20 +5,25 @@ from typing import Any
 
 import yaml
 
+#: The tag of the key `<<`, whose mapping gives the keys that the mapping itself lacks.
+_MERGE = "tag:yaml.org,2002:merge"
+
 
 class _Once:
     """Refuses a mapping that has a key twice; a loader beside it does the rest."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> Any:
-        """Construct a mapping whose keys are all different."""
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """Read a mapping whose keys are all different, before those that `<<` merges into it join them."""
+        node: yaml.MappingNode = super().compose_mapping_node(anchor)  # type: ignore[misc]
         seen = set()
         for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)  # type: ignore[attr-defined]
+            is_merge = key_node.tag == _MERGE
+            key = _MERGE if is_merge else self.construct_object(key_node, deep=True)  # type: ignore[attr-defined]
             if isinstance(key, Hashable):  # the loader refuses other keys
                 if key in seen:
                     raise yaml.constructor.ConstructorError(None, None, f"{key!r} a second time", key_node.start_mark)
                 seen.add(key)
-        return super().construct_mapping(node, deep=deep)  # type: ignore[misc]
+        return node
 
 
 class _Values(_Once, yaml.SafeLoader):

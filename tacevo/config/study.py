@@ -7,7 +7,7 @@ from annotated_types import Gt, Lt
 from pydantic import BeforeValidator
 
 from tacevo.choices import ChosenBy, MarginKind
-from tacevo.config.schema import ExecutorConfig, Many, Memory, Positive, Text, is_a
+from tacevo.config.schema import ExecutorConfig, Memory, OneToMillion, Positive, Text, is_a
 from tacevo.records import Record
 from tacevo.rounding import rounded
 
@@ -68,12 +68,12 @@ class StudyConfig(Record):
     #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
     networks: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
-    elites: Many
+    elites: OneToMillion
     #: What `best` means.
     choose: ChosenBy
     #: S, the training seeds of each network.
-    seeds: Many
-    epochs: Many
+    seeds: OneToMillion
+    epochs: OneToMillion
     #: What one training may use.
     seconds: Positive
     memory_mib: Memory
@@ -97,5 +97,5 @@ class NoiseConfig(Record):
     #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]
     #: Training seeds of each network.
-    seeds: Many
+    seeds: OneToMillion
     store: StudyStoreConfig

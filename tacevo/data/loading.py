@@ -17,7 +17,7 @@ from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
-from tacevo.data.source import Catalogue, Picture, Source, check_no_faults
+from tacevo.data.source import Catalogue, Picture, Source, check_no_faults, check_readable
 from tacevo.data.splitting import TENTHS, Split, check_balance, random_split
 from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import CHUNK, Progress, mapper
@@ -211,15 +211,13 @@ def make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progre
     _new_file(path, (len(pictures), 3, catalogue.image_size, catalogue.image_size))
     starts = range(0, len(pictures), CHUNK)
     chunks = [pictures[start : start + CHUNK] for start in starts]
-    faults: list[str] = []
+    errors: list[tuple[str, DataError]] = []
     with mapper(workers, len(pictures)) as run:
         for done, found in enumerate(run(partial(_make_chunk, path), starts, chunks), start=1):
-            faults.extend(f"{_place(catalogue, row)} ({fault})" for row, fault in found)
-            if progress is not None and not faults:  # "all images made" must be true
+            errors.extend((_place(catalogue, row), error) for row, error in found)
+            if progress is not None and not errors:  # "all images made" must be true
                 progress(min(done * CHUNK, len(pictures)), len(pictures))
-    beyond = bool(faults) and all("data.white_point" in fault for fault in faults)
-    remedy = "set a larger data.white_point" if beyond else "repair or remove them"
-    check_no_faults("some images cannot be read", faults, remedy)
+    check_readable(errors)
     return path
 
 
@@ -230,14 +228,14 @@ def _new_file(path: Path, shape: tuple[int, ...]) -> None:
         reserve(file, file.tell() + math.prod(shape))
 
 
-def _make_chunk(path: Path, start: int, pictures: Sequence[Callable[[], Picture]]) -> list[tuple[int, str]]:
-    """Make consecutive pictures into their rows of the file; return row and fault of those that cannot be made."""
+def _make_chunk(path: Path, start: int, pictures: Sequence[Callable[[], Picture]]) -> list[tuple[int, DataError]]:
+    """Make consecutive pictures into their rows of the file; return row and error of those that cannot be made."""
     images = np.lib.format.open_memmap(path, mode="r+")
-    faults = []
+    errors = []
     for row, picture in enumerate(pictures, start):
         try:
             images[row] = picture()
         except DataError as error:
-            faults.append((row, str(error)))
+            errors.append((row, error))
     images.flush()
-    return faults
+    return errors

@@ -75,6 +75,11 @@ class Source(Protocol):
         ...
 
 
+def chosen(source: Source, *names: str) -> dict[str, Json]:
+    """Return those of some settings that are set: they came later, and descriptions of earlier releases lack them."""
+    return {name: value for name in names if (value := getattr(source, name)) is not None}
+
+
 def check_no_faults(problem: str, faults: Sequence[str], remedy: str, *, place: str = "", expected: str = "") -> None:
     """Raise one error about all faults of one kind; do nothing without faults.
 
@@ -88,6 +93,17 @@ def check_no_faults(problem: str, faults: Sequence[str], remedy: str, *, place: 
         return
     shown = ", ".join(faults[:SHOWN_FAULTS]) + (", ..." if len(faults) > SHOWN_FAULTS else "")
     raise DataError(f"{problem} ({len(faults)} found): {shown}", place=place, expected=expected, remedy=remedy)
+
+
+def check_readable(errors: Sequence[tuple[str, DataError]]) -> None:
+    """Raise one error about all images that cannot be read, each with what the user calls it.
+
+    Raises:
+        DataError: there are some; it has the remedies that they name.
+    """
+    remedies = sorted({error.remedy or "repair or remove them" for _, error in errors})
+    faults = [f"{name} ({error.got})" for name, error in errors]
+    check_no_faults("some images cannot be read", faults, ", or ".join(remedies))
 
 
 def shortened(text: str) -> str:

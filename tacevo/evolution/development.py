@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from tacevo.errors import CacheMissError
 from tacevo.evolution.prompts import repair_request
@@ -53,7 +53,7 @@ class Effects:
     evaluation_key: Callable[[str, int], str]
     executor: Executor
     #: The processor time, in seconds, of all candidates that the calling thread has waited for; it only grows.
-    cpu_seconds: Callable[[], float] = lambda: 0.0
+    cpu_seconds: Callable[[], float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +78,7 @@ class Outcome:
     #: Wall time of gate and training; for people, never for the ledger.
     seconds: float
     #: Processor time of the trainings, 0 of those that were recalled; for people, too.
-    cpu_seconds: float = 0.0
+    cpu_seconds: float
     #: The answers before it, each of them sent back with the gate's reason.
     attempts: tuple[Attempt, ...] = ()
     #: Number of the training seed that the result is of.
@@ -163,8 +163,12 @@ def _sent_back(asked: Mapping[int, "_Asked"], judged: Mapping[int, "Future[_Judg
     return again
 
 
-#: What a training gave, and its wall and processor time in seconds.
-_Trained = tuple[Training | Rejection, float, float]
+class _Trained(NamedTuple):
+    """What a training gave, and its wall and processor time in seconds."""
+
+    result: Training | Rejection
+    seconds: float
+    cpu_seconds: float
 
 
 class _Trainings:
@@ -204,7 +208,7 @@ class _Trainings:
             self._known[job].set_exception(error)
         else:
             took = time.perf_counter() - began, self._effects.cpu_seconds() - spent
-            self._known[job].set_result((result, *took))
+            self._known[job].set_result(_Trained(result, *took))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -248,7 +252,7 @@ def _judge(
     return _Judged(
         completion=completion,
         gated=gated,
-        trainings={0: _done((gated, 0.0, 0.0))} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
+        trainings={0: _done(gated)} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
         seconds=time.perf_counter() - began + (0.0 if asked is None else asked.seconds),
         attempts=() if asked is None else asked.attempts,
     )
@@ -268,9 +272,9 @@ def _gate(proposal: Job, completion: Completion | None, effects: Effects, asked:
     return effects.measure(proposal.source)
 
 
-def _done(answer: _Trained) -> Future[_Trained]:
+def _done(rejection: Rejection) -> Future[_Trained]:
     future: Future[_Trained] = Future()
-    future.set_result(answer)
+    future.set_result(_Trained(rejection, 0.0, 0.0))
     return future
 
 
@@ -281,7 +285,7 @@ def _outcome(proposal: Job, judged: _Judged, evaluation_key: Callable[[str, int]
     except CacheMissError as error:
         _name_slot(error, proposal)
         raise
-    results = {seed: result for seed, (result, *_) in found.items()}
+    results = {seed: training.result for seed, training in found.items()}
     trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
     admitted = judged.gated if isinstance(judged.gated, Admitted) else None
     seed = _telling(results)
@@ -290,8 +294,8 @@ def _outcome(proposal: Job, judged: _Judged, evaluation_key: Callable[[str, int]
         completion=judged.completion,
         admitted=admitted,
         result=results[seed],
-        seconds=judged.seconds + sum(seconds for _, seconds, _ in found.values()),
-        cpu_seconds=sum(seconds for *_, seconds in found.values()),
+        seconds=judged.seconds + sum(training.seconds for training in found.values()),
+        cpu_seconds=sum(training.cpu_seconds for training in found.values()),
         attempts=judged.attempts,
         seed=seed,
         trainings=trainings if len(trainings) == len(results) else {},

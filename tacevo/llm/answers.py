@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 
 from tacevo.llm.retry import Fault, FaultError, FaultKind, fault_of_body
-from tacevo.records import Completion, Delivery, Json, count
+from tacevo.records import Completion, Delivery, Json, token_count
 
 #: The kinds of parts that hold text; others hold thoughts, calls of tools, pictures.
 _TEXTS = ("text", "output_text")
@@ -47,7 +47,7 @@ def read_message(body: Json, delivery: Delivery) -> Completion:
     if text is None:
         raise FaultError(fault_of_body(body))
     usage = _mapping(body, "usage")
-    fresh, (read, written) = count(usage.get("input_tokens")), _cached(usage)
+    fresh, (read, written) = token_count(usage.get("input_tokens")), _cached(usage)
     whole = None if fresh is None or read is None or written is None else fresh + read + written
     # What is kept for an hour costs more; nothing here asks for that.
     hourly = _mapping(usage, "cache_creation").get("ephemeral_1h_input_tokens") not in (None, 0)
@@ -56,7 +56,7 @@ def read_message(body: Json, delivery: Delivery) -> Completion:
         model=_word(body, "model"),
         stop_reason=_word(body, "stop_reason") or "end_turn",
         input_tokens=whole,
-        output_tokens=count(usage.get("output_tokens")),
+        output_tokens=token_count(usage.get("output_tokens")),
         delivery=delivery,
         cache_read=read,
         cache_written=None if hourly else written,
@@ -80,7 +80,7 @@ def read_chat(body: Json) -> Completion:
     if text is None and (content is not None or not (message and (reason or refused))):
         raise FaultError(fault_of_body(choice if _mapping(choice, "error") else body))
     usage = _mapping(body, "usage")
-    whole, (read, written) = count(usage.get("prompt_tokens")), _cached(usage)
+    whole, (read, written) = token_count(usage.get("prompt_tokens")), _cached(usage)
     if not whole or (read or 0) + (written or 0) > whole:
         read, written = (None, None) if whole else (0, 0)
     return Completion(
@@ -88,7 +88,7 @@ def read_chat(body: Json) -> Completion:
         model=_word(body, "model"),
         stop_reason="refusal" if refused else _STOP_REASONS.get(reason, reason) or "end_turn",
         input_tokens=whole,
-        output_tokens=count(usage.get("completion_tokens")),
+        output_tokens=token_count(usage.get("completion_tokens")),
         cache_read=read,
         cache_written=written,
     )
@@ -114,7 +114,7 @@ def _cached(usage: Mapping[str, Json]) -> tuple[int | None, int | None]:
     """Return how many tokens were read from a cache, and written there; None for what is no number of tokens."""
     read = _mapping(usage, "prompt_tokens_details").get("cached_tokens")
     found = (usage.get("cache_read_input_tokens") if read is None else read, usage.get("cache_creation_input_tokens"))
-    first, second = (0 if value is None else count(value) for value in found)
+    first, second = (0 if value is None else token_count(value) for value in found)
     return first, second
 
 

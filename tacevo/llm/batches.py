@@ -203,6 +203,7 @@ class BatchLLM:
             except (*FAILURES, httpx2.RequestError) as error:
                 fault = fault_of(error)
             fault = replace(fault, message=without_secrets(fault.message, secrets_of(client)))
+            self.models.heard = self.models.heard or not fault.silent
             wait = self.patience.wait(tried, fault, jitter=random.random(), heard=self.models.heard)
             if wait is None:
                 break

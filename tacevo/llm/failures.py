@@ -39,7 +39,7 @@ class Models:
         self._recorded = recorded
         self._prices = prices
         self._unlabelled = unlabelled
-        #: Whether a server ever answered.
+        #: Whether anything ever came from a server, be it a refusal.
         self.heard = False
         #: The models that the server lists, once it was asked for them.
         self.served: tuple[str, ...] = ()

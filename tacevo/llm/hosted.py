@@ -224,6 +224,7 @@ class _Asking:
                 completion = await self.server.ask(self.models.sent(request), dropped)
             except FaultError as error:
                 fault = replace(error.fault, message=without_secrets(error.fault.message, secrets))
+                self.models.heard = self.models.heard or not fault.silent
                 del self.asking[task]
             else:
                 self.models.note_answer(request, begun)

@@ -115,7 +115,8 @@ def connect(base_url: str | None, concurrency: int, dialect: Dialect | None = No
     except (openai.OpenAIError, httpx2.InvalidURL) as error:
         raise ConfigError(str(error), place="llm=openai", remedy="check llm.base_url") from error
     # OpenAI's newer models know only the one name, other servers may know only the other.
-    return OpenAIServer(clients, limit=_LIMITS[own], dialect=dialect or Dialect())
+    limit = "max_completion_tokens" if own else "max_tokens"
+    return OpenAIServer(clients, limit=limit, dialect=dialect or Dialect())
 
 
 def body_of(request: Request, dropped: tuple[str, ...], *, limit_name: str) -> Body:

@@ -52,8 +52,13 @@ _PAYMENT = (
 #: The code of a spent quota; a rate limit, too, has status 429, and its words may mention limits and billing.
 _QUOTA = ("insufficient_quota",)
 
-#: How servers say that a request does not fit into a model.
-_TOO_LONG = ("too long", "too large", "context length", "context window", "context size", "maximum context")
+#: How servers say that a request does not fit into a model; a limit of tokens per minute is another one.
+_TOO_LONG = re.compile(
+    r"too (long|large)|context (length|window|size)|maximum context"
+    r"|(exceed|at most|(more|less|fewer|longer) than|maximum|limit|up to)[^.]{0,40}\b(tokens|characters)\b(?! per)"
+    r"|\b(tokens|characters)\b(?! per)[^.]{0,40}(exceed|at most|(more|less|fewer) than|maximum|limit|> ?\d)",
+    re.IGNORECASE,
+)
 
 #: What a limit on an answer's tokens is called, and how servers say that it is more than they take.
 _LIMIT = re.compile(r"max_(completion_|new_|output_)?tokens|(output|completion) tokens", re.IGNORECASE)
@@ -218,7 +223,7 @@ def fault_of_body(body: Json) -> Fault:
         held = ", ".join(body) if isinstance(body, dict) else _words(body)
         return Fault(kind=FaultKind.passing, message=f"the body is not an answer: {held[:80] or type(body).__name__}")
     marks = [str(error.get(name)) for name in ("code", "type")] if isinstance(error, dict) else []
-    numbers = [STATUSES.get(mark, int(mark) if mark.isdecimal() else 0) for mark in marks]
+    numbers = [STATUSES.get(mark, int(mark) if re.fullmatch("[0-9]{3}", mark) else 0) for mark in marks]
     status = next((number for number in numbers if 400 <= number < 600), 500)
     return replace(fault_of_status(status, {}, body), message=f"an error in a body of status 200: {said}")
 
@@ -276,15 +281,14 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
 def _kind(status: int, said: str) -> FaultKind:
     if status == 402 or _mentions(said, _QUOTA if status == 429 else _PAYMENT):
         return FaultKind.refused
+    large = _TOO_LONG.search(said) or (_LIMIT.search(said) and _EXCESS.search(said))
+    if status == 413 or (status in _OF_A_REQUEST and (large or _mentions(said, _FILTERED))):
+        return FaultKind.request
     if status not in _PASSING and _NO_SYSTEM.search(said):  # every request has a system prompt, or none
         return FaultKind.refused
     if status in _PASSING or status >= 500:
         return FaultKind.passing
-    if status not in _OF_A_REQUEST:
-        return FaultKind.refused
-    large = _LIMIT.search(said) and _EXCESS.search(said)
-    certain = status == 413 or large or _mentions(said, _TOO_LONG) or _mentions(said, _FILTERED)
-    return FaultKind.request if certain else FaultKind.doubtful
+    return FaultKind.doubtful if status in _OF_A_REQUEST else FaultKind.refused
 
 
 def _mentions(said: str, phrases: tuple[str, ...]) -> bool:

@@ -19,9 +19,10 @@ from tacevo.evolution.proposals import Settings, plan_initial
 from tacevo.llm.prices import PriceTable, likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Message, Mode, Request, Task, to_json
 from tacevo.runs.datasets import source_of
-from tacevo.runs.pace import Measure, growth, measure, training_images, trainings
+from tacevo.runs.pace import Measure, Pace, growth, measure, training_images, trainings
 from tacevo.runs.providers import prices_of
 from tacevo.runs.wiring import build_settings
+from tacevo.storage.canonical import content_hash
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import counted, table
@@ -111,6 +112,63 @@ def describe_estimate(config: RunConfig, measure: Measure = measure) -> str:
     )
 
 
+def describe_estimates(jobs: Sequence[tuple[str, RunConfig]], measure: Measure = measure) -> str:
+    """Write the estimates of a sweep's jobs down, a row for each by its name, and their sum.
+
+    Jobs that train alike share a measured pace. The hours are those of one job after the other.
+    """
+    delivered = list(dict.fromkeys(each for _, config in jobs for each in deliveries(config.llm.provider)))
+    paces: dict[str, Pace | None] = {}
+    rows = [_figures(config, delivered, _seconds(config, measure, paces)) for _, config in jobs]
+    sums = [None if None in column else sum(filter(None, column)) for column in zip(*rows, strict=True)]
+    labels = [*(name for name, _ in jobs), f"all {counted(len(jobs), 'job')}"]
+    header = ["job", "requests", "of them recorded", "input tokens", "output tokens"]
+    header += [*(f"USD {each.value}" for each in delivered), "hours"]
+    cells = [[label, *_cells(row)] for label, row in zip(labels, [*rows, sums], strict=True)]
+    return "\n".join(
+        [
+            table(header, cells, right=range(1, len(header))),
+            "",
+            "No request was sent. Each row assumes what `tacevo search --estimate` says of that job by itself. Equal "
+            "requests, as those of generation 0 of one seed, are asked once, so all jobs may ask for less than that.",
+            "Hours: one job after the other, on machines like this one.",
+        ]
+    )
+
+
+def _figures(config: RunConfig, delivered: Sequence[Delivery], seconds: float | None) -> list[float | None]:
+    """Return the figures of a job's row; None where one is not known."""
+    found, prices = estimate(config), prices_of(config.llm)
+    known = {each: prices.price(config.llm.name, each) for each in deliveries(config.llm.provider)}
+    usd = [
+        None if (price := known.get(each)) is None else price.cost(found.likely.input, found.likely.output)
+        for each in delivered
+    ]
+    return [found.requests, found.recorded, found.likely.input, found.likely.output, *usd, seconds]
+
+
+def _seconds(config: RunConfig, measure: Measure, paces: dict[str, Pace | None]) -> float | None:
+    """Return the seconds of a job's trainings, None where they are not known; a pace is measured once."""
+    alike = (config.task, config.data, config.training, config.executor, config.numerics, config.gate, config.sandbox)
+    key = content_hash([to_json(each) for each in alike])
+    try:
+        if key not in paces:
+            paces[key] = None
+            paces[key] = measure(config)
+        pace = paces[key]
+        return None if pace is None else pace.seconds(config, training_images(config))
+    except TacevoError:
+        return None
+
+
+def _cells(row: Sequence[float | None]) -> list[str]:
+    """Write such figures down."""
+    *tokens, last = row
+    counts = [f"{value:,.0f}" for value in tokens[:4] if value is not None]
+    usd = ["unknown" if value is None else dollars(value) for value in tokens[4:]]
+    return [*counts, *usd, "unknown" if last is None else _hours(last)]
+
+
 def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
     """Say how long the trainings take on this machine, and what that assumes; or why it is not known."""
     try:
@@ -118,6 +176,7 @@ def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
     except TacevoError as error:
         return [f"hours: not measured ({error})"]
     training, workers = config.training, config.executor.workers
+    busy = f"The machine was busy: {pace.load:.1f} processes wanted each core. Idle, it is faster."
     where = "this machine" if config.executor.kind is ExecutorKind.local else "machines like this one"
     size = f"{images:,} images of {config.data.image_size} px"
     rate = f"{pace.images_per_second:,.{0 if pace.images_per_second >= 100 else 1}f}"
@@ -129,10 +188,7 @@ def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
         f"The hours assume that a candidate takes {growth(config):.2g} times the baseline's time, as the published "
         "searches suggest; that each is admitted and trained; and that the machine stays as busy as it is.",
         "Waiting for answers is not counted, nor is making the data set.",
-        *(
-            [f"The machine was busy: {pace.load:.1f} processes wanted each core. Idle, it is faster."]
-            * (pace.load >= 1)
-        ),
+        *([busy] if pace.load >= 1 else []),
     ]
 
 

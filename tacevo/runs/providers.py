@@ -24,7 +24,7 @@ from tacevo.llm.grammar.provider import MODEL as GRAMMAR
 from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
-from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused
+from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused, unkept
 from tacevo.records import Delivery, Mode, Price, Setting
 from tacevo.redaction import names_place
 from tacevo.storage.store import Store, Stores
@@ -52,18 +52,17 @@ def build_llm(config: RunConfig, mode: Mode, *, stores: Stores | None = None) ->
         return RecordingLLM(None, stores.of("completions", Mode.replay))
     prices = prices_of(llm)
     provider = _provider(llm, root, prices)
-    recording = RecordingLLM(
+    account = Account(prices.price_of)
+    if llm.budget_usd is not None:
+        provider = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
+    return RecordingLLM(
         provider,
         stores.of("completions", llm.mode),
         price=prices.price_of,
+        count=unkept if llm.budget_usd is None else account.add,
         elsewhere=asks_elsewhere(llm),
         unlabelled=_unlabelled(llm),
     )
-    if llm.budget_usd is None:
-        return recording
-    account = Account(prices.price_of)
-    budgeted = BudgetedLLM(provider, account, limit=llm.budget_usd, price=_price(llm, prices))
-    return replace(recording, inner=budgeted, count=account.add)
 
 
 def asks_elsewhere(llm: LLMConfig) -> bool:

@@ -28,8 +28,8 @@ from tacevo.runs.doubts import doubts_of
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
-from tacevo.runs.summary import has_shortfall, in_short, summarise
-from tacevo.runs.usable import Usable
+from tacevo.runs.summary import in_short, summarise
+from tacevo.runs.usable import UsableAnswers
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
 from tacevo.sandbox.client import Run, Zygote
 from tacevo.storage.canonical import content_hash
@@ -55,7 +55,7 @@ class Result:
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
     #: Whether it found a network that is better than the baseline and than chance.
-    succeeded: bool = True
+    succeeded: bool
 
 
 def search(config: RunConfig, view: Progress) -> Result:
@@ -122,9 +122,10 @@ def record(
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
         with _mirrored(config, directory, view):
-            usable, walls = Usable(config.search.stop_after_unusable), Walls(directory)
-            observer = _Recorder(directory, ledger, plan, view, usable=usable, trivial=trivial)
-            observer.elsewhere = asks_elsewhere(config.llm)
+            usable, walls = UsableAnswers(config.search.stop_after_unusable), Walls(directory)
+            observer = _Recorder(
+                directory, ledger, plan, view, usable=usable, trivial=trivial, elsewhere=asks_elsewhere(config.llm)
+            )
             with Workbench(
                 config,
                 task,
@@ -247,7 +248,7 @@ def _finish(
     names = [elite.name for elite in state.networks.archive.elites.values()]
     lines, spent = read_ledger(directory).lines, directory.read_spending()
     directory.write_text("summary.md", summarise(run, config, lines, names, spent))
-    return in_short(run, config, lines, names, spent), not has_shortfall(run, lines, names)
+    return in_short(run, config, lines, names, spent)
 
 
 @contextlib.contextmanager
@@ -294,7 +295,15 @@ class _Recorder(Watcher):
     """Shows the search to a view and keeps its files; the ledger itself is kept by the search."""
 
     def __init__(
-        self, directory: RunDirectory, ledger: Ledger, plan: Plan, view: Progress, *, usable: Usable, trivial: float
+        self,
+        directory: RunDirectory,
+        ledger: Ledger,
+        plan: Plan,
+        view: Progress,
+        *,
+        usable: UsableAnswers,
+        trivial: float,
+        elsewhere: bool,
     ) -> None:
         super().__init__(plan, view, trivial)
         self._usable = usable
@@ -303,8 +312,8 @@ class _Recorder(Watcher):
         self._spent = directory.read_spending()
         #: What the candidates of the present generation cost.
         self._generation: list[Spending] = []
-        #: Whether another server than the provider's own gave an answer.
-        self.elsewhere = False
+        #: Whether another server than the provider's own is asked, or gave a recorded answer.
+        self.elsewhere = elsewhere
 
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""

@@ -38,7 +38,7 @@ def summarise(
     headline = f"{_headline(run, config, candidates.values(), len(generations))} {_data(run)}"
     parts = [f"# {run.name}", headline, *_rules(lines), *_not_sent(candidates.values())]
     if found := _found(run, lines, elites):
-        short = f"{found.shortfall}\n\n" * bool(found.shortfall)
+        short = f"{found.shortfall}\n\n" if found.shortfall else ""
         parts += [
             f"## Found\n\n{short}Best {found.sentence} {_draws(config)}: `tacevo noise` trains the elites with other "
             f"seeds, and `tacevo tables` says what is left of an improvement.\n\n{found.best}"
@@ -55,19 +55,22 @@ def in_short(
     lines: Sequence[Line],
     elites: Collection[str],
     spent: Mapping[str, Spending],
-) -> str:
+) -> tuple[str, bool]:
     """Write what of the summary fits one screen: size, best networks, the gate's rate, and what was paid.
 
     Where nothing was found it begins with that, and calls nothing the best.
+
+    Returns:
+        The text; whether the run learned something and found what is better than its baseline, as far as is known.
     """
-    candidates = _candidates(lines)
+    candidates, found = _candidates(lines), _found(run, lines, elites)
     parts = [_headline(run, config, candidates.values(), len(_generations(lines))), *_not_sent(candidates.values())]
-    if found := _found(run, lines, elites):
+    if found is not None:
         told = [found.shortfall, f"Lowest {found.sentence}"]
         parts += told if found.shortfall else [f"Best {found.sentence} {_draws(config)}."]
         parts += [found.best]
         parts += ["\n".join([_rate(candidates.values()), *_paid(candidates, spent)])]
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(parts) + "\n", found is None or not found.shortfall
 
 
 def _candidates(lines: Sequence[Line]) -> dict[str, CandidateLine]:
@@ -121,12 +124,6 @@ class _Found:
     sentence: str
     #: The best elites, as a table.
     best: str
-
-
-def has_shortfall(run: RunRecord, lines: Sequence[Line], elites: Collection[str]) -> bool:
-    """Return whether a run learned nothing, or found nothing that is better than its baseline."""
-    found = _found(run, lines, elites)
-    return found is not None and bool(found.shortfall)
 
 
 def _found(run: RunRecord, lines: Sequence[Line], elites: Collection[str]) -> _Found | None:

@@ -12,7 +12,7 @@ from tacevo.text import counted, printable
 _SHOWN = 100
 
 
-class Usable:
+class UsableAnswers:
     """Counts answers that trained, generation by generation, and generations in a row without one.
 
     Args:

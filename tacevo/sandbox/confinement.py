@@ -73,8 +73,8 @@ def report() -> dict[str, str]:
         "fixed_addresses": "addresses are not randomised; mapped libraries lie in the same place in every run"
         if can_fix_addresses()
         else "refused by the kernel: a candidate whose result depends on addresses may differ between runs",
-        "landlock": f"version {known}: no access to files{', network' * (known >= landlock.NETWORK_SINCE)}"
-        f"{', processes outside' * (known >= landlock.SCOPES_SINCE)}"
+        "landlock": f"version {known}: no access to files{', network' if known >= landlock.NETWORK_SINCE else ''}"
+        f"{', processes outside' if known >= landlock.SCOPES_SINCE else ''}"
         if known
         else "missing: it needs Linux 5.13 or later, and may be switched off (`lsm=landlock,...`)",
         "seccomp": "a short list of system calls is left; no process or thread can be started, no other signalled"

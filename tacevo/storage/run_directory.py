@@ -76,7 +76,7 @@ class RunRecord(Record):
     #: Whether another server than the provider's own gave an answer, and so the model's name.
     elsewhere: bool = False
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"elsewhere"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"trivial", "elsewhere"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,14 +190,22 @@ class RunDirectory:
                 return path.read_bytes()
         return None
 
+    def read_checked(self, name: str, sha256: str | None) -> tuple[bytes | None, bool]:
+        """Read a candidate's file, and say whether it is another source than the one whose hash its ledger line has.
+
+        A rejected candidate has no hash (None), and a missing file was not edited.
+        """
+        kept = self.read_kept(name)
+        return kept, None not in {kept, sha256} and hashlib.sha256(kept or b"").hexdigest() != sha256
+
     def read_source(self, name: str, sha256: str) -> str:
         """Read the source of an admitted candidate, whose hash its ledger line has.
 
         Raises:
             RunError: the file is missing, or is not what was admitted.
         """
-        source = self.read_kept(name)
-        if source is None or hashlib.sha256(source).hexdigest() != sha256:
+        source, is_edited = self.read_checked(name, sha256)
+        if source is None or is_edited:
             raise RunError(
                 "no file" if source is None else "another source: the file was edited",
                 place=f"{self.path}/candidates/{name}.py",
@@ -237,7 +245,7 @@ class RunDirectory:
             with path.open("ab+") as file:
                 file.seek(max(0, file.seek(0, os.SEEK_END) - 1))
                 torn = file.read(1) not in (b"", b"\n")
-                file.write(b"\n" * torn + line.encode())
+                file.write((b"\n" if torn else b"") + line.encode())
         except OSError as error:
             raise RunError(
                 f"{error.strerror}, while a line was written; the ledger is safe",
@@ -259,11 +267,8 @@ class RunDirectory:
 
 
 def run_text(run: RunRecord) -> str:
-    """Write run.json; that of a run without a trivial loss stays as earlier releases wrote it."""
-    value = to_json(run)
-    if run.trivial is None:
-        del value["trivial"]
-    return readable(value)
+    """Write run.json."""
+    return readable(to_json(run))
 
 
 def timing_text(timing: Timing) -> str:

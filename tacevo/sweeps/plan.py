@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.choices import Varied
-from tacevo.config.compose import compose, spread
+from tacevo.config.compose import compose, compose_estimate, spread
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
@@ -29,7 +29,7 @@ from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import needed_llm
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
-from tacevo.sweeps.status import Standing, Status, check_is_run_of, status_of
+from tacevo.sweeps.status import Standing, Status, best_in_words, check_is_run_of, status_of
 from tacevo.sweeps.terms import Asked, check_varied, is_planned_by_primary, settled, varied, with_reference
 from tacevo.text import counted
 
@@ -148,7 +148,7 @@ def _run(
         nonlocal finished
         status = status_of(directory, job)
         finished += status.standing is Standing.finished
-        found = f"best {status.best:.4g}, digest {status.digest[:12]}" if status.digest else status.reason
+        found = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
         view.say(f"{job.name}: {status.standing}, {found} ({finished} of {len(statuses)} jobs finished)")
         view.advance("jobs", finished, len(statuses))
 
@@ -187,13 +187,29 @@ def _own_keys(directory: SweepDirectory) -> frozenset[str]:
     return frozenset(override.partition("=")[0] for job in jobs for override in job.overrides)
 
 
-def plan(shared: Sequence[str], owns: Sequence[tuple[str, ...]], vary: Sequence[Varied] = ()) -> tuple[Planned, ...]:
+def plan_unasked(overrides: Sequence[str], vary: Sequence[Varied]) -> tuple[Planned, ...]:
+    """Compose the jobs that a sweep would have, for its estimate: nothing is begun, and no model need be chosen.
+
+    Raises:
+        ConfigError: as `sweep`.
+    """
+    shared, own = part(split_launcher(overrides)[1], ())
+    return plan(shared, own, vary, compose_estimate)
+
+
+def plan(
+    shared: Sequence[str],
+    owns: Sequence[tuple[str, ...]],
+    vary: Sequence[Varied] = (),
+    read: Callable[[Sequence[str]], RunConfig] = compose,
+) -> tuple[Planned, ...]:
     """Compose all jobs; those that are the same search are one.
 
     Args:
         shared: the overrides of all jobs.
         owns: those of each job.
         vary: settings that take each job's seed as their value.
+        read: composes a job.
 
     Raises:
         ConfigError: a job cannot be composed, or two would have the same directory; or as `check_varied`.
@@ -201,7 +217,7 @@ def plan(shared: Sequence[str], owns: Sequence[tuple[str, ...]], vary: Sequence[
     planned: dict[str, Planned] = {}
     for own in owns:
         try:
-            config = compose([*shared, *own])
+            config = read([*shared, *own])
             check_varied(config, vary, [*shared, *own])
             config = varied(config, vary, config.seed)
         except ConfigError as error:

@@ -174,7 +174,7 @@ def _apart(log: Path) -> Iterator[None]:
     """Start submitit's own processes out of reach of a terminal's Ctrl-C, with their errors in a file.
 
     They would stop before they had stopped their jobs, since `_cancel` interrupts them, too; and each time they print a
-    traceback.
+    traceback. submitit has no setting for it; pyproject.toml names the versions in which its module starts them so.
     """
     log.parent.mkdir(parents=True, exist_ok=True)
     with log.open("ab") as file:

@@ -8,6 +8,7 @@ from enum import StrEnum
 from tacevo.config.identity import config_hash
 from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
+from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.files import Line, finished_digest, read_ledger
 from tacevo.evolution.lines import GenerationLine
 from tacevo.storage.run_directory import RunDirectory
@@ -36,6 +37,8 @@ class Status:
     lines: int = 0
     #: The best validation loss of its last whole generation; None before the first.
     best: float | None = None
+    #: Whether that is at chance (`tacevo.evolution.chance`), of a finished job.
+    at_chance: bool = False
     #: Of a finished job; else empty.
     digest: str = ""
     #: Of a failed job; else empty.
@@ -49,6 +52,7 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
         lines = read_ledger(run).lines
         best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
         digest = _digest(run, job, lines)
+        at_chance = bool(digest) and is_at_chance(best, run.read_run().trivial)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))
     reason = ""
@@ -60,7 +64,9 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
         standing, reason = Standing.failed, failure.reason
     else:
         standing = Standing.stopped if lines else Standing.waiting
-    return Status(job=job, standing=standing, lines=len(lines), best=best, digest=digest, reason=reason)
+    return Status(
+        job=job, standing=standing, lines=len(lines), best=best, at_chance=at_chance, digest=digest, reason=reason
+    )
 
 
 def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
@@ -97,7 +103,13 @@ def describe_jobs(statuses: Sequence[Status]) -> str:
 
 
 def _row(status: Status) -> list[str]:
-    best = "-" if status.best is None else f"{status.best:.4g}"
     digest = status.digest[:12] or "-"
     job = status.job
-    return [job.name, job.arm, str(job.seed), status.standing.value, str(status.lines), best, digest]
+    return [job.name, job.arm, str(job.seed), status.standing.value, str(status.lines), best_in_words(status), digest]
+
+
+def best_in_words(status: Status) -> str:
+    """Write the best loss of a job, and that it is at chance where it is."""
+    if status.best is None:
+        return "-"
+    return f"{status.best:.4g}, at chance" if status.at_chance else f"{status.best:.4g}"

@@ -66,7 +66,9 @@ def settled(directory: SweepDirectory, asked: Asked, task: TaskConfig) -> SweepT
                 place=f"{directory.path}/sweep.json, terms.{name}",
                 expected=f"{_in_words(stated)}, as stated when the sweep began",
                 remedy=f"leave --{name} out, or choose another --into"
-                + ("; `tacevo ablations --reference` compares with any arm, and says so" * (name == "reference")),
+                + (
+                    "; `tacevo ablations --reference` compares with any arm, and says so" if name == "reference" else ""
+                ),
             )
     return terms
 

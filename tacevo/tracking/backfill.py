@@ -105,7 +105,7 @@ def _mirror(path: Path, given: str, make_page: MakePage | None) -> str:
         from tacevo.tracking.mirror import mirror
 
         logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported below, in one line
-        mirror(path, uri=address, experiment=settings.experiment, finished=None, make_page=make_page)
+        mirror(path, uri=address, experiment=settings.experiment, finished=None, reached=None, make_page=make_page)
     except TacevoError:
         raise
     except LookupError as error:  # a line names a record that is missing

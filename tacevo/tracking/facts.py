@@ -9,7 +9,7 @@ from pydantic import AliasPath, Field
 
 from tacevo.environment import Code
 from tacevo.errors import RunError
-from tacevo.records import STRICT, Kind
+from tacevo.records import STRICT, Json, Kind
 from tacevo.storage.run_directory import RunRecord
 from tacevo.typed import convert
 
@@ -64,9 +64,17 @@ def source_tags(code: Code | None) -> dict[str, str]:
     return tags
 
 
+def shown_config(run: RunRecord) -> dict[str, Json]:
+    """Return a run's configuration as MLflow shows it: its model is called by the label, if it has one."""
+    config, llm = dict(run.config), run.config.get("llm")
+    if isinstance(llm, Mapping) and llm.get("label"):
+        config["llm"] = {**llm, "model": llm["label"]}
+    return config
+
+
 def search_tags(run: RunRecord) -> dict[str, str]:
     """Return the tags by which searches are found: task, and what answered, unless the networks were given."""
-    llm = run.config.get("llm", {})
+    llm = shown_config(run).get("llm", {})
     asked = llm if isinstance(llm, Mapping) and not run.task.given else {}
     answered = {f"tacevo.{key}": str(asked[key]) for key in ("provider", "model") if key in asked}
     return {"tacevo.task": run.task.name, **answered}

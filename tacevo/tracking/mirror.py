@@ -27,7 +27,7 @@ from tacevo.tracking.entries import (
     reference_measures,
     total_measures,
 )
-from tacevo.tracking.facts import data_set, search_tags, source_tags
+from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
 from tacevo.tracking.page import MakePage
 from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
@@ -40,7 +40,7 @@ def mirror(
     uri: str,
     experiment: str,
     finished: Callable[[], bool] | None,
-    reached: Callable[[], object] = bool,
+    reached: Callable[[], object] | None,
     make_page: MakePage | None = None,
 ) -> None:
     """Write a run into MLflow, as it stands or until it is finished.
@@ -55,7 +55,7 @@ def mirror(
         finished: whether no more lines will come; asked before each look at the ledger, so the time it takes to answer
             sets the pace. Another mirror of the directory is waited for. None writes what stands there now: another
             mirror is not waited for, and a search that is at work is left `RUNNING`.
-        reached: called when the store has answered.
+        reached: called when the store has answered; None where nobody waits for that.
         make_page: makes the report page of a finished run, where none stands in its directory.
 
     Raises:
@@ -74,7 +74,8 @@ def mirror(
         record, member = directory.read_run(), find_membership(run_dir)
         client = open_store(uri)
         place = find_or_create_experiment(client, experiment)
-        reached()
+        if reached is not None:
+            reached()
         nesting = {} if member is None else join_sweep(client, place, member)
         name = run_dir.resolve().name
         writer = SearchWriter(
@@ -85,7 +86,7 @@ def mirror(
             tags={**search_tags(record), **nesting},
             source=source_tags(record.code),
         )
-        writer.write_params(config_params(record.config))
+        writer.write_params(config_params(shown_config(record)))
         writer.write_data(data_set(record))
         sums, baseline = _Sums(directory), None
         for last, line in lines:

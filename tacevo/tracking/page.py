@@ -26,16 +26,23 @@ def make_page(run_dir: Path, target: Path) -> None:
     subprocess.run(command, env=import_path(), stdin=subprocess.DEVNULL, capture_output=True, check=False)
 
 
+def current_page(run_dir: Path) -> Path | None:
+    """Return the page that stands in the run directory, unless the run has ended since."""
+    own, summary = run_dir / PAGE, run_dir / "summary.md"
+    if own.exists() and (not summary.exists() or own.stat().st_mtime >= summary.stat().st_mtime):
+        return own
+    return None
+
+
 @contextlib.contextmanager
 def page_of(run_dir: Path, make: MakePage | None) -> Iterator[Path]:
-    """Return the file of the page, which may be missing: that of the run directory, unless the run has ended since.
+    """Return the file of the page, which may be missing: the current one, or one that is made elsewhere.
 
-    Then one is made elsewhere: the run directory is only read.
+    The run directory is only read.
     """
-    own, summary = run_dir / PAGE, run_dir / "summary.md"
-    is_current = own.exists() and (not summary.exists() or own.stat().st_mtime >= summary.stat().st_mtime)
-    if is_current or make is None:
-        yield own
+    own = current_page(run_dir)
+    if own is not None or make is None:
+        yield own or run_dir / PAGE
         return
     with tempfile.TemporaryDirectory() as folder:
         make(run_dir, Path(folder) / PAGE)

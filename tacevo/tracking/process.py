@@ -38,8 +38,9 @@ class Mirror:
     def start(self) -> None:
         """Start the process; a failure to start is kept for `finish`."""
         command = [sys.executable, "-P", "-m", "tacevo.tracking", str(self._run_dir), "--follow"]
-        self._heard, said = os.pipe()
+        said = -1
         try:
+            self._heard, said = os.pipe()
             with self._log.open("ab") as log:
                 self._process = subprocess.Popen(
                     [*command, "--uri", self._uri, "--experiment", self._experiment, "--reached", str(said)],
@@ -53,7 +54,8 @@ class Mirror:
         except OSError as error:
             self._failure = str(error)
         finally:
-            os.close(said)
+            if said >= 0:
+                os.close(said)
 
     def finish(self, timeout: float | None) -> str | None:
         """End the input of the process: no more lines come. Wait so many seconds for its end, or as long as it takes.
@@ -62,6 +64,14 @@ class Mirror:
             None, or one line that warns the user: the mirror failed; the store has not answered, for which it waits a
             while longer; or the mirror is still writing, and continues by itself.
         """
+        try:
+            return self._end(timeout)
+        finally:
+            if self._heard >= 0:
+                os.close(self._heard)
+                self._heard = -1
+
+    def _end(self, timeout: float | None) -> str | None:
         if self._process is None:
             return self._warning(self._failure)
         if self._process.stdin is not None:

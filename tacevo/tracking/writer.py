@@ -16,7 +16,7 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.tracking.client import PARENT_TAG, USER_TAG, find_or_create_run, log, tagged_runs, user_tags
 from tacevo.tracking.entries import Measure, note
 from tacevo.tracking.facts import DataSet
-from tacevo.tracking.page import PAGE, MakePage, page_of
+from tacevo.tracking.page import PAGE, MakePage, current_page, page_of
 
 #: Tags that name a search, a candidate within it, and the digest of a finished search.
 RUN_TAG = "tacevo.run"
@@ -118,18 +118,20 @@ class SearchWriter:
     def finish(self, digest: str, run_dir: Path, make_page: MakePage | None) -> None:
         """End the search's run as finished, with its digest, its summary as a description, and what there is to read.
 
-        Of a digest that stands there already, only what is missing is written.
+        Of a digest that stands there already, only what is missing is written, and the page of the run directory where
+        it has become another one, as after a study.
         """
         is_new = self._digest != digest
-        files = () if is_new else (file.path for file in self._client.list_artifacts(self._search))
-        standing = frozenset(files)
+        files = () if is_new else self._client.list_artifacts(self._search)
+        standing = {file.path: file.file_size for file in files}
         summary = run_dir / "summary.md"
         if summary.exists():
             if is_new or not self._is_described:
                 self._client.set_tag(self._search, _NOTE_TAG, note(summary.read_text(encoding="utf-8")))
             if summary.name not in standing:
                 self._client.log_artifact(self._search, str(summary))
-        if PAGE not in standing:
+        own = current_page(run_dir)
+        if PAGE not in standing or (own is not None and own.stat().st_size != standing[PAGE]):
             with page_of(run_dir, make_page) as page:
                 if page.exists():
                     self._client.log_artifact(self._search, str(page))

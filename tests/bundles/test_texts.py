@@ -4,19 +4,16 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from bundles import Members, Refused, members_of, resealed
 from refusals import refused as refusing
 
 from tacevo.bundles.open import opened
-from tacevo.bundles.texts import FACTS, check_texts
+from tacevo.bundles.texts import check_texts
 from tacevo.bundles.zipfiles import packed
 from tacevo.cli.app import main
-from tacevo.environment import machine, versions
 from tacevo.errors import BundleError, TacevoError
-from tacevo.sandbox.confinement import report
 from tacevo.storage.canonical import canonical, readable
 from tacevo.storage.run_directory import MANIFEST
 from tacevo.studies.directory import FinishedStudy, studies_of
@@ -155,18 +152,12 @@ def test_files_of_the_first_releases_keep_to_their_own_form(way: str, tmp_path: 
         assert full.rpartition("/")[2] in place_of_refusal({**whole, full: new.encode()}, tmp_path / "x.zip")
 
 
-def test_maps_of_run_json_keep_their_order(whole: Members, tmp_path: Path) -> None:
-    """Versions, machine and confinement; a name that this release does not know stays where it is."""
+def test_settings_of_run_json_keep_their_order(whole: Members, tmp_path: Path) -> None:
+    """At any depth."""
     run = json.loads(whole["run/run.json"])
-    turned_maps: dict[str, Any] = {
-        "versions": dict(reversed(run["versions"].items())),
-        "machine": dict(reversed(run["machine"].items())),
-        "confinement": [dict(reversed(way.items())) for way in run["confinement"]],
-        "config": {**run["config"], "search": dict(reversed(run["config"]["search"].items()))},
-    }
-    for name, other in turned_maps.items():
-        text = readable({**run, name: other}).encode()
-        assert "run.json, line " in place_of_refusal({**whole, "run/run.json": text}, tmp_path / "x.zip")
+    config = {**run["config"], "search": dict(reversed(run["config"]["search"].items()))}
+    text = readable({**run, "config": config}).encode()
+    assert "run.json, line " in place_of_refusal({**whole, "run/run.json": text}, tmp_path / "x.zip")
 
 
 def test_unknown_fact_is_no_fault(whole: Members, tmp_path: Path) -> None:
@@ -174,11 +165,6 @@ def test_unknown_fact_is_no_fault(whole: Members, tmp_path: Path) -> None:
     run = json.loads(whole["run/run.json"])
     more = {**run, "versions": {"another": "1.0", **run["versions"]}}
     assert main(["replay", str(resealed({**whole, "run/run.json": readable(more).encode()}, tmp_path / "x.zip"))]) == 0
-
-
-def test_facts_are_those_that_are_recorded() -> None:
-    """In the order of their writers."""
-    assert tuple([*versions(), *machine(), *report()]) == FACTS
 
 
 def test_manifest_has_one_form(whole: Members, tmp_path: Path) -> None:

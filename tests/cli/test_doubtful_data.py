@@ -129,11 +129,12 @@ def test_groups_are_told_and_frames_in_two_parts_are_warned_of(capsys: pytest.Ca
     assert (known["nearly_equal"], known["warnings"]) == ([], [])
     assert main(["data", "check", *overrides]) == 0
     out = capsys.readouterr().out
-    assert "groups:      none are known, so frames of one press may stand in two parts" in out
-    assert "  nearly equal: row " in out
-    assert f"warning:     {warning}" in out
+    assert warning in out
+    assert [file for pair in near[:1] for file in pair["files"] if file not in out] == []
     assert main(["data", "check", *overrides, "data.group_column=press"]) == 0
-    assert "groups:      10 of 4 images, none in two parts (data.group_column)" in capsys.readouterr().out
+    grouped_out = capsys.readouterr().out
+    assert warning not in grouped_out
+    assert "data.group_column" in grouped_out
 
 
 @pytest.mark.slow

@@ -1,11 +1,11 @@
 """Promise: however a command is started, with what around it, and however it is ended, a person reads one line."""
 
-import ast
 import io
 import os
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import TextIO
 
@@ -14,7 +14,7 @@ from checkout import ROOT
 from waiting import eventually
 
 from tacevo.cli import edge
-from tacevo.cli.app import main
+from tacevo.cli.app import WITHOUT_ANALYSIS, main
 
 
 def python(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -35,6 +35,30 @@ def test_package_is_the_command(tmp_path: Path) -> None:
     assert python("-m", "tacevo", "--version", cwd=tmp_path).stdout.startswith("tacevo ")
     told = python("-m", "tacevo", "show", "nowhere", cwd=tmp_path)
     assert (told.returncode, told.stderr[:15]) == (2, "error: nowhere:")
+
+
+def script() -> str:
+    """Return what the installed script `tacevo` runs."""
+    module, _, function = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"][
+        "tacevo"
+    ].partition(":")
+    return f"import sys; from {module} import {function}; sys.exit({function}())"
+
+
+@pytest.mark.parametrize("started", [("-m", "tacevo"), ("-c", script())])
+def test_interrupt_while_modules_are_imported_is_one_line(started: tuple[str, str], tmp_path: Path) -> None:
+    """Before the command itself can say what is kept: the first import from outside sends the signal."""
+    (tmp_path / "argparse.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nsum(range(10**8))\n")
+    told = python(*started, "show", "nowhere", cwd=tmp_path)
+    assert (told.returncode, told.stdout) == (130, "")
+    assert [line for line in told.stderr.splitlines() if line] == ["interrupted; nothing was begun"]
+
+
+@pytest.mark.parametrize("module", sorted(WITHOUT_ANALYSIS))
+def test_command_that_is_said_to_need_no_analysis_imports_none(module: str, tmp_path: Path) -> None:
+    """Else a package of that name would be run."""
+    (tmp_path / "analysis.py").write_text("raise SystemExit('I was run')\n")
+    assert python("-c", f"import tacevo.cli.{module}", cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -89,18 +113,14 @@ def written(stream: TextIO) -> bytes:
     return stream.buffer.getvalue()
 
 
-def test_overrides_are_read_without_assertions(tmp_path: Path) -> None:
-    """Those of a sweep and of a group: Hydra reads functions and dictionaries by assertions."""
-    values = {
-        "seed=range(0,2)": ("seed=0", "seed=1"),
-        "ablation=glob(no_q*)": ("ablation=no_qd",),
-        "seed=sort(3,2)": ("seed=2", "seed=3"),
-        "search={initial: 3, candidates: 4}": ("search={initial: 3, candidates: 4}",),
-    }
-    code = f"from tacevo.config.compose import spread; print(spread({list(values)}))"
-    read = python("-c", code, cwd=tmp_path, PYTHONOPTIMIZE="1")
-    assert read.stderr == ""
-    assert ast.literal_eval(read.stdout) == tuple(values.values())
+@pytest.mark.parametrize("command", [["search", "seed=1"], ["search", "-m", "seed=range(0,2)"], ["study", "run=x"]])
+def test_settings_are_not_read_without_assertions(command: list[str], tmp_path: Path) -> None:
+    """Hydra reads functions and dictionaries by assertions: one line says so, and what reads no setting works."""
+    told = python("-m", "tacevo", *command, cwd=tmp_path, PYTHONOPTIMIZE="1")
+    assert (told.returncode, told.stdout) == (2, "")
+    assert told.stderr.startswith("error: PYTHONOPTIMIZE: ")
+    assert told.stderr.count("\n") == 1
+    assert python("-m", "tacevo", "--version", cwd=tmp_path, PYTHONOPTIMIZE="1").returncode == 0
 
 
 def test_end_that_is_asked_for_in_a_destructor_comes(tmp_path: Path) -> None:

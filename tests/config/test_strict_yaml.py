@@ -31,6 +31,22 @@ def test_key_that_comes_twice_is_refused(text: str) -> None:
         read_yaml(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "content"),
+    [
+        ("b: &b {x: 1, y: 1}\nc: {<<: *b, x: 2}\n", {"b": {"x": 1, "y": 1}, "c": {"x": 2, "y": 1}}),
+        ("b: &b {x: 1}\nc: &c {y: 2}\nd: {<<: [*b, *c]}\n", {"b": {"x": 1}, "c": {"y": 2}, "d": {"x": 1, "y": 2}}),
+        (
+            "b: &b {x: 1}\nt: {c: &c {<<: *b, x: 2}}\nd: {<<: *c}\n",
+            {"b": {"x": 1}, "t": {"c": {"x": 2}}, "d": {"x": 2}},
+        ),
+    ],
+)
+def test_merged_keys_are_not_keys_that_come_twice(text: str, content: object) -> None:
+    """A mapping may take the keys of others, and replace some, also where another one takes its keys in turn."""
+    assert read_yaml(text) == content
+
+
 def test_only_text_is_as_it_is_written() -> None:
     """Then 0x10 and 16 are two keys."""
     assert read_yaml("{0x10: 1.0, 16: yes}", only_text=True) == {"0x10": "1.0", "16": "yes"}

@@ -80,6 +80,7 @@ def run(
             evaluate=evaluate,
             evaluation_key=lambda source, seed: source,
             executor=executor,
+            cpu_seconds=lambda: 0.0,
         )
         return list(develop(planned, effects, repairs=repairs, seeds=1))
 

@@ -20,7 +20,7 @@ import pytest
 from hosted import PROVIDERS, batched, hosted, request, texts
 from llm_script import Script
 from llm_server import listen, serving
-from raw_server import replying
+from raw_server import CUT, Reply, replying
 from refusals import refused
 
 from tacevo.errors import ConfigError, TransportError
@@ -79,6 +79,19 @@ def test_tries_are_few_only_where_no_answer_ever_came() -> None:
         for fault in (silent, Fault(kind=FaultKind.passing, message="529: busy"))
     }
     assert tried == {(False, True): 3, (False, False): 9, (True, True): 9, (True, False): 9}
+
+
+@both
+def test_refusal_is_an_answer_of_the_server(provider: str) -> None:
+    """A server that was busy at the first request and then cuts its connection is there: all tries are made."""
+
+    def reply(body: object, number: int) -> Reply:
+        return 429 if number < 3 else CUT, {"error": {"message": "slow down"}}
+
+    with replying(reply) as server:
+        with refused(TransportError, got="1 of 1 requests failed after all tries"):
+            texts(hosted(server.url, provider, patience=PATIENT), "a")
+        assert len(server.bodies) == PATIENT.tries
 
 
 @both

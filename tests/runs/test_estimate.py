@@ -19,7 +19,7 @@ from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError, TacevoError
 from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
-from tacevo.runs.estimate import describe_estimate, estimate
+from tacevo.runs.estimate import describe_estimate, describe_estimates, estimate
 from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings, trainings_at_once
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
@@ -83,6 +83,47 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     assert "llm.budget_usd: no limit" in out
     assert re.search(r"hours: about [\d.]+ for 25 trainings of 5 epochs of 480 images of 32 px, with", out)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_estimate_of_a_sweep_has_every_job_and_their_sum(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without a key, a model or a directory of the sweep; jobs of another size have another row."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    small = ["data.image_size=32", "training.epochs=1", "executor.workers=1", "search.candidates=10"]
+    command = ["experiment=paper_force", *small, "search.initial=4", "search.generations=2,3", "seed=0,1"]
+    assert main(["search", "-m", "--estimate", *command]) == 0
+    out = capsys.readouterr().out
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in out.splitlines() if line.startswith("| ")]
+    assert [row[1] for row in rows[1:]] == ["24", "24", "34", "34", "116"]
+    assert len({row[0] for row in rows}) == 6
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_sum_of_a_sweep_is_that_of_its_jobs_and_measures_a_pace_once(overrides: Estimating) -> None:
+    """What is unknown of one job is unknown of all; jobs that train alike are measured together."""
+    measured: list[RunConfig] = []
+
+    def pace(config: RunConfig) -> Pace:
+        measured.append(config)
+        return paced(config)
+
+    jobs = [(str(seed), compose(overrides(f"seed={seed}", "executor.workers=2"))) for seed in range(3)]
+    unpriced = ("unpriced", compose(overrides("llm.model=claude-unknown", "training.epochs=2")))
+
+    def cells(table: str) -> list[list[str]]:
+        rows = [line.split("|")[1:-1] for line in table.splitlines() if line.startswith("| ")]
+        return [[cell.strip().replace(",", "") for cell in row] for row in rows[1:]]
+
+    *each, together = cells(describe_estimates(jobs, pace))
+    assert len(measured) == 1
+    for column in range(1, 5):
+        assert float(together[column]) == pytest.approx(sum(float(row[column]) for row in each), abs=2)
+    assert float(together[5]) == pytest.approx(sum(float(row[5]) for row in each), rel=0.02)
+    *_, together = cells(describe_estimates([*jobs, unpriced], pace))
+    assert len(measured) == 3
+    assert (together[1], together[5], together[6]) == ("96", "unknown", "unknown")
 
 
 @pytest.mark.few(1)

@@ -11,6 +11,7 @@ from ledger_lines import run_record
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
+from tacevo.cli.edge import Terminated
 from tacevo.config.compose import compose
 from tacevo.config.tasks import load_task
 from tacevo.errors import RunError, telling
@@ -47,20 +48,34 @@ def test_interrupt_says_that_something_is_kept_once_it_is(place: Path) -> None:
     config = compose(TINY)
     data = load_data(config, Progress())
     task = load_task(config, data.facts)
-    with pytest.raises(KeyboardInterrupt, match=r"^nothing is finished yet, and the same command continues$"):
+    with pytest.raises(KeyboardInterrupt) as before:
         record(config, task, data, Progress(), run=stop)
     assert main(["search", *TINY, "search.generations=0"]) == 0
-    with pytest.raises(KeyboardInterrupt, match=r"^what was computed is kept, and the same command continues$"):
+    with pytest.raises(KeyboardInterrupt) as after:
         record(config, task, data, Progress(), run=stop)
+    assert [str(told.value) for told in (before, after)] == [
+        said(KeyboardInterrupt, is_kept=kept) for kept in (False, True)
+    ]
 
 
-@pytest.mark.parametrize(("is_kept", "words"), [(True, "what was computed is kept"), (False, "nothing is finished")])
-def test_interrupt_is_told_in_its_words(is_kept: bool, words: str) -> None:
-    """Of a search, a study and a sweep; other errors pass as they are."""
-    with pytest.raises(KeyboardInterrupt, match=words), telling(lambda: is_kept):
-        raise KeyboardInterrupt
-    with pytest.raises(RunError, match=r"^damaged$"), telling(lambda: is_kept):
+def said(kind: type[BaseException], *, is_kept: bool) -> str:
+    """Return what an interrupt of a kind says by `telling`; it stays of that kind."""
+    with pytest.raises(KeyboardInterrupt) as told, telling(lambda: is_kept):
+        raise kind
+    assert told.type is kind
+    return str(told.value)
+
+
+def test_interrupt_is_told_in_its_words() -> None:
+    """Of a search, a study and a sweep, by Ctrl-C and by SIGTERM; other errors pass as they are."""
+    words = {
+        (kind, kept): said(kind, is_kept=kept) for kind in (KeyboardInterrupt, Terminated) for kept in (True, False)
+    }
+    assert len(set(words.values())) == 2
+    assert words[KeyboardInterrupt, True] == words[Terminated, True] != ""
+    with pytest.raises(RunError) as damaged, telling(lambda: True):
         raise RunError("damaged")
+    assert damaged.value.got == "damaged"
 
 
 @pytest.mark.slow

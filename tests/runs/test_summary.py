@@ -235,7 +235,8 @@ def test_end_of_a_search_fits_one_screen() -> None:
     ends = generation(1, trained=8, candidates=8, best=0.1, median=0.4)
     elites = [trained(name, 0.1 * at, operator=Operator.crossover) for at, name in enumerate(names, start=1)]
     lines: list[Line] = [header(), *LINES[:3], *elites, rejected("g01s08", "extract", "truncated"), ends]
-    told = in_short(RUN, CONFIG, lines, names, {})
+    told, succeeded = in_short(RUN, CONFIG, lines, names, {})
+    assert succeeded
     page = summarise(RUN, CONFIG, lines, names, {})
     assert told.split("\n\n")[2] in page
     assert "Best fitness 0.1 by g01s00; the best of generation 0 has 0.4, the baseline 0.5." in told
@@ -249,8 +250,8 @@ def test_end_of_a_search_says_what_was_paid_and_not_sent() -> None:
     """Each only where there is such."""
     spent = {"g01s00": Spending(answers=2, input_tokens=3000, output_tokens=1500, usd=0.5)}
     refusing = [replace(line, dropped=("temperature",)) if line == LINES[1] else line for line in LINES]
-    told = in_short(RUN, CONFIG, [header(), *refusing], ["g01s00"], spent)
-    silent = in_short(RUN, CONFIG, [header(), *LINES], ["g01s00"], {})
+    told = in_short(RUN, CONFIG, [header(), *refusing], ["g01s00"], spent)[0]
+    silent = in_short(RUN, CONFIG, [header(), *LINES], ["g01s00"], {})[0]
     for words in (
         "Cost: 2 answers, 3,000 + 1,500 tokens, 0.500 USD.",
         "temperature was not sent with 1 of 7 requests: the model refuses it",
@@ -261,7 +262,7 @@ def test_end_of_a_search_says_what_was_paid_and_not_sent() -> None:
 def test_end_of_a_search_that_asked_nobody_has_no_rate() -> None:
     """There are no first answers."""
     lines: list[Line] = [header(), LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5)]
-    assert in_short(RUN, CONFIG, lines, ["g00s00"], {}).endswith("\n\nGate: no model was asked.\n")
+    assert in_short(RUN, CONFIG, lines, ["g00s00"], {})[0].endswith("\n\nGate: no model was asked.\n")
 
 
 @pytest.mark.parametrize("trivial", [0.1, 0.104])
@@ -275,7 +276,8 @@ def test_summary_of_a_search_at_chance_says_so_first(trivial: float) -> None:
     assert "training.epochs" in found.splitlines()[0]
     assert f"the baseline 0.5; the trivial loss is {trivial:.4g}." in found
     assert f"every validation image can have: {trivial:.4g}." in page.split("## Found")[0]
-    told = in_short(run, CONFIG, lines, ["g01s00"], {})
+    told, succeeded = in_short(run, CONFIG, lines, ["g01s00"], {})
+    assert not succeeded
     assert told.index("At chance: ") < told.index("Lowest fitness 0.1")
     assert "Best fitness" not in told
 

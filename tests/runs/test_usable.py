@@ -24,7 +24,7 @@ from tacevo.records import Completion, Operator, Reason, Rejection, Request, Sta
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record
-from tacevo.runs.usable import Usable
+from tacevo.runs.usable import UsableAnswers
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 
@@ -42,12 +42,12 @@ def outcome(name: str, text: str, reason: Reason | None = Reason.no_class) -> Ou
     )
     completion = Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
     result = Rejection(stage=Stage.extract, reason=reason or Reason.empty, detail="expected a class; got none")
-    return Outcome(proposal=proposal, completion=completion, admitted=None, result=result, seconds=0.0)
+    return Outcome(proposal=proposal, completion=completion, admitted=None, result=result, seconds=0.0, cpu_seconds=0.0)
 
 
 def test_warning_has_the_commonest_reason_and_a_printable_sample() -> None:
     """Of the first answer that was rejected for it: its first line that is not blank, in one line, cut."""
-    usable = Usable(2)
+    usable = UsableAnswers(2)
     usable.take(outcome("g01s00", "", Reason.empty))
     for slot in (1, 2):
         usable.take(outcome(f"g01s0{slot}", RUBBISH if slot == 1 else "x" * 1000))
@@ -66,7 +66,7 @@ def test_warning_has_the_commonest_reason_and_a_printable_sample() -> None:
 @pytest.mark.parametrize("most", [1, 2, 3, None])
 def test_so_many_generations_in_a_row_stop(most: int | None) -> None:
     """One that asked for nothing, or had one usable answer, begins the count again."""
-    usable = Usable(most)
+    usable = UsableAnswers(most)
     usable.take(outcome("g00s01", RUBBISH))
     usable.close(0)
     assert usable.close(1) is None  # asked for nothing

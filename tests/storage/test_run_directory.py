@@ -105,7 +105,6 @@ def test_published_run_json_comes_back(bundle: Path, tmp_path: Path) -> None:
     assert {**to_json(RunDirectory(tmp_path).read_run()), **written} == {
         "code": None,
         "pages": 1,
-        "trivial": None,
         **written,
     }
 

@@ -186,7 +186,7 @@ def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) ->
     assert [network.name for network in found.networks] == ["baseline", "variant 2"]
     assert [network.name for network in found.failed] == ["variant 1"]
     assert [len(values) for values in found.estimates] == [2, 2]
-    assert any("variant 1" in note for note in noise_tables(found, "force")[0].notes)
+    assert any("variant 1" in note for note in noise_tables(found, "force", None)[0].notes)
     failing(directory, "baseline")
     with refused(RunError, expected="a baseline that trains with every seed"):
         load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")

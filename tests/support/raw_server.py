@@ -10,6 +10,9 @@ from typing import Any
 #: What a request gets: a status, and a body as JSON or as bytes.
 Reply = tuple[int, Any]
 
+#: The status of a connection that is cut instead.
+CUT = 0
+
 
 class RawServer(ThreadingHTTPServer):
     """Notes the bodies that it is sent, and replies to each by its number, from 0."""
@@ -34,6 +37,9 @@ class _Handler(BaseHTTPRequestHandler):
         number = len(self.server.bodies)
         self.server.bodies.append(body)
         status, said = self.server.reply(body, number)
+        if status == CUT:
+            self.close_connection = True
+            return
         data = said if isinstance(said, bytes) else json.dumps(said).encode()
         self.send_response(status)
         for name, value in {"content-type": "application/json", **self.server.headers}.items():

@@ -1,5 +1,6 @@
 """The state of a job is what its directory shows."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from tacevo.config.identity import config_hash
 from tacevo.evolution.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.plan import plan
-from tacevo.sweeps.status import Standing, describe_jobs, status_of
+from tacevo.sweeps.status import Standing, best_in_words, describe_jobs, status_of
 
 
 @pytest.fixture
@@ -110,3 +111,20 @@ def test_description_lists_every_job(tmp_path: Path, job: Job) -> None:
     assert f"| none-seed0 | none | 0    | finished | 2     | 0.25 | {digest[:12]} |" in text
     assert "| none-seed1 | none | 1    | failed   | 0     | -    | -            |" in text
     assert text.endswith("none-seed1: the disk is full")
+
+
+@pytest.mark.parametrize(("trivial", "at_chance"), [(0.26, True), (0.5, False), (None, False)])
+def test_job_that_learned_nothing_is_said_to_be_at_chance(
+    trivial: float | None, at_chance: bool, tmp_path: Path, job: Job
+) -> None:
+    """In its row and its line; of a job that is not finished, and of an earlier release's, nothing is known."""
+    directory = SweepDirectory(tmp_path)
+    begin(directory, job)
+    run = directory.run(job)
+    run.write_run(replace(run.read_run(), trivial=trivial))
+    status = status_of(directory, job)
+    assert status.at_chance is at_chance
+    assert ("at chance" in best_in_words(status)) is at_chance
+    assert best_in_words(status) in describe_jobs([status])
+    begin(directory, job, finished=False)
+    assert not status_of(directory, job).at_chance

@@ -5,6 +5,7 @@ is about the process. MLflow is imported only when a test runs, because its tele
 """
 
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -45,6 +46,23 @@ def run_dir(tmp_path: Path) -> Path:
     """Return a finished run."""
     build_run(tmp_path / "run", LINES)
     return tmp_path / "run"
+
+
+def test_mirror_leaves_no_file_open_and_its_failure_is_told(run_dir: Path) -> None:
+    """Many searches of one process do not run out of descriptors; and where there are none, the search goes on."""
+    before = os.listdir("/proc/self/fd")
+    mirror = Mirror(run_dir, uri=f"sqlite:///{run_dir}/run.json/no.db", experiment="tacevo")
+    mirror.start()
+    assert mirror.finish(PATIENCE) is not None
+    assert os.listdir("/proc/self/fd") == before
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+    try:
+        mirror = Mirror(run_dir, uri="", experiment="tacevo")
+        mirror.start()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert "Too many open files" in str(mirror.finish(None))
 
 
 def test_search_is_one_run_with_one_nested_run_a_candidate(run_dir: Path, uri: str) -> None:

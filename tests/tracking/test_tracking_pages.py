@@ -7,6 +7,7 @@ import shlex
 import socket
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from mirrored import LINES, build_run, contents, mirror_once, open_store
 from refusals import refused
 
 from tacevo.errors import RunError
+from tacevo.records import to_json
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.backfill import track
 from tacevo.tracking.entries import note
 from tacevo.tracking.process import Mirror
@@ -35,7 +38,7 @@ def mirror_with_page(run_dir: Path, uri: str, made: list[Path]) -> None:
         made.append(run)
         target.write_text("<p>made</p>")
 
-    mirror(run_dir, uri=uri, experiment="tacevo", finished=None, make_page=make)
+    mirror(run_dir, uri=uri, experiment="tacevo", finished=None, reached=None, make_page=make)
 
 
 def artifacts(uri: str, folder: Path) -> dict[str, str]:
@@ -108,11 +111,31 @@ def test_page_of_the_user_is_taken_unless_it_is_older_than_the_end(run_dir: Path
     assert artifacts(f"sqlite:///{tmp_path}/other.db", tmp_path)["report.html"] == "<p>made</p>"
 
 
+def test_page_that_was_written_again_replaces_the_one_in_mlflow(run_dir: Path, uri: str, tmp_path: Path) -> None:
+    """As after a study, which the first one does not show; the same page is not written again."""
+    mirror_with_page(run_dir, uri, [])
+    (run_dir / "report.html").write_text("<p>with a study</p>")
+    made: list[Path] = []
+    mirror_with_page(run_dir, uri, made)
+    assert (artifacts(uri, tmp_path)["report.html"], made) == ("<p>with a study</p>", [])
+
+
+def test_labelled_model_is_nowhere_called_by_its_path(run_dir: Path, uri: str) -> None:
+    """The label is the model's name in params and tags; the path stands in run.json alone."""
+    recorded = RunDirectory(run_dir).read_run()
+    llm = {"provider": "openai", "model": "/srv/models/secret", "label": "mine"}
+    RunDirectory(run_dir).write_json("run.json", to_json(replace(recorded, config={**recorded.config, "llm": llm})))
+    mirror_once(run_dir, uri)
+    search = open_store(uri)[1]
+    assert (search.data.params["llm.model"], search.data.tags["tacevo.model"]) == ("mine", "mine")
+    assert "/srv/models" not in str(contents(uri))
+
+
 def test_search_whose_page_cannot_be_made_has_its_summary(run_dir: Path, uri: str, tmp_path: Path) -> None:
     """The mirror does not fail for it."""
     from tacevo.tracking.mirror import mirror
 
-    mirror(run_dir, uri=uri, experiment="tacevo", finished=None, make_page=lambda run, target: None)
+    mirror(run_dir, uri=uri, experiment="tacevo", finished=None, reached=None, make_page=lambda run, target: None)
     assert artifacts(uri, tmp_path) == {"summary.md": "found"}
 
 

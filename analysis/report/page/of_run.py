@@ -1,6 +1,5 @@
 """What the page shows of one run."""
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -68,11 +67,11 @@ def read_texts(run: Run) -> Recorded:
     directory = RunDirectory(run.path)
     texts, edited = {}, []
     for line in run.candidates:
-        kept = directory.read_kept(line.id)
-        if kept is not None and line.source in {None, hashlib.sha256(kept).hexdigest()}:
-            texts[line.id] = kept.decode(errors="replace")
-        elif kept is not None:
+        kept, is_edited = directory.read_checked(line.id, line.source)
+        if is_edited:
             edited.append(line.id)
+        elif kept is not None:
+            texts[line.id] = kept.decode(errors="replace")
     return Recorded(record=directory.read_run(), texts=texts, edited=tuple(edited))
 
 
@@ -103,7 +102,7 @@ def run_contents(given: RunMaterial) -> RunContents:
     return RunContents(
         name=run.name,
         headlines=_headlines(found),
-        remarks=(*([run.shortfall] * bool(run.shortfall)), *given.remarks, *sourceless),
+        remarks=(*([run.shortfall] if run.shortfall else []), *given.remarks, *sourceless),
         axes=tuple(axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
         cells=_cells(found.niches.networks),
         places=run.places,

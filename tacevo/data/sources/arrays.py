@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.data.source import Catalogue, Picture, check_no_faults
+from tacevo.data.source import Catalogue, Picture, check_no_faults, chosen
 from tacevo.data.sources.filenames import is_passed_over
 from tacevo.data.sources.hints import check_file
 from tacevo.data.sources.images import DECODING, extent, files_hash, square, to_8_bits
@@ -53,9 +53,7 @@ class Arrays:
         check_file(self.root, "data.root", _ARCHIVE)
         content = files_hash([self.root])
         described: dict[str, Json] = {"source": "numpy", "decoding": DECODING, "archive": content}
-        if self.white_point is not None:  # which was not a setting at first
-            described["white_point"] = self.white_point
-        return {**described, "image_size": self.image_size}
+        return {**described, "image_size": self.image_size, **chosen(self, "white_point")}
 
     def catalogue(self) -> Catalogue:
         """List labels and images in the order of the arrays.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
+from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, folded
 from tacevo.data.sources.groups import groups_in
 from tacevo.data.sources.hints import check_directory, content, directories, number_in
@@ -41,9 +41,8 @@ class Folder:
         """
         classes = _classes(self.root)
         images = [path for paths in classes.values() for path in paths]
-        chosen = {"white_point": self.white_point, "group_pattern": self.group_pattern}
         return {
-            **{name: value for name, value in chosen.items() if value is not None},  # which were no settings at first
+            **chosen(self, "white_point", "group_pattern"),
             "source": "folder",
             "decoding": DECODING,
             "classes": {name: len(paths) for name, paths in classes.items()},

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from tacevo.data.source import Catalogue, Picture, check_no_faults
+from tacevo.data.source import Catalogue, Picture, check_no_faults, check_readable
 from tacevo.data.sources.filenames import SUFFIXES, is_passed_over
 from tacevo.errors import DataError
 
@@ -26,9 +26,6 @@ ORIENTATION, LYING = 0x0112, frozenset({5, 6, 7, 8})
 #: Formats in which a file may hold several images, so that the first alone would be an arbitrary choice. Phones' JPEG
 #: files hold a preview behind the photograph, which does not count.
 STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
-
-#: What is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything.
-_FLOATING = "holds floating-point values, whose full range is unknown"
 
 #: The largest value of 16 bits.
 _WORD = 65_535.0
@@ -166,15 +163,20 @@ def to_8_bits(values: npt.NDArray[Any], white_point: float | None) -> npt.NDArra
     if white_point is None and values.dtype == np.uint8:
         return values
     if white_point is None and values.dtype.kind == "f":
-        raise DataError(_FLOATING)
+        raise _floating()
     white = _WORD if white_point is None else white_point
     low, high = float(values.min()), float(values.max())
     if not (low >= 0 and high <= white):  # which NaN is not, either
-        beyond = (
-            "beyond 16 bits" if white_point is None else f"from {low:g} to {high:g}, beyond data.white_point={white:g}"
-        )
-        raise DataError(f"holds values {beyond}")
+        if white_point is None:
+            raise DataError("holds values beyond 16 bits")
+        beyond = f"holds values from {low:g} to {high:g}, beyond data.white_point={white:g}"
+        raise DataError(beyond, remedy="set a larger data.white_point" if high > white else "")
     return np.floor(values.astype(np.float64) * 255 / white + 0.5).astype(np.uint8)
+
+
+def _floating() -> DataError:
+    """Return what is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything."""
+    return DataError("holds floating-point values, whose full range is unknown", remedy="set data.white_point")
 
 
 def extent(values: npt.NDArray[Any], white_point: float | None) -> tuple[float, float]:
@@ -184,7 +186,7 @@ def extent(values: npt.NDArray[Any], white_point: float | None) -> tuple[float, 
 
 
 def common_size(
-    files: Sequence[tuple[str, Path]], white_point: float | None = None
+    files: Sequence[tuple[str, Path]], white_point: float | None
 ) -> tuple[tuple[int, int], tuple[int, ...]]:
     """Find the one size that all images have once they are upright, and the depth of each; only headers are read.
 
@@ -205,9 +207,8 @@ def common_size(
         try:
             headers.append((name, _header(path, white_point)))
         except DataError as error:
-            unreadable.append(f"{name} ({error})")
-    choice = ", or set data.white_point" if any(_FLOATING in fault for fault in unreadable) else ""
-    check_no_faults("some images cannot be read", unreadable, f"repair or remove them{choice}")
+            unreadable.append((name, error))
+    check_readable(unreadable)
     (width, height), images = Counter(header.size for _, header in headers).most_common(1)[0]
     others = [f"{name} {head.size[0]}x{head.size[1]}" for name, head in headers if head.size != (width, height)]
     check_no_faults(
@@ -235,10 +236,10 @@ def _check_white_point(headers: Sequence[tuple[str, _Header]], white_point: floa
     """Refuse a white point that files cannot reach, or whose low bits Pillow does not give."""
     cut = [name for name, header in headers if header.read < header.depth]
     remedy = "save these images in grey, or with 8 bits a channel"
-    got = "images in colour of 16 bits a channel, of which the high byte alone is read,"
+    got = "images in colour of 16 bits a channel, of which only the high byte is read"
     check_no_faults(got, cut, remedy, place="data.white_point", expected="null, or images in grey")
     short = [f"{name} has {header.depth}" for name, header in headers if white_point > 2**header.depth - 1]
-    got = f"{white_point:g}, which is beyond the bits of files"
+    got = f"{white_point:g}, beyond the bits of files"
     check_no_faults(got, short, "lower it", place="data.white_point", expected="a value that all files can hold")
 
 
@@ -258,7 +259,7 @@ def _header(path: Path, white_point: float | None) -> _Header:
     if stacked:
         raise DataError("holds several images")
     if mode.startswith("F") and white_point is None:
-        raise DataError(_FLOATING)
+        raise _floating()
     wide = mode.startswith(("I", "F"))
     depth = 16 if ";16" in mode + coded else 32 if wide else 8
     return _Header(size=(height, width) if lying else (width, height), depth=depth, read=depth if wide else 8)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-from tacevo.data.source import Catalogue
+from tacevo.data.source import Catalogue, chosen
 from tacevo.data.sources.groups import groups_in, numbered
 from tacevo.data.sources.hints import check_directory, check_file
 from tacevo.data.sources.images import DECODING, files_hash
@@ -39,9 +39,8 @@ class Table:
             DataError: the directory, the table or an image is missing, or the table is broken.
         """
         rows, _ = self._read()
-        chosen = {name: getattr(self, name) for name in ("white_point", "group_column", "group_pattern")}
         return {
-            **{name: value for name, value in chosen.items() if value is not None},  # which were no settings at first
+            **chosen(self, "white_point", "group_column", "group_pattern"),
             "source": "table",
             "decoding": DECODING,
             "table": files_hash([self.root / self.table]),

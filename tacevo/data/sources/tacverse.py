@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import SensorTask
-from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
+from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES
 from tacevo.data.sources.hints import check_directory, check_file, content
 from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
@@ -82,9 +82,7 @@ class TacVerse:
             DataError: a directory, the table or an image is missing, or the table or a file name is broken.
         """
         described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
-        described["image_size"] = self.image_size
-        if self.white_point is not None:  # which was not a setting at first
-            described["white_point"] = self.white_point
+        described |= {"image_size": self.image_size, **chosen(self, "white_point")}
         if self.task is SensorTask.grating:
             frames = self._frames()
             presses: Json = [list(frame[:3]) for frame in frames]
@@ -208,9 +206,9 @@ def _split_of_presses(presses: list[tuple[float, int]], groups: npt.NDArray[np.i
     for size in sorted({size for size, _ in presses}):
         own = np.array([number for number, press in enumerate(presses) if press[0] == size])
         split = ordered_split(own)
-        for name, chosen in parts.items():
-            chosen.extend(getattr(split, name))
-    return Split(**{name: np.flatnonzero(np.isin(groups, chosen)) for name, chosen in parts.items()})
+        for name, taken in parts.items():
+            taken.extend(getattr(split, name))
+    return Split(**{name: np.flatnonzero(np.isin(groups, taken)) for name, taken in parts.items()})
 
 
 def _enter(directory: Path, names: dict[str, str]) -> Path:

@@ -124,15 +124,15 @@ def test_pairs_of_classifiers_are_mcnemars() -> None:
 
 def test_outputs_are_judged_apart() -> None:
     """Variant 1 is better on Fx alone; all four pairs are one family."""
-    words = {(one.output, one.pair.first): one.pair.verdict for one in OF_FORCES.outputs}
+    words = {(output, pair.first): pair.verdict for output, pair in OF_FORCES.outputs}
     assert words == {
         ("Fx", "variant 1"): "better",
         ("Fx", "variant 2"): "undecided",
         ("Fy", "variant 1"): "undecided",
         ("Fy", "variant 2"): "undecided",
     }
-    first = OF_FORCES.outputs[0]
-    assert first.pair.p_holm == pytest.approx(4 * first.pair.test.p)
+    _, first = OF_FORCES.outputs[0]
+    assert first.p_holm == pytest.approx(4 * first.test.p)
     assert first.difference.high < 0
 
 
@@ -151,7 +151,7 @@ def test_no_verdict_contradicts_the_interval_beside_it(made: Callable[[], tuple[
     """Better and worse stand where the interval lies on that side of 0, in every table that has both."""
     study, predictions = made()
     found = image_findings(study, predictions)
-    judged = [*found.pairs, *found.against_trivial, *(one.pair for one in found.outputs)]
+    judged = [*found.pairs, *found.against_trivial, *(pair for _, pair in found.outputs)]
     sign = -1 if study.kind is Kind.regression else 1
     for pair in judged:
         ends = (sign * pair.difference.low, sign * pair.difference.high)
@@ -176,7 +176,7 @@ def test_no_verdict_below_the_seeds_of_a_comparison(
     """No outcome of three seeds is significant at 0.05, and no table of the same study may say otherwise."""
     study, predictions = made(seeds=seeds)
     found = image_findings(study, predictions)
-    judged = [*found.pairs, *found.against_trivial, *(one.pair for one in found.outputs)]
+    judged = [*found.pairs, *found.against_trivial, *(pair for _, pair in found.outputs)]
     assert {pair.verdict is not None for pair in judged} == {has_verdicts}
     for table in image_tables(study, found):
         if "verdict" in table.columns:

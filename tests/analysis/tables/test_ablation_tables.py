@@ -246,6 +246,19 @@ def test_candidates_at_the_bounds_are_told() -> None:
     assert "y from 0.00 (fixed) to 2.00 (fixed), with 50.0 %" in told
 
 
+def test_jobs_at_chance_are_counted_and_named() -> None:
+    """Below the arms; where the trivial loss is not known, or all learned, there is no such note."""
+    assert not any("At chance" in note for note in arms_table(SWEEP, FOUND, "n").notes)
+    jobs = list(SWEEP.finished)
+    for at in (1, 4):
+        best_loss = jobs[at].run.generations[-1].best
+        jobs[at] = replace(jobs[at], run=replace(jobs[at].run, trivial=best_loss))
+    jobs[2] = replace(jobs[2], run=replace(jobs[2].run, trivial=100.0))
+    (note,) = [one for one in arms_table(replace(SWEEP, finished=tuple(jobs)), FOUND, "n").notes if "At chance" in one]
+    assert [one.job.name for one in jobs if one.job.name in note] == [jobs[1].job.name, jobs[4].job.name]
+    assert f"2 of {len(jobs)}" in note
+
+
 def test_missing_reference_is_told() -> None:
     """All columns of tests are empty."""
     sweep, found = compared(*jobs_of("a", NONE), *jobs_of("b", WORSE))

@@ -39,7 +39,7 @@ def searched() -> Run:
 
 def test_record_stands_beside_its_re_estimates() -> None:
     """One row a network, with its candidate; the baseline does not beat itself."""
-    table = noise_table(reestimates(), "force")
+    table = noise_table(reestimates(), "force", None)
     baseline, winner = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
     assert (winner["network"], winner["candidate"], winner["recorded fitness"]) == ("variant 1", "g01s00", 0.4)
     assert (winner["re-estimated, median"], winner["least"], winner["most"]) == (0.8, 0.7, 0.9)
@@ -52,7 +52,7 @@ def test_record_stands_beside_its_re_estimates() -> None:
 def test_one_network_has_a_table_without_an_icc() -> None:
     """The note says what it would take."""
     alone = reestimates(Draws(recorded=DRAWS.recorded[:1], estimates=DRAWS.estimates[:1]))
-    (table,) = noise_tables(alone, "force")
+    (table,) = noise_tables(alone, "force", None)
     assert any(note.startswith("No ICC") for note in table.notes)
     assert not any("Kendall" in note for note in table.notes)
     assert table.rows[0][table.columns.index("expected by regression")] is None
@@ -62,7 +62,7 @@ def test_ranking_shows_the_search_s_epoch_and_the_last() -> None:
     """Among doublings of 1; every other epoch is left out."""
     rng = np.random.default_rng(0)
     found = replace(reestimates(), rankings=rankings(rng.random((2, 4, 11)), rng.random((2, 4))))
-    _, table = noise_tables(found, "force")
+    _, table = noise_tables(found, "force", None)
     assert [row[0] for row in table.rows] == [1, 2, 4, 5, 8, 11]
 
 

@@ -46,7 +46,7 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     study, names = identified(study_of(FOUR)), list(FOUR)
     found = compare(study)
     again = reestimates(names, [[0.1 * at, 0.3 * at] for at in range(1, 6)])
-    table = study_outcome(study, found, again, record="one draw", is_alone=False)
+    table = study_outcome(study, found, again, record="one draw", is_alone=False, trivial=None)
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [row["network"] for row in rows] == names
     for row, variant in zip(rows[1:], found.variants, strict=True):
@@ -64,7 +64,7 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
 def test_fitness_without_re_estimates_is_said_to_be_so() -> None:
     """There is no column for them, and the note names the command that makes them."""
     study = study_of(FOUR)
-    table = study_outcome(study, compare(study), None, record="the median of 3 draws", is_alone=False)
+    table = study_outcome(study, compare(study), None, record="the median of 3 draws", is_alone=False, trivial=None)
     assert table.columns[-1] == "fitness, the median of 3 draws"
     assert "tacevo noise RUN" in table.notes[-1]
 
@@ -73,7 +73,12 @@ def test_network_that_was_not_trained_again_has_an_empty_cell() -> None:
     """And not the re-estimate of its neighbour."""
     study = identified(study_of(FOUR))
     table = study_outcome(
-        study, None, reestimates(["baseline", "variant 3"], [[1.0, 1.0], [3.0, 3.0]]), record="", is_alone=False
+        study,
+        None,
+        reestimates(["baseline", "variant 3"], [[1.0, 1.0], [3.0, 3.0]]),
+        record="",
+        is_alone=False,
+        trivial=None,
     )
     assert [row[-1] for row in table.rows] == [1.0, None, None, 3.0, None]
 
@@ -81,7 +86,7 @@ def test_network_that_was_not_trained_again_has_an_empty_cell() -> None:
 def test_trivial_predictor_is_the_last_row() -> None:
     """With its score alone, since it has neither fitness nor verdict."""
     study = study_of({"baseline": [0.5, 0.7], "variant 1": [0.6, 0.9]}, kind=Kind.classification)
-    row = study_outcome(study, None, None, record="one draw", is_alone=False).rows[-1]
+    row = study_outcome(study, None, None, record="one draw", is_alone=False, trivial=None).rows[-1]
     assert row == ("trivial", None, Percent(rounded(1 / 3)), None)
 
 
@@ -126,7 +131,7 @@ def test_noise_run_stands_beside_the_trivial_loss() -> None:
 def test_brackets_say_what_they_hold(seeds: int, column: str) -> None:
     """Fewer than six values have no interval of 95 %, and one value has none at all."""
     study = study_of({"baseline": around(0.5, step=0.01, seeds=seeds)})
-    table = study_outcome(study, None, None, record="one draw", is_alone=False)
+    table = study_outcome(study, None, None, record="one draw", is_alone=False, trivial=None)
     assert table.columns[2] == column
     assert isinstance(table.rows[0][2], float) == (seeds == 1)
 
@@ -136,11 +141,13 @@ def test_warnings_of_the_tables_are_a_line_each() -> None:
     quick = study_of({name: values[:4] for name, values in FOUR.items()})
     last = replace(quick, scores=tuple(replace(one, epoch=quick.recipe.epochs) for one in quick.scores))
     early = replace(quick, scores=tuple(replace(one, epoch=1) for one in quick.scores))
-    told = study_outcome(last, compare(last), None, record="one draw", is_alone=True).notes
-    silent = study_outcome(early, compare(early), None, record="one draw", is_alone=False).notes
+    told = study_outcome(last, compare(last), None, record="one draw", is_alone=True, trivial=None).notes
+    silent = study_outcome(early, compare(early), None, record="one draw", is_alone=False, trivial=None).notes
     for words in ("Not converged? 100.0 % of the seeds of baseline", "One split of one data set"):
         assert [sum(words in note for note in notes) for notes in (told, silent)] == [1, 0]
-    many = study_outcome(study_of(FOUR), compare(study_of(FOUR)), None, record="one draw", is_alone=False).notes
+    many = study_outcome(
+        study_of(FOUR), compare(study_of(FOUR)), None, record="one draw", is_alone=False, trivial=None
+    ).notes
     assert [sum("no result of so few seeds" in note for note in notes) for notes in (silent, many)] == [1, 0]
 
 
@@ -148,7 +155,7 @@ def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -
     """On one screen, however many elites there are; what is not listed is counted."""
     names = ["baseline", *(f"variant {number}" for number in range(1, 31))]
     again = reestimates(names, [[1.0, 1.2], *([2.0 - 0.01 * at, 2.1 - 0.01 * at] for at in range(30))])
-    table = noise_outcome(again, "force")
+    table = noise_outcome(again, "force", None)
     listed = [row[0] for row in table.rows]
     assert listed == ["baseline", "variant 1", *names[-(MOST - 2) :]]
     assert any(f"Not listed: {31 - MOST}" in note for note in table.notes)
@@ -162,7 +169,7 @@ def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -
 
 def test_noise_run_of_a_baseline_alone_has_no_icc() -> None:
     """Which the note says; nothing is compared."""
-    table = noise_outcome(reestimates(["baseline"], [[1.0, 1.2]]), "force")
+    table = noise_outcome(reestimates(["baseline"], [[1.0, 1.2]]), "force", None)
     assert [row[-1] for row in table.rows] == [None]
     assert table.notes[-1].startswith("No ICC")
 
@@ -193,7 +200,7 @@ BASELINE = [0.80, 0.81, 0.82, 0.83, 0.84, 0.85, 0.86, 0.87]
 )
 def test_noise_run_begins_with_its_finding(best: list[float], words: str) -> None:
     """Whether the winner on record is better, worse or neither rests on the interval."""
-    table = noise_outcome(reestimates(["baseline", "variant 1"], [BASELINE, best]), "force")
+    table = noise_outcome(reestimates(["baseline", "variant 1"], [BASELINE, best]), "force", None)
     assert table.caption.startswith(f"The search's best network, id of variant 1, {words}")
     assert table.notes[0] == "force: 2 networks, trained again as the search did, with 8 other seeds."
     assert not any("for all elites together" in note for note in table.notes)
@@ -204,13 +211,13 @@ def test_finding_of_several_names_those_that_are_better() -> None:
     near, far = [loss + 0.005 for loss in BASELINE], [loss + 0.4 for loss in BASELINE]
     good, best = [loss - 0.4 for loss in BASELINE], [loss - 0.5 for loss in BASELINE]
     names = ["baseline", *(f"variant {number}" for number in range(1, 5))]
-    table = noise_outcome(reestimates(names, [BASELINE, good, near, far, best]), "force")
+    table = noise_outcome(reestimates(names, [BASELINE, good, near, far, best]), "force", None)
     assert sum("for all elites together" in note for note in table.notes) == 1
     assert table.caption == (
         "Of the 4 best elites on record, 2 can be called better than the baseline, whose loss is 0.835: id of variant "
         "4 (0.335), id of variant 1 (0.435); 1 cannot be told from it; 1 worse (medians of 8 other seeds)."
     )
-    caption = noise_outcome(reestimates(names[:3], [BASELINE, near, near]), "force").caption
+    caption = noise_outcome(reestimates(names[:3], [BASELINE, near, near]), "force", None).caption
     assert caption.startswith(
         "Of the 2 best elites on record, none can be called better than the baseline, whose loss is 0.835; 2 cannot be "
         "told from it (med"
@@ -220,7 +227,7 @@ def test_finding_of_several_names_those_that_are_better() -> None:
 def test_failed_elites_are_not_counted() -> None:
     """Neither among the best, nor silently."""
     again = replace(reestimates(["baseline", "a", "b"], [BASELINE] * 3), failed=(network("c"),))
-    assert noise_outcome(again, "force").caption.startswith(
+    assert noise_outcome(again, "force", None).caption.startswith(
         "Of the 2 best elites on record that trained with every seed, "
     )
 
@@ -229,7 +236,7 @@ def test_failed_elites_are_not_counted() -> None:
 def test_too_few_seeds_are_named(seeds: int, others: int, *, is_enough: bool) -> None:
     """Where not even all wins would tell, the verdict says nothing of the networks."""
     names = ["baseline", *map(str, range(others))]
-    table = noise_outcome(reestimates(names, [[1.0] * seeds, *[[0.1] * seeds] * others]), "force")
+    table = noise_outcome(reestimates(names, [[1.0] * seeds, *[[0.1] * seeds] * others]), "force", None)
     assert any("cannot tell any of" in note for note in table.notes) == (not is_enough)
     assert (" can be called better" in table.caption or "is better than" in table.caption) == (is_enough or others > 1)
     assert ("none can be called better" in table.caption or "cannot be told from" in table.caption) == (not is_enough)
@@ -238,16 +245,16 @@ def test_too_few_seeds_are_named(seeds: int, others: int, *, is_enough: bool) ->
 def test_more_networks_need_more_evidence() -> None:
     """What is better alone is not, where it is one of many that might have been lucky."""
     wins = [loss - 0.04 for loss in BASELINE]
-    clear = noise_outcome(reestimates(["baseline", "a"], [BASELINE, wins]), "force").caption
+    clear = noise_outcome(reestimates(["baseline", "a"], [BASELINE, wins]), "force", None).caption
     names = ["baseline", *map(str, range(50))]
-    crowded = noise_outcome(reestimates(names, [BASELINE, *[wins] * 50]), "force").caption
+    crowded = noise_outcome(reestimates(names, [BASELINE, *[wins] * 50]), "force", None).caption
     assert "is better than" in clear
     assert "none can be called better" in crowded
 
 
 def test_finding_of_one_seed_is_that_there_is_none() -> None:
     """However far apart two losses are."""
-    caption = noise_outcome(reestimates(["baseline", "variant 1"], [[1.0], [0.1]]), "force").caption
+    caption = noise_outcome(reestimates(["baseline", "variant 1"], [[1.0], [0.1]]), "force", None).caption
     assert "id of variant 1, cannot be told from the baseline: " in caption
     assert "(medians of 1 other seed); it wins in 1 of 1 pair of seeds, chance 1.00 [0.21, 1.00]." in caption
 
@@ -258,7 +265,9 @@ def test_finding_names_what_it_is_about() -> None:
     record = again.networks[1].fitness
     fitter = replace(again, networks=(replace(again.networks[0], fitness=record / 2), again.networks[1]))
     lost = replace(again, failed=(replace(network("variant 0"), fitness=record / 2),))
-    assert noise_outcome(fitter, "force").caption.startswith("The search's best network apart from the baseline, id of")
-    assert noise_outcome(lost, "force").caption.startswith(
+    assert noise_outcome(fitter, "force", None).caption.startswith(
+        "The search's best network apart from the baseline, id of"
+    )
+    assert noise_outcome(lost, "force", None).caption.startswith(
         "The search's best network of those that trained with every seed, id of variant 1, "
     )

@@ -73,15 +73,17 @@ def test_arrays_of_any_numbers_have_one(tmp_path: Path, dtype: type) -> None:
     assert len(np.unique(replace(source, white_point=4095.0).catalogue().pictures[0]())) == 256
 
 
-@pytest.mark.parametrize(("white", "value"), [(4094.0, 4095), (4095.0, -1)])
-def test_value_beyond_the_white_is_refused(tmp_path: Path, white: float, value: int) -> None:
-    """It would be cut off, which no one would see."""
+@pytest.mark.parametrize(
+    ("white", "value", "remedy"),
+    [(4094.0, 4095, "set a larger data.white_point"), (4095.0, -1, "repair or remove them")],
+)
+def test_value_beyond_the_white_is_refused(tmp_path: Path, white: float, value: int, remedy: str) -> None:
+    """It would be cut off, which no one would see; a larger white point takes only what is too large."""
     images = np.zeros((12, 8, 8), dtype=np.int32)
     images[3, 0, 0] = value
     source = replace(save_arrays(tmp_path / "a.npz", images=images), white_point=white)
-    with refused(
-        DataError, got=f"(1 found): row 3 (holds values from {min(value, 0)} to {max(value, 0)}", remedy="larger"
-    ):
+    got = f"(1 found): row 3 (holds values from {min(value, 0)} to {max(value, 0)}"
+    with refused(DataError, got=got, remedy=remedy):
         loaded(source, tmp_path / "cache")
 
 
@@ -95,7 +97,7 @@ def test_not_a_number_is_beyond_the_white(tmp_path: Path) -> None:
 def test_white_that_files_cannot_hold_is_refused(tmp_path: Path) -> None:
     """It would make every image dark: 4095 for bytes, found from the headers."""
     source = replace(save_table(tmp_path, ROWS, images=12), white_point=4095.0)
-    with refused(DataError, place="data.white_point", got="4095, which is beyond the bits of files (12 found): line 2"):
+    with refused(DataError, place="data.white_point", got="4095, beyond the bits of files (12 found): line 2"):
         source.catalogue()
     arrays = replace(save_arrays(tmp_path / "a.npz"), white_point=256.0)
     with refused(DataError, place="data.white_point", expected="at most 255", got="256"):

@@ -154,6 +154,7 @@ def effects(llm: FakeLLM | None = None, executor: Executor | None = None) -> Eff
         evaluate=evaluate,
         evaluation_key=lambda source, seed: content_hash([source, seed] if seed else source),
         executor=executor or ThreadPoolExecutor(1),
+        cpu_seconds=lambda: 0.0,
     )
 
 

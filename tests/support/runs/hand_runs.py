@@ -148,6 +148,8 @@ def run(
         versions={},
         spent=spent or {},
         cpu_seconds={},
+        trivial=None,
+        model="a model",
     )
 
 

@@ -42,6 +42,7 @@ def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regress
         units=("N", "N", "N") if kind is Kind.regression else (),
         recipe=RECIPE,
         numerics=Numerics.portable,
+        scale=(),
         terms=TERMS[kind],
         seeds=seeds or len(next(iter(values.values()))),
         networks=tuple(network(name) for name in values),
