@@ -97,7 +97,7 @@ def _effects() -> Effects:
     """Return effects that are pure functions of what comes in."""
     return Effects(
         llm=_Mark(),
-        admit=lambda completion: _admitted(completion.text),
+        admit=lambda completion, quoted: _admitted(completion.text),
         inspect=_admitted,
         measure=_admitted,
         evaluate=_trained,

@@ -5,10 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from bundles import members_of, resealed
+from bundles import laid_out, members_of, resealed
 from refusals import refused
 
-from tacevo.bundles.open import opened
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.storage.notes import LONGEST, read_note
@@ -118,6 +117,6 @@ def test_note_of_a_sweep_is_published_with_it(swept: Path, tmp_path: Path) -> No
     assert members["sweep/NOTE.md"].decode() == LIMITS
     assert "\n\nOne search.\n\nOne split.\n" in members["README.md"].decode()
     assert main(["replay", str(first)]) == 0
-    with opened(first) as place:
-        assert main(["publish", str(place.folder), "--store", str(place.store), "-o", str(again)]) == 0
+    folder, store = laid_out(first, tmp_path / "laid out")
+    assert main(["publish", str(folder), "--store", str(store), "-o", str(again)]) == 0
     assert again.read_bytes() == first.read_bytes()

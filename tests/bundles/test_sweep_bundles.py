@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bundles import Members, Refused, entries_of, members_of, resealed, with_entries
+from bundles import Members, Refused, entries_of, laid_out, members_of, resealed, with_entries
 from tiny_sweep import OWN, edited, jobs_text
 
 from tacevo.bundles.format import JOBS, STORE
@@ -62,9 +62,9 @@ def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_published_sweep_can_be_published_again(swept: Path, tmp_path: Path) -> None:
     """A bundle has no overrides: its arms keep their names, and the bytes are the same again."""
-    with opened(swept / "sweep.zip") as place:
-        command = ["publish", str(place.folder), "--store", str(place.store), "--author", "A. Nyone"]
-        assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
+    folder, store = laid_out(swept / "sweep.zip", tmp_path)
+    command = ["publish", str(folder), "--store", str(store), "--author", "A. Nyone"]
+    assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
     assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
 
 

@@ -13,12 +13,14 @@ from typing import Any
 import pytest
 
 from tacevo.bundles.format import STORE, sealed
+from tacevo.bundles.open import opened
 from tacevo.cli.app import main
-from tacevo.storage.canonical import canonical
+from tacevo.storage.canonical import canonical, readable
 from tacevo.storage.entries import pack
+from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import GENESIS, seal
 from tacevo.storage.run_directory import MANIFEST
-from tacevo.storage.store import Entry
+from tacevo.storage.store import Entry, read_entry
 
 Members = dict[str, bytes]
 
@@ -45,6 +47,19 @@ def members_of(bundle: Path) -> Members:
     """Read every member."""
     with zipfile.ZipFile(bundle) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
+
+
+def laid_out(bundle: Path, folder: Path) -> tuple[Path, Path]:
+    """Write a sweep's bundle with the candidates' files of its store; return the directories of sweep and stores."""
+    with opened(bundle) as found:
+        for pattern in ("*", "*/*", "*/*/*", "*/*/*/*"):
+            for path in found.folder.glob(pattern):
+                if path.is_file():
+                    write_durably(folder / str(path).partition(", ")[2], path.read_bytes())
+        for path in found.store.glob("*/*/*.json"):
+            entry = read_entry(path)
+            write_durably(folder / "store" / entry.place, readable(entry.sealed()))
+    return folder / "sweep", folder / "store"
 
 
 def resealed(members: Mapping[str, bytes], target: Path) -> Path:
