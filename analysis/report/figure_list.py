@@ -80,7 +80,7 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
         Picture(
             name=f"ablation_curves_{task}",
             caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
-            draw=partial(curves, collected.found),
+            draw=partial(curves, collected.found, collected.curves),
         ),
         Picture(
             name=f"ablation_finals_{task}",

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.trivial import at_chance, trivial_metrics, trivial_score
 from analysis.studies.warnings import caution_notes
 from analysis.sweeps.pilots import spread_of
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import planned_table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
@@ -284,6 +285,18 @@ def _spread(values: Sample) -> tuple[float, ...]:
 def _median(study: Study, network: Network, metric: str) -> Cell:
     shape = PercentBetween if metric in SHARES else Between
     return shape(*_spread(study.values(network.name, metric))[:3])
+
+
+#: The columns of effect sizes that have no unit.
+EFFECTS_LAYOUT: Layout = {
+    name: (Between, *(f"{key}{end}" for end in ("", "_low", "_high")))
+    for name, key in (("A12", "a12"), ("Cliff's delta", "cliffs_delta"))
+}
+
+
+def scaled(name: str, factor: float) -> tuple[Any, ...]:
+    """Return the shape of an interval's column that is multiplied by a factor."""
+    return lambda *ends: Between(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
 
 
 def between(interval: Interval, factor: float = 1) -> Between:
