@@ -1,9 +1,11 @@
 """What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
 
+import pandas as pd
+
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
 from analysis.statistics.noise import NetworkNoise
-from analysis.studies.comparison import Comparisons
+from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.noise import Reestimates
 from analysis.studies.scores import Study
@@ -25,7 +27,7 @@ _TOGETHER = (
 
 def study_outcome(
     study: Study,
-    found: Comparisons | None,
+    found: pd.DataFrame | None,
     again: Reestimates | None,
     *,
     record: str,
@@ -72,10 +74,11 @@ def study_outcome(
     )
 
 
-def _row(study: Study, network: Network, found: Comparisons | None, again: Reestimates | None) -> dict[str, Cell]:
+def _row(study: Study, network: Network, found: pd.DataFrame | None, again: Reestimates | None) -> dict[str, Cell]:
     cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
     if found is not None:
-        verdicts = {one.network: f"{one.verdict.value} ({shown(PValue(one.p_holm))})" for one in found.variants}
+        variants = of_whole(found).itertuples()
+        verdicts = {one.network: f"{one.verdict} ({shown(PValue(one.p_holm))})" for one in variants}
         cells["verdict"] = verdicts.get(network.name)
     cells["fitness"] = network.fitness
     if again is not None:
@@ -231,21 +234,20 @@ def _beats(one: NetworkNoise) -> Cell:
     return None if chance is None else Between(chance.estimate, chance.low, chance.high)
 
 
-def _late(study: Study, found: Comparisons | None) -> tuple[str, ...]:
-    if found is None or not any(found.late.values()):
+def _late(study: Study, found: pd.DataFrame | None) -> tuple[str, ...]:
+    parts = late(study)
+    if found is None or not any(parts.values()):
         return ()
-    most = max(found.late, key=lambda name: found.late[name])
-    share = shown(Percent(found.late[most]))
+    most = max(parts, key=lambda name: parts[name])
     return (
-        f"Not converged? {share} of the seeds of {most} are best in the last tenth of epochs: better may only mean "
-        "faster.",
+        f"Not converged? {shown(Percent(parts[most]))} of the seeds of {most} are best in the last tenth of epochs: "
+        "better may only mean faster.",
     )
 
 
-def _few(found: Comparisons | None) -> tuple[str, ...]:
-    variants = () if found is None else found.variants
+def _few(found: pd.DataFrame | None) -> tuple[str, ...]:
     few = (Caution.few_seeds,)
-    return caution_notes((one.network, few) for one in variants if Caution.few_seeds in one.cautions)
+    return caution_notes((one.network, few) for one in of_whole(found).itertuples() if few[0] in one.cautions)
 
 
 def _alone(is_alone: bool) -> tuple[str, ...]:

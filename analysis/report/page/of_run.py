@@ -30,6 +30,7 @@ from analysis.runs.dynamics import Productivity, by_prompt, by_temperature, prog
 from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.runs.run import Run
+from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
 from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
@@ -284,7 +285,7 @@ def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
 
 def _study(compared: Compared, tables: Sequence[Table]) -> StudyContents:
     study = compared.study
-    variants = () if compared.comparisons is None else compared.comparisons.variants
+    variants = of_whole(compared.comparisons).itertuples()
     verdicts = {one.network: f"{one.verdict}, Holm's p {_relation(one.p_holm)}" for one in variants}
     matrices = {(score.network, score.seed): score.confusion for score in study.scores}
     is_classification = study.kind is Kind.classification
