@@ -276,7 +276,7 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         power_note(
             f"{counted(ours, 'run')} of an arm and {theirs} of {reference}", ours, theirs, alpha=ALPHA, family=family
         )
-        for ours, theirs in dict.fromkeys(zip(tested.n_arm, tested.n_reference, strict=True))
+        for ours, theirs in dict.fromkeys(zip(tested.n_arm.tolist(), tested.n_reference.tolist(), strict=True))
     ]
     return [*notes, *caution_notes(tested.cautions.items())]
 
