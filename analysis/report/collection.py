@@ -16,7 +16,7 @@ from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
 from analysis.studies.scores import Study
-from analysis.studies.searches import LEAST_SEEDS, StudiedSearch, best_by_reestimates
+from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.studies.study import as_study
 from analysis.studies.transfer import transfers
 from analysis.table import Table
@@ -241,7 +241,7 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
         for one in found
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]
-    tables = [searches_table([best_by_reestimates(searches, half=half) for half in (0, 1)]) for searches in groups]
+    tables = [searches_table(searches) for searches in groups]
     return _numbered(tables), alone
 
 

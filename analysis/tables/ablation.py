@@ -9,14 +9,14 @@ import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
-from analysis.studies.warnings import caution_notes
+from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.sweeps.pilots import sweep_pilot
 from analysis.sweeps.sweep import REFERENCE, Missing, Sweep
 from analysis.sweeps.sweep_checks import arm_settings
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
-from analysis.tables.comparison import EFFECTS_LAYOUT, power_note, scaled
+from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.plan import counts, planned_table
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError

@@ -1,6 +1,6 @@
 """The tables of a study: scores, metrics, verdicts and effect sizes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,14 +9,12 @@ import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
-from analysis.statistics.power import detectable
 from analysis.statistics.samples import Sample
-from analysis.statistics.tests import smallest_p
 from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.trivial import at_chance, trivial_metrics, trivial_score
-from analysis.studies.warnings import caution_notes
+from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.pilots import spread_of
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import planned_table
@@ -24,7 +22,6 @@ from tacevo.choices import MarginKind
 from tacevo.records import Kind
 from tacevo.rounding import rounded
 from tacevo.storage.plan import SeedPlan
-from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
 #: What a reader of a study on one data set has to know.
@@ -80,8 +77,8 @@ def scores_table(study: Study) -> Table:
             *(
                 (
                     *(network.name, network.id, network.parameters, network.flops),
-                    *(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary))),
-                    _epochs(study, network),
+                    *(score_cell(study.primary, value) for value in _spread(study.values(network.name, study.primary))),
+                    quartiles([one.epoch for one in study.scores if one.network == network.name]),
                 )
                 for network in study.networks
             ),
@@ -106,8 +103,14 @@ def metrics_table(study: Study) -> Table:
         columns=("metric", *(network.name for network in study.networks), *(("trivial",) if trivial else ())),
         rows=tuple(
             (
-                *(name, *(_median(study, network, metric) for network in study.networks)),
-                *((_known(metric, trivial),) if trivial else ()),
+                *(
+                    name,
+                    *(
+                        quartiles(study.values(network.name, metric), is_share=metric in SHARES)
+                        for network in study.networks
+                    ),
+                ),
+                *((score_cell(metric, trivial.get(metric)),) if trivial else ()),
             )
             for metric, name in named_metrics(study)
         ),
@@ -220,9 +223,9 @@ def outputs_table(study: Study, found: pd.DataFrame) -> Table:
     )
 
 
-def _value(metric: str, value: float) -> Cell:
+def score_cell(metric: str, value: float | None) -> Cell:
     """Show a score: shares of images as percentages, as the paper does."""
-    return Percent(value) if metric in SHARES else value
+    return Percent(value) if metric in SHARES and value is not None else value
 
 
 def unit_of(metric: str) -> str:
@@ -233,7 +236,7 @@ def unit_of(metric: str) -> str:
 def _trivial_row(study: Study) -> tuple[tuple[Cell, ...], ...]:
     """Return the row of the predictor that looks at no image, where its score is known."""
     score = trivial_score(study)
-    return () if score is None else (("trivial", None, 0, 0, _value(study.primary, score), *(None,) * 5),)
+    return () if score is None else (("trivial", None, 0, 0, score_cell(study.primary, score), *(None,) * 5),)
 
 
 def _trivial_note(study: Study) -> tuple[str, ...]:
@@ -243,30 +246,15 @@ def _trivial_note(study: Study) -> tuple[str, ...]:
     return (f"Trivial: looks at no image, and always predicts {always} of the test images.",)
 
 
-def _known(metric: str, trivial: Mapping[str, float]) -> Cell:
-    """Return the trivial predictor's metric, empty where it is not known."""
-    return _value(metric, trivial[metric]) if metric in trivial else None
-
-
 def _frequencies_note(trivial: Mapping[str, float]) -> tuple[str, ...]:
     if "cross_entropy" not in trivial:
         return ()
     return ("Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one.",)
 
 
-def _epochs(study: Study, network: Network) -> Between:
-    epochs = [score.epoch for score in study.scores if score.network == network.name]
-    return Between(*_spread(np.array(epochs, dtype=np.float64))[:3])
-
-
 def _spread(values: Sample) -> tuple[float, ...]:
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
     return tuple(rounded(float(value)) for value in (middle, low, high, values.min(), values.max()))
-
-
-def _median(study: Study, network: Network, metric: str) -> Cell:
-    shape = PercentBetween if metric in SHARES else Between
-    return shape(*_spread(study.values(network.name, metric))[:3])
 
 
 #: The columns of a test, and those of the test of equivalence.
@@ -288,9 +276,17 @@ def scaled(name: str, factor: float) -> tuple[Any, ...]:
     return lambda *ends: Between(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
 
 
-def between(interval: Interval, factor: float = 1) -> Between:
-    """Return the cell of an interval, multiplied by a factor."""
+def between(interval: Interval | None, factor: float = 1) -> Cell:
+    """Return the cell of an interval, multiplied by a factor; None without one."""
+    if interval is None:
+        return None
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
+
+
+def quartiles(values: Sequence[float] | Sample, *, is_share: bool = False) -> Cell:
+    """Return the cell of a median between the lower and the upper quartile."""
+    low, middle, high = (rounded(float(value)) for value in np.quantile(values, [0.25, 0.5, 0.75]))
+    return (PercentBetween if is_share else Between)(middle, low, high)
 
 
 def _scale_note(study: Study) -> tuple[str, ...]:
@@ -377,24 +373,3 @@ def _late_note(study: Study) -> tuple[str, ...]:
 def _power_note(study: Study) -> str:
     who, seeds = counted(study.seeds, "seed"), study.seeds
     return power_note(who, seeds, seeds, alpha=study.terms.alpha, family=len(study.networks) - 1)
-
-
-def power_note(who: str, first: int, second: int, *, alpha: float, family: int) -> str:
-    """Say which effect samples of two sizes, each of 2 at least, detect: in one test, and after Holm's correction.
-
-    `who` names the samples in words; `family` is the number of tests.
-    """
-    one, strictest = (_detected(first, second, level) for level in (alpha, alpha / family))
-    head = f"Detected by {who} with a power of 80 %, in a single test"
-    if one == strictest:
-        return f"{head} and in the strictest step of Holm's correction: {one}."
-    return f"{head}: {one}; in the strictest step of Holm's correction: {strictest}."
-
-
-def _detected(first: int, second: int, alpha: float) -> str:
-    effect = detectable(first, second, alpha=alpha)
-    if effect is not None:
-        return f"an A12 of {shown(effect.a12)} or {shown(1 - effect.a12)} ({shown(effect.shift)} standard deviations)"
-    if smallest_p(first, second) > alpha:
-        return "no effect at all"
-    return "effects near full separation only, since Noether's formula gives none for so few"

@@ -4,7 +4,6 @@ import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
-from analysis.statistics.noise import NetworkNoise
 from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.noise import Reestimates
@@ -12,6 +11,7 @@ from analysis.studies.scores import Study
 from analysis.studies.trivial import at_chance, trivial_score
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables.comparison import between, score_cell
 from analysis.tables.noise import chance_note
 from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
@@ -53,7 +53,7 @@ def study_outcome(
     }
     score = trivial_score(study)
     if score is not None:
-        test = _value(study.primary, score)
+        test = score_cell(study.primary, score)
         rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": test, "fitness": trivial})
     other = f", on {study.where}" if study.where else ""
     return Table(
@@ -109,7 +109,7 @@ def noise_outcome(found: Reestimates, task: str, trivial: float | None = None) -
         ),
         rows=(
             *(
-                (network.name, network.id, one.recorded, one.median, one.least, one.most, _beats(one))
+                (network.name, network.id, one.recorded, one.median, one.least, one.most, between(one.beats))
                 for network, one in listed_ones
             ),
             *(() if trivial is None else (("trivial", None, trivial, trivial, None, None, None),)),
@@ -196,7 +196,7 @@ def _finding_of_one(found: Reestimates) -> str:
     return (
         f"{_called(found)}, {found.networks[1].id}, {verdict} the baseline: its loss is {shown(best.median)} where the "
         f"baseline's is {shown(baseline.median)} (medians of {counted(found.noise.seeds, 'other seed')}); it wins in "
-        f"{won} of seeds, chance {shown(Between(chance.estimate, chance.low, chance.high))}."
+        f"{won} of seeds, chance {shown(between(chance))}."
     )
 
 
@@ -213,13 +213,9 @@ def _score(study: Study, network: str) -> Cell:
     """Return the median test score of a network with its interval; of one seed, its score."""
     values = study.values(network, study.primary)
     if len(values) == 1:
-        return _value(study.primary, float(values[0]))
+        return score_cell(study.primary, float(values[0]))
     found, shape = median(values), PercentBetween if study.primary in SHARES else Between
     return shape(found.estimate, found.low, found.high)
-
-
-def _value(metric: str, value: float) -> Cell:
-    return Percent(value) if metric in SHARES else value
 
 
 def _ends(seeds: int) -> str:
@@ -227,11 +223,6 @@ def _ends(seeds: int) -> str:
     if seeds == 1:
         return ""
     return f" [{100 * LEVEL:g} %]" if median_confidence(seeds) >= LEVEL else " [least, most]"
-
-
-def _beats(one: NetworkNoise) -> Cell:
-    chance = one.beats
-    return None if chance is None else Between(chance.estimate, chance.low, chance.high)
 
 
 def _late(study: Study, found: pd.DataFrame | None) -> tuple[str, ...]:
@@ -279,5 +270,5 @@ def _icc(found: Reestimates) -> str:
     icc = found.noise.icc
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
-    part = f"{shown(Between(icc.estimate, icc.low, icc.high))} ({100 * LEVEL:g} % interval)"
+    part = f"{shown(between(icc))} ({100 * LEVEL:g} % interval)"
     return f"ICC {part}: the part of one fitness's variance that is the network's; the rest is the seed's."
