@@ -15,10 +15,9 @@
 Halves go the way of the binary number, as Python's `format` rounds. A number that is not finite is an error.
 """
 
-import math
 import re
 
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, finite
 
 _MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
@@ -53,17 +52,6 @@ def shown(cell: Cell) -> str:
         case _:
             text = _significant(finite(cell), 3)
     return _NEGATIVE.sub(_MINUS, text)
-
-
-def finite(value: float) -> float:
-    """Return a number, once it is finite.
-
-    Raises:
-        ValueError: it is NaN or infinite.
-    """
-    if not math.isfinite(value):
-        raise ValueError(f"a table's numbers must be finite; got {value}; use None for a missing value")
-    return value
 
 
 def _significant(value: float, digits: int) -> str:

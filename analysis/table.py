@@ -1,6 +1,11 @@
-"""A table as a record; `analysis.tables.rendering` writes it as LaTeX, Markdown and CSV."""
+"""A table as a record, laid out from a frame; `analysis.tables.rendering` writes it as LaTeX, Markdown and CSV."""
 
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,32 @@ def percent(share: float | None) -> Percent | None:
     return None if share is None else Percent(share)
 
 
+def finite(value: float) -> float:
+    """Return a number, once it is finite.
+
+    Raises:
+        ValueError: it is NaN or infinite.
+    """
+    if not math.isfinite(value):
+        raise ValueError(f"a table's numbers must be finite; got {value}; use None for a missing value")
+    return value
+
+
+def between(estimate: float, low: float | None, high: float | None) -> Cell:
+    """Return the cell of an estimate; without an interval, the value alone."""
+    return estimate if low is None or high is None else Between(estimate, low, high)
+
+
+def percent_between(estimate: float, low: float | None, high: float | None) -> Cell:
+    """Return the cell of a fraction; without an interval, the value alone."""
+    return Percent(estimate) if low is None or high is None else PercentBetween(estimate, low, high)
+
+
+#: The columns of a table by their heads: what of a frame each shows. That is a column's name, or a shape of cells and
+#: the columns it takes; where the first of these is missing, so is the cell, and each other is None where it is.
+Layout = Mapping[str, str | tuple[Any, ...]]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
     """Rows under named columns."""
@@ -70,3 +101,60 @@ class Table:
         for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.columns):
                 raise ValueError(f"row {number} of table {self.name} needs {len(self.columns)} cells; got {len(row)}")
+
+    @classmethod
+    def of(
+        cls,
+        frame: pd.DataFrame,
+        layout: Layout,
+        *,
+        name: str,
+        caption: str,
+        notes: Iterable[str] = (),
+        last: Iterable[tuple[Cell, ...]] = (),
+    ) -> "Table":
+        """Lay out a frame, a row for each of its rows and then the `last` ones."""
+        cells = (_cells(frame, *((None, how) if isinstance(how, str) else how)) for how in layout.values())
+        rows = (*zip(*cells, strict=True), *last)
+        return cls(name=name, caption=caption, columns=tuple(layout), rows=rows, notes=tuple(notes))
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The rows unrounded, as CSV has them: fractions as such, an interval as NAME, `NAME low` and `NAME high`.
+
+        A column is Int64, Float64 or string, and `object` where it holds several kinds; a missing value is NA.
+
+        Raises:
+            ValueError: a cell is NaN or infinite.
+        """
+        columns = {}
+        for place, name in enumerate(self.columns):
+            cells = [_exact(row[place]) for row in self.rows]
+            for at in range(max(map(len, cells), default=1)):
+                values = [cell[at] if at < len(cell) else None for cell in cells]
+                columns[f"{name}{('', ' low', ' high')[at]}"] = pd.Series(values, dtype=_dtype(values))
+        return pd.DataFrame(columns)
+
+
+def _exact(cell: Cell) -> list[str | int | float | None]:
+    """Return a cell unrounded: one value, or an estimate and the ends of its interval."""
+    match cell:
+        case None | str():
+            return [cell]
+        case Between(estimate, low, high) | PercentBetween(estimate, low, high):
+            return [finite(estimate), finite(low), finite(high)]
+        case PValue(value) | Halves(value) | Percent(value):
+            return [finite(value)]
+        case _:
+            return [finite(cell)]
+
+
+def _dtype(values: Iterable[str | int | float | None]) -> str:
+    kinds = {type(value) for value in values} - {type(None)}
+    return {int: "Int64", float: "Float64", str: "string"}.get(kinds.pop(), "object") if len(kinds) == 1 else "object"
+
+
+def _cells(frame: pd.DataFrame, shape: Callable[..., Cell] | None, *names: str) -> list[Cell]:
+    """Make the cells of one column."""
+    rows = zip(*([None if pd.isna(value) else value for value in frame[name].tolist()] for name in names), strict=True)
+    return [None if row[0] is None else row[0] if shape is None else shape(*row) for row in rows]

@@ -11,13 +11,11 @@ from itertools import chain
 import numpy as np
 from scipy.stats import binomtest
 
-from analysis.sweeps.ablation import ALPHA, Outcome, compare_arms
+from analysis.sweeps.ablation import ALPHA, as_jobs, compare_arms
 from analysis.sweeps.metrics import Metric
 from analysis.sweeps.sweep import REFERENCE
-from benchmarks.landscape import Landscape, Searched, Strategy, search
+from benchmarks.landscape import Landscape, Strategy, search
 from tacevo.evolution.archive import Tessellation, find_centroids
-from tacevo.evolution.lines import CandidateLine
-from tacevo.records import Operator
 from tacevo.storage.canonical import content_hash
 
 #: The controls, by the names of their arms.
@@ -102,47 +100,35 @@ def told(
     ]
 
 
-def _outcome(landscape: Landscape, niches: Tessellation, trainings: int, arm: str, seed: int, *, at: int) -> Outcome:
-    """Run a job, and test what it found."""
+def _outcome(
+    landscape: Landscape, niches: Tessellation, trainings: int, arm: str, seed: int, *, at: int
+) -> dict[str, object]:
+    """Run a job, and test what it found; return it as a row of a frame of jobs."""
     own = -1 - seed if arm == OTHER_SEEDS else seed
     strategy = CONTROLS.get(arm, Strategy.elites)
     found = search(landscape, strategy, niches, trainings, own, another=int(arm == SAME_SEEDS))
     fresh = landscape.evaluate(found.points[found.best], own, range(1_000, 1_000 + RETRAININGS))
-    values: dict[Metric, float | None] = dict.fromkeys(Metric)
-    values |= {Metric.test_mse: float(np.median(fresh)), Metric.best_fitness: float(found.fitness.min())}
-    return Outcome(job=f"{arm}-seed{at}", arm=arm, seed=at, values=values, best=(), filled=(), slots=_slots(found))
-
-
-def _slots(found: Searched) -> tuple[CandidateLine, ...]:
-    """Return one line that stands for all candidates, by which runs that are one search are known."""
-    line = CandidateLine(
-        generation=0,
-        slot=0,
-        id="",
-        source=content_hash(found.points.tolist()),
-        operator=Operator.baseline,
-        parents=(),
-        prompt=None,
-        request=None,
-        temperature=None,
-        answer=None,
-    )
-    return (line,)
+    return {
+        "job": f"{arm}-seed{at}",
+        "arm": arm,
+        "seed": at,
+        "search": content_hash(found.points.tolist()),
+        "test_mse": float(np.median(fresh)),
+        "best_fitness": float(found.fitness.min()),
+    }
 
 
 def _compared(
-    arms: Mapping[str, Sequence[Outcome]], family: Sequence[str], jobs: int
+    arms: Mapping[str, Sequence[Mapping[str, object]]], family: Sequence[str], jobs: int
 ) -> dict[tuple[str, int, str], tuple[bool, bool]]:
     """Compare arms with the reference as a sweep does; return whether each was found worse, and better."""
-    found = compare_arms([one for name in (REFERENCE, *family) for one in arms[name][:jobs]], wanted=REFERENCE)
-    ways = {}
-    for arm in found.arms[1:]:
-        for name, metric in METRICS.items():
-            contrast = arm.metrics[metric].contrast
-            differs = contrast is not None and contrast.p_holm is not None and contrast.p_holm <= ALPHA
-            is_higher = bool(contrast and contrast.effects and contrast.effects.a12.estimate > 0.5)
-            ways[arm.name, jobs, name] = differs and is_higher, differs and not is_higher
-    return ways
+    rows = [one for name in (REFERENCE, *family) for one in arms[name][:jobs]]
+    found = compare_arms(as_jobs(rows), wanted=REFERENCE)
+    return {
+        (row.Index, jobs, name): (row.p_holm <= ALPHA and row.a12 > 0.5, row.p_holm <= ALPHA and not row.a12 > 0.5)
+        for name, metric in METRICS.items()
+        for row in found.arms[metric].iloc[1:].itertuples()
+    }
 
 
 def power_table(noises: Sequence[float], *, sweeps: int, jobs: Sequence[int], trainings: int) -> Iterator[str]:

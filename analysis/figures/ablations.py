@@ -1,11 +1,11 @@
 """The arms of a sweep: how they went, generation by generation, and where every seed of them ended."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from textwrap import fill
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from analysis.figures.style import (
     house_style,
     new_figure,
 )
-from analysis.sweeps.ablation import Ablation, Outcome
+from analysis.sweeps.ablation import CURVES, QUARTILES, Ablation, by_generation
 from analysis.sweeps.metrics import Metric
 
 #: A name of Matplotlib's, or an offset with the lengths of dashes and gaps.
@@ -63,19 +63,19 @@ class _Look:
 
 
 @house_style()
-def curves(found: Ablation) -> Figure:
+def curves(found: Ablation, frame: pd.DataFrame) -> Figure:
     """Draw best fitness, QD-score and coverage by generation: the median of each arm's seeds over its quartiles."""
-    columns = max(1, min(4, _LEGEND // max(len(arm.name) + _HANDLE for arm in found.arms)))
-    rows = -(-len(found.arms) // columns)
+    columns = max(1, min(4, _LEGEND // max(len(name) + _HANDLE for name in found.names)))
+    rows = -(-len(found.names) // columns)
     figure, panels = new_figure("double", _PANEL + 0.16 * rows, columns=3)
-    drawn = (_best(found.outcomes), _of_archive(found.outcomes, "qd_score"), _of_archive(found.outcomes, "coverage"))
-    for axes, values in zip(panels, drawn, strict=True):
+    for axes, metric in zip(panels, CURVES, strict=True):
         for name, look in _looks(found).items():
-            if name in values:  # some job of it was finished
-                _band(axes, values[name], look, name)
+            values = by_generation(frame, name, metric)
+            if len(values):  # some job of it was finished
+                _band(axes, values * (100 if metric is Metric.coverage else 1), look, name)
         count_along(axes, "generation")
-    on_loss_axis(panels[0], [value for one in found.outcomes for value in one.best])
-    for axes, metric in zip(panels, (Metric.best_fitness, Metric.qd_score, Metric.coverage), strict=True):
+    on_loss_axis(panels[0], [None if np.isnan(value) else value for value in frame.best_fitness])
+    for axes, metric in zip(panels, CURVES, strict=True):
         axes.set_ylabel(_ENDS[metric][0])
     for axes in panels[1:]:
         axes.set_ylim(bottom=0)
@@ -87,13 +87,13 @@ def curves(found: Ablation) -> Figure:
 @house_style()
 def final_values(found: Ablation) -> Figure:
     """Draw where every run ended, arm by arm, over boxes of quartiles; the dotted line is the reference's median."""
-    names = [fill(arm.name, _NAME) for arm in found.arms]
+    names = [fill(name, _NAME) for name in found.names]
     lines = max(name.count("\n") for name in names)
-    shown = [metric for metric in _ENDS if metric in found.metrics]
+    shown = [metric for metric in _ENDS if metric in found.arms]
     figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=len(shown))
     for axes, metric in zip(panels, shown, strict=True):
         label, factor = _ENDS[metric]
-        samples = [factor * np.array(list(arm.metrics[metric].values.values())) for arm in found.arms]
+        samples = [factor * np.array(list(found.values(name, metric).values())) for name in found.names]
         positions = range(len(samples))
         axes.boxplot(samples, positions=positions, orientation="horizontal", widths=0.66, whis=(0, 100), **BOXES)
         for place, (values, look) in enumerate(zip(samples, _looks(found).values(), strict=True)):
@@ -113,31 +113,13 @@ def _looks(found: Ablation) -> dict[str, _Look]:
     """Return every arm a colour, a dash and a marker of its own; the reference is black and solid."""
     looks = map(_Look, cycle(_COLOURS), cycle(_DASHES), cycle(_MARKERS))
     black = _Look(BLACK, "-", "o")
-    return {arm.name: black if arm.name == found.reference else next(looks) for arm in found.arms}
-
-
-def _best(outcomes: Sequence[Outcome]) -> dict[str, _Values]:
-    """Return the best fitness by arm, shape (seeds, generations); NaN, which is not drawn, before the first one."""
-    return _by_arm(outcomes, [[np.nan if value is None else value for value in one.best] for one in outcomes])
-
-
-def _of_archive(outcomes: Sequence[Outcome], field: str) -> dict[str, _Values]:
-    """Return a figure of the common archive by arm, shape (seeds, generations); coverage in per cent."""
-    factor = 100 if field == "coverage" else 1
-    return _by_arm(outcomes, [[factor * getattr(after, field) for after in one.filled] for one in outcomes])
-
-
-def _by_arm(outcomes: Sequence[Outcome], rows: Sequence[Sequence[float]]) -> dict[str, _Values]:
-    found: dict[str, list[Sequence[float]]] = {}
-    for one, row in zip(outcomes, rows, strict=True):
-        found.setdefault(one.arm, []).append(row)
-    return {arm: np.array(values, dtype=np.float64) for arm, values in found.items()}
+    return {name: black if name == found.reference else next(looks) for name in found.names}
 
 
 def _band(axes: Axes, values: _Values, look: _Look, name: str) -> None:
     """Draw the median of an arm's seeds over the band between its quartiles."""
     generations = np.arange(values.shape[1])
-    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75], axis=0)
+    low, middle, high = np.quantile(values, QUARTILES, axis=0)
     axes.fill_between(generations, low, high, color=look.colour, alpha=0.15, linewidth=0)
     (line,) = axes.plot(generations, middle, color=look.colour, label=name, clip_on=False, zorder=3)
     line.set(marker=look.marker, markevery=max(1, len(generations) // 6), linestyle=look.dash)

@@ -1,8 +1,9 @@
 """Single networks of a search: where the best came from, and how the best were trained."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from typing import Literal
 
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -11,7 +12,6 @@ from matplotlib.ticker import MaxNLocator
 from analysis.figures.axes import count_along, on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
-from analysis.runs.lineage import Ancestor
 from tacevo.data.figures import WIDTHS
 from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Operator
@@ -48,31 +48,31 @@ _LINES = (
 
 
 @house_style()
-def lineage(ancestors: Sequence[Ancestor]) -> Figure:
+def lineage(ancestors: pd.DataFrame) -> Figure:
     """Draw a network and its ancestors, one below the other, each with what it was made by and its fitness.
 
     The ancestors stand in the order of the search; the network itself is the last.
     """
-    rows = [ancestor.candidate for ancestor in ancestors[-ROWS:]]
+    rows = list(ancestors.tail(ROWS).itertuples())
     height = _HEAD + _ROW * len(rows) + _FOOT
     figure = Figure(figsize=(WIDTHS["single"], height))
     axes = figure.add_axes((0.03, _FOOT / height, 0.3, _ROW * len(rows) / height))
-    places = {candidate.id: (candidate.generation, row) for row, candidate in enumerate(rows)}
-    for candidate, ancestor in zip(rows, ancestors[-ROWS:], strict=True):
-        colour, marker, dashes = _OPERATORS[candidate.operator]
-        generation, row = places[candidate.id]
-        for before, above in (places[parent] for parent in candidate.parents if parent in places):
+    places = {one.Index: (one.generation, row) for row, one in enumerate(rows)}
+    for one in rows:
+        colour, marker, dashes = _OPERATORS[Operator(one.operator)]
+        generation, row = places[one.Index]
+        for before, above in (places[parent] for parent in one.parents if parent in places):
             axes.plot([before, generation], [above, row], color=colour, linestyle=dashes, linewidth=0.9)
         axes.plot(generation, row, marker, color=colour, zorder=3, clip_on=False)
-        made = ancestor.instruction or candidate.operator.value
-        fitness = "" if ancestor.fitness is None else shown(ancestor.fitness)
-        _write(axes, row, candidate.id, made.replace("_", " "), fitness)
+        made = one.operator if pd.isna(one.instruction) else one.instruction
+        fitness = "" if pd.isna(one.fitness) else shown(one.fitness)
+        _write(axes, row, one.Index, made.replace("_", " "), fitness)
     hidden = len(ancestors) - len(rows)
     _write(axes, -1, "network", f"made by ({hidden} left out)" if hidden else "made by", "loss")
     axes.set(ylim=(len(rows) - 0.5, -0.5), yticks=[], xlabel="generation")
     axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True, min_n_ticks=1))
     axes.spines["left"].set_visible(False)
-    figure.legend(handles=_operators(rows), loc="upper center", ncols=3)
+    figure.legend(handles=_operators({one.operator for one in rows}), loc="upper center", ncols=3)
     return figure
 
 
@@ -102,9 +102,8 @@ def _write(axes: Axes, row: int, *texts: str) -> None:
         axes.text(place, row, text, transform=axes.get_yaxis_transform(), ha=side, va="center", parse_math=False)
 
 
-def _operators(shown: Sequence[CandidateLine]) -> list[Line2D]:
+def _operators(used: Set[str]) -> list[Line2D]:
     """Make the legend of the operators that occur."""
-    used = {candidate.operator for candidate in shown}
     return [
         Line2D([], [], color=colour, marker=marker, linestyle=dashes, label=operator.value)
         for operator, (colour, marker, dashes) in _OPERATORS.items()

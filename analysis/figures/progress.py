@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.figures.axes import count_along, on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
-from analysis.runs.dynamics import GenerationFigures, Productivity
 from analysis.runs.run import Run
 from tacevo.records import Stage
 
@@ -43,14 +43,13 @@ def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
 
 
 @house_style()
-def trainable(generations: Sequence[GenerationFigures]) -> Figure:
+def trainable(generations: pd.DataFrame) -> Figure:
     """Draw how many first answers of each generation were trained, and at which stage the others were rejected."""
     figure, (axes,) = new_figure("single", 2.4)
-    numbers = [entry.line.generation for entry in generations]
-    floor = np.array([entry.line.trained for entry in generations])
+    numbers, floor = generations.index.to_numpy(), generations.trained.to_numpy()
     axes.bar(numbers, floor, 0.82, color=BLUE, edgecolor="white", label="trained")
     for stage, (label, colour, hatch) in _STAGES.items():
-        counts = np.array([entry.rejected[stage] for entry in generations])
+        counts = generations[f"rejected_{stage}"].to_numpy()
         if counts.any():
             axes.bar(numbers, counts, 0.82, floor, color=colour, edgecolor="white", hatch=hatch, label=label)
         floor = floor + counts
@@ -117,19 +116,18 @@ def temperature(run: Run) -> Figure:
 
 
 @house_style()
-def prompt_productivity(prompts: Sequence[Productivity]) -> Figure:
+def prompt_productivity(prompts: pd.DataFrame) -> Figure:
     """Draw the share of each instruction's children that entered the network archive, with its Wilson interval.
 
     One that was never tried has its line, and no point on it.
     """
     figure, (axes,) = new_figure("single", 0.55 + 0.145 * len(prompts))
-    for place, prompt in enumerate(prompts):
+    for place, prompt in enumerate(prompts.itertuples()):
         axes.text(1.03, place, f"{prompt.inserted}/{prompt.tried}", transform=axes.get_yaxis_transform(), va="center")
-        if prompt.rate is not None and prompt.interval is not None:
-            low, high = prompt.interval
-            axes.plot([low, high], [place, place], color=GREY, solid_capstyle="butt")
+        if prompt.tried:
+            axes.plot([prompt.rate_low, prompt.rate_high], [place, place], color=GREY, solid_capstyle="butt")
             axes.plot(prompt.rate, place, "o", color=BLUE, clip_on=False)
-    names = [prompt.name.replace("_", " ") for prompt in prompts]
+    names = [name.replace("_", " ") for name in prompts.name]
     axes.set_yticks(range(len(prompts)), names, parse_math=False)
     axes.set(xlim=(0, 1), ylim=(len(prompts) - 0.5, -0.5), xlabel="inserted / tried, with 95 % interval")
     axes.tick_params(axis="y", length=0)

@@ -5,16 +5,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import pandas as pd
+
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
 from analysis.runs.run import Run, load_run
-from analysis.studies.comparison import Comparisons, compare
+from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
 from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
 from analysis.studies.scores import Study
-from analysis.studies.searches import LEAST_SEEDS, StudiedSearch, best_by_reestimates
+from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.studies.study import as_study
 from analysis.studies.transfer import transfers
 from analysis.table import Table
@@ -40,15 +42,15 @@ from tacevo.profile import Profile
 from tacevo.studies.directory import FinishedStudy, StudyDirectory, studies_of
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Compared:
     """A finished study and what its comparison says."""
 
     #: Of its directory.
     name: str
     study: Study
-    #: None where it cannot be compared; its scores are shown all the same.
-    comparisons: Comparisons | None
+    #: As of `compare`; None where it cannot be compared; its scores are shown all the same.
+    comparisons: pd.DataFrame | None
     #: What its test images say; None where it keeps no test predictions, or its store is elsewhere.
     images: ImageFindings | None = None
 
@@ -172,7 +174,7 @@ def _store_of(run: Run, store: Path | None) -> Path:
     return store or Path(run.config.store.root)
 
 
-def _compared(study: Study, path: Path) -> tuple[Comparisons | None, list[str]]:
+def _compared(study: Study, path: Path) -> tuple[pd.DataFrame | None, list[str]]:
     """Compare a study; where that fails, return the reason."""
     if len(study.networks) == 1:  # a baseline alone, as was asked for
         return None, []
@@ -239,7 +241,7 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
         for one in found
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]
-    tables = [searches_table([best_by_reestimates(searches, half=half) for half in (0, 1)]) for searches in groups]
+    tables = [searches_table(searches) for searches in groups]
     return _numbered(tables), alone
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.figures.ablations import curves, final_values
@@ -22,7 +23,7 @@ from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.runs.run import Run
-from analysis.studies.comparison import Comparisons
+from analysis.studies.comparison import of_whole
 from analysis.studies.images import ImageFindings
 from analysis.studies.scores import Study
 from analysis.table import PValue
@@ -80,7 +81,7 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
         Picture(
             name=f"ablation_curves_{task}",
             caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
-            draw=partial(curves, collected.found),
+            draw=partial(curves, collected.found, collected.curves),
         ),
         Picture(
             name=f"ablation_finals_{task}",
@@ -153,10 +154,11 @@ def _has_map(run: Run) -> bool:
     return run.has_niches and len(run.config.archive.axes) == 2
 
 
-def study_pictures(study: Study, comparisons: Comparisons | None, images: ImageFindings | None) -> tuple[Picture, ...]:
+def study_pictures(study: Study, comparisons: pd.DataFrame | None, images: ImageFindings | None) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
-    variants = () if comparisons is None else comparisons.variants
-    verdicts = {found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in variants}
+    verdicts = {
+        found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in of_whole(comparisons).itertuples()
+    }
     ending = "; p is Holm's." if verdicts else "."
     words = (
         f"Test results of {study.seeds} training seeds of each network ({_data_of(study)}). Points are seeds, boxes "

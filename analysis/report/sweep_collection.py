@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.runs.niches import load_niches
 from analysis.runs.run import Run
 from analysis.studies.corrected import Corrected
 from analysis.studies.scores import PRIMARY
-from analysis.sweeps.ablation import Ablation, compare_arms, outcome
+from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
 from analysis.sweeps.common_archive import Extent, common_archive, extents
 from analysis.sweeps.corrected import corrected_jobs
 from analysis.sweeps.metrics import TESTS, Metric
@@ -25,12 +26,14 @@ from tacevo.errors import ConfigError, IncomparableError
 from tacevo.text import counted, listed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SweepCollection:
     """A sweep with its comparison."""
 
     sweep: Sweep
     found: Ablation
+    #: Of its runs, by generation (`curves_frame`).
+    curves: pd.DataFrame
     #: Name of the job whose niches the common archive has.
     niches_of: str
     #: Of the common archive, by axis.
@@ -62,11 +65,13 @@ def collect_sweep(
     measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks, wanted)
     runs = [one.run for one in sweep.finished]
     common = common_archive(runs, measure.run, centroids)
-    outcomes = [outcome(one, common) for one in sweep.finished]
-    found = compare_arms(outcomes, wanted=wanted, primary=primary_metric(sweep), failed=sweep.failed)
+    curves = curves_frame(sweep.finished, common)
+    jobs = jobs_frame(sweep.finished, curves)
+    found = compare_arms(jobs, wanted=wanted, primary=primary_metric(sweep), failed=sweep.failed)
     return SweepCollection(
         sweep=sweep,
         found=found,
+        curves=curves,
         niches_of=measure.job.name,
         extents=extents(runs, common),
         corrected=corrected_jobs(sweep, common, store),
@@ -127,8 +132,7 @@ def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
     first, *others = ablation_tables(collected.sweep, collected.found, archive)
     jobs, corrected = [one.job.name for one in collected.sweep.finished], collected.corrected
     if len(corrected) == len(jobs):
-        arms = [arm.name for arm in collected.found.arms]
-        return first, corrected_arms_table(collected.sweep, arms, corrected), *others
+        return first, corrected_arms_table(collected.sweep, collected.found.names, corrected), *others
     if corrected:
         lacking = listed(name for name in jobs if name not in corrected)
         remark = f"No corrected figures: tacevo noise has not trained all elites of {lacking} again."

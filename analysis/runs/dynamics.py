@@ -4,16 +4,18 @@ A rate counts first answers, as the paper does: one that was rejected and then r
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
+import pandas as pd
 from scipy.stats import binomtest
 
 from analysis.runs.run import Run
 from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
-from tacevo.evolution.lines import CandidateLine, GenerationLine, trained_networks, training_flops
+from tacevo.evolution.lines import CandidateLine, trained_networks, training_flops
 from tacevo.records import Operator, Stage
 from tacevo.rounding import DIGITS
 
@@ -31,51 +33,26 @@ PUBLISHED_GENERATIONS = (7, 10)
 BANDS = 10
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GenerationFigures:
-    """One generation."""
+#: The columns of a frame of generations, whose index is `generation`, and the type of each. What its ledger line says
+#: comes first; losses are missing before anything was trained. Then: first answers that were rejected, by stage;
+#: niches, or places, that are occupied after it; how many more these are than before (below 0 where moved bounds made
+#: niches fall together); candidates that found their niche empty, and that beat its elite; niches that emptied as
+#: bounds moved, less those that filled so; slots whose evaluation an earlier slot had asked for, and whose source is a
+#: parent's, to the letter; and what its answers cost, missing unless that is known of every answer.
+GENERATIONS = (
+    {"temperature": "float64", "candidates": "int64", "trained": "int64", "best": "float64"}
+    | dict.fromkeys(("generation_median", "qd_score", "coverage"), "float64")
+    | {f"rejected_{stage}": "int64" for stage in Stage}
+    | dict.fromkeys(("elites", "growth", "new", "improved", "lost", "repeated", "unchanged"), "int64")
+    | dict.fromkeys(("answers", "tokens", "input_tokens", "output_tokens"), "Int64")
+    | {"usd": "float64"}
+)
 
-    #: What its ledger line says: temperature, best, median, coverage, QD-score.
-    line: GenerationLine
-    #: Occupied niches, or places, after it.
-    elites: int
-    #: How many more these are than before it; negative where moved bounds made niches fall together.
-    growth: int
-    #: Candidates that found their niche empty, and those that beat its elite.
-    new: int
-    improved: int
-    #: First answers that were rejected, by stage; every stage has an entry.
-    rejected: Mapping[Stage, int]
-    #: Slots whose evaluation was asked for by an earlier slot of this or an earlier generation.
-    repeated: int
-    #: Slots whose source is that of a parent, to the letter.
-    unchanged: int
-    #: What its answers cost; None unless that is known of every answer.
-    spent: Spending | None
-
-    @property
-    def lost(self) -> int:
-        """How many occupied niches were empty after bounds moved, less those that were occupied then."""
-        return self.new - self.growth
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Productivity:
-    """What came of the mutations that have something in common: their instruction, or their temperature."""
-
-    name: str
-    #: Slots that were asked; a child that the gate rejected was tried, too, and inserted nowhere.
-    tried: int
-    trained: int
-    #: Children that the network archive took: the sum of the paper's r(s).
-    inserted: int
-    #: Wilson's interval of inserted / tried; None where nothing was tried.
-    interval: tuple[float, float] | None
-
-    @property
-    def rate(self) -> float | None:
-        """Inserted / tried, in [0, 1]."""
-        return self.inserted / self.tried if self.tried else None
+#: The columns of a frame of mutations that have their instruction or temperature in common, and the type of each: slots
+#: that were asked (a child that the gate rejected was tried, too, and inserted nowhere); children that the network
+#: archive took, the sum of the paper's r(s); inserted / tried with Wilson's interval, missing where nothing was tried.
+PRODUCTIVITY = {"name": "str"} | dict.fromkeys(("tried", "trained", "inserted"), "int64")
+PRODUCTIVITY |= dict.fromkeys(("rate", "rate_low", "rate_high"), "float64")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,29 +77,33 @@ class Improvement:
     coverage: float
 
 
-def progress(run: Run) -> tuple[GenerationFigures, ...]:
-    """Return the figures of every generation, in order."""
+def progress(run: Run) -> pd.DataFrame:
+    """Return a row for each generation (`GENERATIONS`)."""
     repeated, unchanged = repeats(run), copies(run)
-    found: list[GenerationFigures] = []
+    rows: list[dict[str, Any]] = []
     for line in run.generations:
         slots = [candidate for candidate in run.candidates if candidate.generation == line.generation]
-        elites = round(line.coverage * run.places)
         statuses = Counter(candidate.status for candidate in slots)
         stages = Counter(first[0] for slot in slots if (first := slot.first_rejection))
-        found.append(
-            GenerationFigures(
-                line=line,
-                elites=elites,
-                growth=elites - (found[-1].elites if found else 0),
-                new=statuses[AddStatus.new],
-                improved=statuses[AddStatus.improved],
-                rejected={stage: stages[stage] for stage in Stage},
-                repeated=sum(candidate.id in repeated for candidate in slots),
-                unchanged=sum(candidate.id in unchanged for candidate in slots),
-                spent=spending(run, slots),
-            )
-        )
-    return tuple(found)
+        elites = round(line.coverage * run.places)
+        growth = elites - (rows[-1]["elites"] if rows else 0)
+        row = {name: getattr(line, name) for name in list(GENERATIONS)[:7]}
+        row |= {f"rejected_{stage}": stages[stage] for stage in Stage} | {"elites": elites, "growth": growth}
+        row |= {"new": statuses[AddStatus.new], "improved": statuses[AddStatus.improved]}
+        row |= {"lost": statuses[AddStatus.new] - growth}
+        row |= {"repeated": sum(slot.id in repeated for slot in slots)}
+        row |= {"unchanged": sum(slot.id in unchanged for slot in slots)}
+        rows.append(row | _costs(spending(run, slots)))
+    index = pd.Index([line.generation for line in run.generations], name="generation")
+    return pd.DataFrame(rows, index=index, columns=list(GENERATIONS)).astype(GENERATIONS)
+
+
+def _costs(spent: Spending | None) -> dict[str, int | float | None]:
+    """Return the columns of a spending; tokens and dollars only where those of every answer are known."""
+    if spent is None:
+        return {}
+    tokens = {} if spent.uncounted else {"input_tokens": spent.input_tokens, "output_tokens": spent.output_tokens}
+    return {"answers": spent.answers, "tokens": spent.tokens, **tokens, "usd": None if spent.unpriced else spent.usd}
 
 
 def repeats(run: Run) -> frozenset[str]:
@@ -147,24 +128,24 @@ def copies(run: Run) -> frozenset[str]:
     )
 
 
-def by_prompt(run: Run) -> tuple[Productivity, ...]:
-    """Return the productivity of every instruction of the library, tried or not, in the library's order."""
+def by_prompt(run: Run) -> pd.DataFrame:
+    """Return a row for each instruction of the library (`PRODUCTIVITY`), tried or not, in the library's order."""
     asked = _mutations(run)
-    return tuple(
-        _productivity(name, [candidate for candidate in asked if candidate.prompt == index])
+    return _productivity(
+        (name, [candidate for candidate in asked if candidate.prompt == index])
         for index, name in enumerate(run.instructions)
     )
 
 
-def by_temperature(run: Run) -> tuple[Productivity, ...]:
-    """Return the productivity of every band of the requests' temperatures in which something was asked, rising."""
+def by_temperature(run: Run) -> pd.DataFrame:
+    """Return a row for each band of the requests' temperatures in which something was asked, rising."""
     bands: dict[int, list[CandidateLine]] = {}
     for candidate in _mutations(run):
         temperature = candidate.sent_temperature
         if temperature is not None:
             band = min(int(temperature * BANDS), BANDS - 1)  # the last band holds its upper end
             bands.setdefault(band, []).append(candidate)
-    return tuple(_productivity(f"{band / BANDS:.1f}-{(band + 1) / BANDS:.1f}", bands[band]) for band in sorted(bands))
+    return _productivity((f"{band / BANDS:.1f}-{(band + 1) / BANDS:.1f}", bands[band]) for band in sorted(bands))
 
 
 def temperature_follows_age(run: Run) -> bool:
@@ -213,15 +194,16 @@ def _mutations(run: Run) -> list[CandidateLine]:
     ]
 
 
-def _productivity(name: str, asked: list[CandidateLine]) -> Productivity:
-    inserted = sum(candidate.inserted for candidate in asked)
-    return Productivity(
-        name=name,
-        tried=len(asked),
-        trained=sum(candidate.fitness is not None for candidate in asked),
-        inserted=inserted,
-        interval=_wilson(inserted, len(asked)) if asked else None,
-    )
+def _productivity(asked: Iterable[tuple[str, Sequence[CandidateLine]]]) -> pd.DataFrame:
+    rows = []
+    for name, slots in asked:
+        inserted, ends = sum(one.inserted for one in slots), {}
+        if slots:
+            low, high = _wilson(inserted, len(slots))
+            ends = {"rate": inserted / len(slots), "rate_low": low, "rate_high": high}
+        trained = sum(one.fitness is not None for one in slots)
+        rows.append({"name": name, "tried": len(slots), "trained": trained, "inserted": inserted, **ends})
+    return pd.DataFrame(rows, columns=list(PRODUCTIVITY)).astype(PRODUCTIVITY)
 
 
 def _wilson(found: int, tried: int) -> tuple[float, float]:

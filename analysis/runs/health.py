@@ -116,7 +116,7 @@ def _of_descriptors(run: Run, placed: CoverageMap) -> Iterator[Alarm]:
     last = run.generations[-1].generation
     late = [generation for generation in placed.moved if generation > LATE * last]
     if late:
-        lost = sum(entry.lost for entry in progress(run))
+        lost = int(progress(run).lost.sum())
         yield Alarm(
             name="late bounds",
             sentence=f"The bounds of the descriptors moved {counted(len(late), 'time')} in the last half of the run, "
@@ -215,20 +215,20 @@ def _of_time(run: Run) -> Iterator[Alarm]:
 def _of_prompts(run: Run) -> Iterator[Alarm]:
     """Look at instructions, unless the run ended before any mutation of generation 1."""
     found = by_prompt(run)
-    if not any(prompt.tried for prompt in found):
+    if not found.tried.any():
         return
-    untried = [prompt.name for prompt in found if not prompt.tried]
+    untried = found.name[found.tried == 0].tolist()
     if untried:
         yield Alarm(
             name="untried prompts",
             sentence=f"Never drawn (prompts={run.config.prompts.policy}): {', '.join(untried)}.",
             figures=(("untried", len(untried)), ("prompts", len(found))),
         )
-    inserted, tried = sum(prompt.inserted for prompt in found), sum(prompt.tried for prompt in found)
-    for prompt in found:
+    inserted, tried = int(found.inserted.sum()), int(found.tried.sum())
+    for prompt in found.itertuples():
         others = inserted / (tried - prompt.tried) if tried > prompt.tried else 0.0
         # Without the interval, an instruction that was drawn twice would be blamed for bad luck.
-        if not prompt.inserted and prompt.interval is not None and prompt.interval[1] < others:
+        if not prompt.inserted and prompt.rate_high < others:
             yield Alarm(
                 name="fruitless prompt",
                 sentence=f"{prompt.name} was tried {prompt.tried} times, and no child of it entered the archive; "

@@ -1,25 +1,18 @@
 """Where a network comes from: its ancestors, step by step, back to the baseline."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+import pandas as pd
 
 from analysis.runs.run import Run
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ancestor:
-    """One network of a lineage."""
-
-    #: With its id, generation, operator, prompt and parents.
-    candidate: CandidateLine
-    #: What the search knew of it at its end; None where a training of it failed.
-    fitness: float | None
-    #: Id of its instruction; None for the baseline and a crossover.
-    instruction: str | None
-    #: How much less loss it has than the better of its parents; negative where it has more, None where one is unknown.
-    gain: float | None
+#: The columns of a lineage, whose index is `id`, and the type of each: parents are a tuple of ids; the instruction is
+#: missing of the baseline and a crossover; the fitness is what the search knew at its end, missing where a training
+#: failed; gain is how much less loss a network has than the better of its parents, missing where one is unknown.
+LINEAGE = {"generation": "int64", "operator": "str", "instruction": "str", "parents": "object"}
+LINEAGE |= {"fitness": "float64", "gain": "float64"}
 
 
 def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
@@ -41,19 +34,24 @@ def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
     return tuple(sorted(found.values(), key=lambda candidate: (candidate.generation, candidate.slot)))
 
 
-def lineage(run: Run, name: str) -> tuple[Ancestor, ...]:
-    """Return a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does."""
-    found = ancestors(run, name)
-    fitness = run.fitness
-    return tuple(
-        Ancestor(
-            candidate=candidate,
-            fitness=fitness.get(candidate.id),
-            instruction=None if candidate.prompt is None else run.instructions[candidate.prompt],
-            gain=_gain(candidate, fitness),
-        )
+def lineage(run: Run, name: str) -> pd.DataFrame:
+    """Return a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does.
+
+    A row each, in the order of the search, and the candidate itself last (`LINEAGE`).
+    """
+    found, fitness = ancestors(run, name), run.fitness
+    rows = [
+        {
+            "generation": candidate.generation,
+            "operator": candidate.operator.value,
+            "instruction": None if candidate.prompt is None else run.instructions[candidate.prompt],
+            "parents": candidate.parents,
+            "fitness": fitness.get(candidate.id),
+            "gain": _gain(candidate, fitness),
+        }
         for candidate in found
-    )
+    ]
+    return pd.DataFrame(rows, index=pd.Index([one.id for one in found], name="id")).astype(LINEAGE)
 
 
 def _gain(candidate: CandidateLine, fitness: Mapping[str, float]) -> float | None:

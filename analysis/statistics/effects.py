@@ -29,6 +29,10 @@ class Interval:
     low: float
     high: float
 
+    def columns(self, name: str) -> dict[str, float]:
+        """Return it as columns of a frame: NAME, NAME_low and NAME_high."""
+        return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effects:
@@ -40,6 +44,15 @@ class Effects:
     cliffs_delta: Interval
     #: Median of x less median of y, in the unit of the values.
     median_difference: Interval
+
+    def columns(self) -> dict[str, float]:
+        """Return them as columns of a frame: `a12`, `cliffs_delta` and `difference`, each with its ends."""
+        parts = {"a12": self.a12, "cliffs_delta": self.cliffs_delta, "difference": self.median_difference}
+        return {key: value for name, part in parts.items() for key, value in part.columns(name).items()}
+
+
+#: The columns that `Effects.columns` gives.
+EFFECTS = tuple(f"{name}{end}" for name in ("a12", "cliffs_delta", "difference") for end in ("", "_low", "_high"))
 
 
 def median_difference(x: ArrayLike, y: ArrayLike) -> float:

@@ -5,23 +5,24 @@ variants are one family for Holm's correction, those for a difference and those 
 metric is a mean over several outputs, each variant is compared on each output, too; all of these are one more family.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from analysis.statistics.effects import Effects, Interval, effects
-from analysis.statistics.equivalence import Equivalence, equivalence
+from analysis.statistics.effects import EFFECTS, effects
+from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
-from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
+from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.scores import LOWER_IS_BETTER, Study
-from analysis.studies.warnings import Caution, cautions, late_share
+from analysis.studies.warnings import cautions, late_share
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.rounding import rounded
-from tacevo.studies.terms import Terms, fewest_seeds
+from tacevo.studies.terms import fewest_seeds
 
 
 class Verdict(StrEnum):
@@ -37,66 +38,50 @@ class Verdict(StrEnum):
     undecided = "undecided"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VariantComparison:
-    """A variant against the baseline in one metric."""
-
-    network: str
-    median: float
-    test: MannWhitney
-    #: Of the test, after Holm's correction over its family.
-    p_holm: float
-    effects: Effects
-    equivalence: Equivalence
-    #: Of the equivalence, after Holm's correction over its family.
-    equivalence_p_holm: float
-    verdict: Verdict
-    cautions: tuple[Caution, ...]
+#: The columns of a study's comparisons, and the type of each: the output, missing where a row is of the primary metric
+#: itself; the variant, and the median of its seeds; the margin of equivalence, in the metric's unit; the test, its p
+#: before and after Holm's correction over the family; the effects; p of equivalence, likewise; verdict and cautions.
+COMPARISONS = (
+    {"output": "str", "network": "str", "median": "float64", "margin": "float64"}
+    | {"u": "float64", "p": "float64", "p_holm": "float64", "method": "str"}
+    | dict.fromkeys(EFFECTS, "float64")
+    | {"p_equivalence": "float64", "p_equivalence_holm": "float64", "method_equivalence": "str"}
+    | {"verdict": "str", "cautions": "object"}
+)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparisons:
-    """All variants of a study against its baseline."""
-
-    metric: str
-    #: Of each network.
-    seeds: int
-    terms: Terms
-    baseline_median: float
-    #: In the order of the study; one family.
-    variants: tuple[VariantComparison, ...]
-    #: The same on each output of a regression of several, by its name; one family over variants and outputs. An output
-    #: on which the baseline's median is 0 has no relative margin, and is left out.
-    outputs: Mapping[str, tuple[VariantComparison, ...]]
-    #: Of each network, the baseline too: part of its trainings whose best epoch lies in the last tenth, in [0, 1].
-    late: Mapping[str, float]
-    #: What one test image adds to an accuracy, in (0, 1]; None of a regression.
-    image: float | None
-
-
-def compare(study: Study, *, seed: int = 0) -> Comparisons:
+def compare(study: Study, *, seed: int = 0) -> pd.DataFrame:
     """Compare every variant of a study with its baseline, on the study's own terms.
 
     The seed is that of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
+
+    Returns:
+        A row for each variant, in the order of the study, one family; then the same on each output of a regression of
+        several, one family over variants and outputs (`COMPARISONS`). An output on which the baseline's median is 0 has
+        no relative margin, and is left out.
 
     Raises:
         RunError: the study has no variant, the margin is 0, or there are so few seeds that no outcome at all could be
             significant.
     """
-    metric = study.primary
     _check_size(study)
-    baseline = study.networks[0]
-    outputs = _outputs(study)
-    return Comparisons(
-        metric=metric,
-        seeds=study.seeds,
-        terms=study.terms,
-        baseline_median=rounded(float(np.median(study.values(baseline.name, metric)))),
-        variants=_compared(study, [metric], seed)[0],
-        outputs=dict(zip(outputs, _compared(study, [f"{metric}_{name}" for name in outputs], seed), strict=True)),
-        late={network.name: _late(study, network.name) for network in study.networks},
-        image=_image(study),
-    )
+    rows = _compared(study, {None: study.primary}, seed)
+    if outputs := _outputs(study):
+        rows += _compared(study, {name: f"{study.primary}_{name}" for name in outputs}, seed)
+    return pd.DataFrame(rows, columns=list(COMPARISONS)).astype(COMPARISONS)
+
+
+def of_whole(found: pd.DataFrame | None) -> pd.DataFrame:
+    """Return the rows of the primary metric itself; none without comparisons."""
+    return pd.DataFrame(columns=list(COMPARISONS)) if found is None else found[found.output.isna()]
+
+
+def late(study: Study) -> dict[str, float]:
+    """Return, of each network, the part of its trainings whose best epoch lies in the last tenth, in [0, 1]."""
+    chosen: dict[str, list[int]] = {network.name: [] for network in study.networks}
+    for score in study.scores:
+        chosen[score.network].append(score.epoch)
+    return {name: rounded(late_share(epochs, epochs=study.recipe.epochs)) for name, epochs in chosen.items()}
 
 
 def _outputs(study: Study) -> list[str]:
@@ -108,63 +93,44 @@ def _outputs(study: Study) -> list[str]:
     return [name for name, metric in metrics.items() if margin.around(float(np.median(study.values(baseline, metric))))]
 
 
-def _late(study: Study, network: str) -> float:
-    chosen = [score.epoch for score in study.scores if score.network == network]
-    return rounded(late_share(chosen, epochs=study.recipe.epochs))
+def _compared(study: Study, metrics: Mapping[str | None, str], seed: int) -> list[dict[str, Any]]:
+    """Compare every variant by each metric, and correct all p-values as one family of each kind."""
+    rows: list[dict[str, Any]] = []
+    alpha = study.terms.alpha
+    for output, metric in metrics.items():
+        y = study.values(study.networks[0].name, metric)
+        margin = _width(study.terms.margin, y, metric)
+        for network in study.networks[1:]:
+            x = study.values(network.name, metric)
+            test, equal = mann_whitney(x, y), equivalence(x, y, margin=margin)
+            row: dict[str, Any] = {
+                "output": output,
+                "network": network.name,
+                "median": rounded(float(np.median(x))),
+                "margin": margin,
+            }
+            row |= {"u": test.u, "p": test.p, "method": test.method.value}
+            row |= {"p_equivalence": equal.p, "method_equivalence": equal.method.value}
+            row |= effects(x, y, rng=stream(seed, "bootstrap", network.name, metric)).columns()
+            rows.append(row | {"samples": (x, y)})
+    for name in ("p", "p_equivalence"):
+        for row, p in zip(rows, holm([row[name] for row in rows]), strict=True):
+            row[f"{name}_holm"] = p
+    least = holm([smallest_p(study.seeds, study.seeds)] * len(rows))[-1]
+    for row in rows:
+        differs, equals = row["p_holm"] <= alpha, row["p_equivalence_holm"] <= alpha
+        row["verdict"] = _verdict(row, lower=LOWER_IS_BETTER[study.primary], differs=differs, equals=equals).value
+        row["cautions"] = cautions(*row.pop("samples"), least_p=least, alpha=alpha)
+    return rows
 
 
-def _image(study: Study) -> float | None:
-    confusion = study.scores[0].confusion
-    return None if confusion is None else rounded(1 / sum(map(sum, confusion)))
-
-
-def _compared(study: Study, metrics: Sequence[str], seed: int) -> list[tuple[VariantComparison, ...]]:
-    """Compare every variant by each metric, and correct all p-values as one family of each kind.
-
-    Returns:
-        For each metric, its variants in the order of the study.
-    """
-    if not metrics:
-        return []
-    alpha, lower = study.terms.alpha, LOWER_IS_BETTER[study.primary]
-    pairs = [(metric, network.name) for metric in metrics for network in study.networks[1:]]
-    samples = [(study.values(name, metric), study.values(study.networks[0].name, metric)) for metric, name in pairs]
-    tests = [mann_whitney(*sample) for sample in samples]
-    equivalences = [
-        equivalence(*sample, margin=_width(study.terms.margin, sample[1], metric))
-        for (metric, _), sample in zip(pairs, samples, strict=True)
-    ]
-    differ, equal = holm([test.p for test in tests]), holm([found.p for found in equivalences])
-    sizes = [
-        effects(*sample, rng=stream(seed, "bootstrap", name, metric))
-        for (metric, name), sample in zip(pairs, samples, strict=True)
-    ]
-    least = holm([smallest_p(study.seeds, study.seeds)] * len(pairs))
-    found = [
-        VariantComparison(
-            network=name,
-            median=rounded(float(np.median(samples[at][0]))),
-            test=tests[at],
-            p_holm=differ[at],
-            effects=sizes[at],
-            equivalence=equivalences[at],
-            equivalence_p_holm=equal[at],
-            verdict=_verdict(sizes[at].a12, lower=lower, differs=differ[at] <= alpha, equals=equal[at] <= alpha),
-            cautions=cautions(*samples[at], least_p=least[at], alpha=alpha),
-        )
-        for at, (metric, name) in enumerate(pairs)
-    ]
-    variants = len(study.networks) - 1
-    return [tuple(found[first : first + variants]) for first in range(0, len(found), variants)]
-
-
-def _verdict(a12: Interval, *, lower: bool, differs: bool, equals: bool) -> Verdict:
+def _verdict(row: Mapping[str, float], *, lower: bool, differs: bool, equals: bool) -> Verdict:
     """Return the word for a variant whose values lie above the baseline's with this probability.
 
     Where values tie, the test can be significant while the interval holds a half; then no difference was shown.
     """
-    if differs and not a12.low <= 0.5 <= a12.high:
-        return Verdict.better if (a12.estimate < 0.5) == lower else Verdict.worse
+    if differs and not row["a12_low"] <= 0.5 <= row["a12_high"]:
+        return Verdict.better if (row["a12"] < 0.5) == lower else Verdict.worse
     return Verdict.equivalent if equals else Verdict.undecided
 
 

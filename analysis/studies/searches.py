@@ -7,15 +7,16 @@ for it. Where the halves, each in its turn, choose different networks, the choic
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from analysis.statistics.effects import Effects, Interval, effects, median, superiority
+from analysis.statistics.effects import EFFECTS, effects, median, superiority
 from analysis.statistics.tests import holm, mann_whitney
 from analysis.studies.noise import Reestimates
 from analysis.studies.scores import Study
 from tacevo.randomness import stream
-from tacevo.studies.lines import Network
 
 #: The fewest seeds of a study: each half has two.
 LEAST_SEEDS = 4
@@ -32,34 +33,20 @@ class StudiedSearch:
     reestimates: Reestimates
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Difference:
-    """How the network of a search differs from that of the first one."""
-
-    #: The chance that a re-estimate is lower.
-    lower_loss: Interval
-    #: Of the test scores.
-    tested: Effects
-    #: Mann-Whitney U of the test scores, after Holm's correction over all searches but the first.
-    p_holm: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chosen:
-    """The network of a search that re-estimates choose."""
-
-    search: StudiedSearch
-    network: Network
-    #: The median of its losses after as many epochs as the search had.
-    reestimated: Interval
-    #: The median of its test scores.
-    tested: Interval
-    #: None of the first search.
-    difference: Difference | None
+#: The columns of the networks that re-estimates choose, and the type of each, a search a row: its name; the network,
+#: its id and its recorded fitness; the median of its losses after as many epochs as the search had, and of its test
+#: scores. Missing of the first search, which the others are compared with: the chance that a re-estimate is lower, the
+#: effects of the test scores, and p of their Mann-Whitney U after Holm's correction over all searches but the first.
+CHOSEN = (
+    dict.fromkeys(("search", "network", "candidate"), "str")
+    | {"fitness": "float64"}
+    | {f"{name}{end}": "float64" for name in ("reestimated", "tested", "lower_loss") for end in ("", "_low", "_high")}
+    | dict.fromkeys((*EFFECTS, "p_holm"), "float64")
+)
 
 
-def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int, seed: int = 0) -> tuple[Chosen, ...]:
-    """Return the network that is chosen of each search, compared with that of the first.
+def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int, seed: int = 0) -> pd.DataFrame:
+    """Return the network that is chosen of each search, compared with that of the first (`CHOSEN`).
 
     Args:
         searches: two or more different ones of one task, of equal epochs; their studies have one data set, recipe
@@ -67,35 +54,19 @@ def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int, seed: i
         half: of the seeds, which chooses: 0 for the first, third ..., or 1 for those between them.
         seed: of the bootstrap.
     """
-    places = [
-        int(np.argmin([np.median(estimates[half::2]) for estimates in search.reestimates.estimates]))
-        for search in searches
-    ]
-    pairs = list(zip(searches, places, strict=True))
-    networks = [search.reestimates.networks[place] for search, place in pairs]
-    losses = [np.array(search.reestimates.estimates[place][1 - half :: 2]) for search, place in pairs]
-    scores = [
-        search.study.values(network.name, search.study.primary)[1 - half :: 2]
-        for search, network in zip(searches, networks, strict=True)
-    ]
+    rows: list[dict[str, Any]] = []
+    losses, scores = [], []
+    for search in searches:
+        again = search.reestimates
+        place = int(np.argmin([np.median(estimates[half::2]) for estimates in again.estimates]))
+        network = again.networks[place]
+        losses.append(np.array(again.estimates[place][1 - half :: 2]))
+        scores.append(search.study.values(network.name, search.study.primary)[1 - half :: 2])
+        row = {"search": search.name, "network": network.name, "candidate": network.id, "fitness": network.fitness}
+        rows.append(row | median(losses[-1]).columns("reestimated") | median(scores[-1]).columns("tested"))
     p_values = holm([mann_whitney(own, scores[0]).p for own in scores[1:]])
-    differences = [
-        Difference(
-            lower_loss=superiority(loss, losses[0]),
-            tested=effects(score, scores[0], rng=stream(seed, "bootstrap", half, search.study.run)),
-            p_holm=p,
-        )
-        for search, loss, score, p in zip(searches[1:], losses[1:], scores[1:], p_values, strict=True)
-    ]
-    return tuple(
-        Chosen(
-            search=search,
-            network=network,
-            reestimated=median(loss),
-            tested=median(score),
-            difference=difference,
-        )
-        for search, network, loss, score, difference in zip(
-            searches, networks, losses, scores, [None, *differences], strict=True
-        )
-    )
+    for search, row, loss, score, p in zip(searches[1:], rows[1:], losses[1:], scores[1:], p_values, strict=True):
+        rng = stream(seed, "bootstrap", half, search.study.run)
+        found = superiority(loss, losses[0]).columns("lower_loss") | effects(score, scores[0], rng=rng).columns()
+        row.update(found, p_holm=p)
+    return pd.DataFrame(rows, columns=list(CHOSEN)).astype(CHOSEN)

@@ -4,9 +4,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
+import pandas as pd
 
 from analysis.statistics.noise import agreement
-from analysis.studies.comparison import Comparisons, Verdict
+from analysis.studies.comparison import Verdict, of_whole
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from tacevo.records import to_json
 from tacevo.rounding import rounded
@@ -54,9 +55,9 @@ class Transfer:
         return _shared(study) == _shared(self.data[0].study)
 
 
-def transfers(studies: Iterable[tuple[Study, Comparisons | None]]) -> tuple[Transfer, ...]:
+def transfers(studies: Iterable[tuple[Study, pd.DataFrame | None]]) -> tuple[Transfer, ...]:
     """Find the studies of a run that differ in their data only, with the comparison of each where it has one."""
-    groups: dict[str, dict[str, tuple[Study, Comparisons | None]]] = {}
+    groups: dict[str, dict[str, tuple[Study, pd.DataFrame | None]]] = {}
     for study, found in studies:
         groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, found))
     return tuple(_transfer(list(group.values())) for group in groups.values() if len(group) > 1)
@@ -68,7 +69,7 @@ def _shared(study: Study) -> str:
     return content_hash({name: to_json(getattr(study, name)) for name in kept})
 
 
-def _transfer(group: list[tuple[Study, Comparisons | None]]) -> Transfer:
+def _transfer(group: list[tuple[Study, pd.DataFrame | None]]) -> Transfer:
     ordered = sorted(group, key=lambda pair: (bool(pair[0].other_data), pair[0].where))
     first = _medians(ordered[0][0])
     return Transfer(
@@ -84,16 +85,16 @@ def _transfer(group: list[tuple[Study, Comparisons | None]]) -> Transfer:
     )
 
 
-def _results(study: Study, found: Comparisons | None) -> dict[str, Result]:
+def _results(study: Study, found: pd.DataFrame | None) -> dict[str, Result]:
     medians = _medians(study)
     sign = 1 if LOWER_IS_BETTER[study.primary] else -1
-    compared = {one.network: one for one in (() if found is None else found.variants)}
+    compared = {one.network: one for one in of_whole(found).itertuples()}
     return {
         name: Result(
             median=median,
             rank=1 + sum(sign * other < sign * median for other in medians.values()),
             p_holm=compared[name].p_holm if name in compared else None,
-            verdict=compared[name].verdict if name in compared else None,
+            verdict=Verdict(compared[name].verdict) if name in compared else None,
         )
         for name, median in medians.items()
     }

@@ -6,8 +6,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike
 
+from analysis.rounding import shown
+from analysis.statistics.power import detectable
 from analysis.statistics.samples import Sample, checked
-from analysis.statistics.tests import Method, mann_whitney
+from analysis.statistics.tests import Method, mann_whitney, smallest_p
 from tacevo.text import listed
 
 #: Interquartile ranges further apart than this count as very different; equal normal spreads of 20 seeds are further
@@ -58,6 +60,27 @@ def caution_notes(given: Iterable[tuple[str, Iterable[Caution]]]) -> tuple[str, 
         for caution in found:
             concerned.setdefault(caution, []).append(name)
     return tuple(f"{listed(names)}: {caution.value}." for caution, names in concerned.items())
+
+
+def power_note(who: str, first: int, second: int, *, alpha: float, family: int) -> str:
+    """Say which effect samples of two sizes, each of 2 at least, detect: in one test, and after Holm's correction.
+
+    `who` names the samples in words; `family` is the number of tests.
+    """
+    one, strictest = (_detected(first, second, level) for level in (alpha, alpha / family))
+    head = f"Detected by {who} with a power of 80 %, in a single test"
+    if one == strictest:
+        return f"{head} and in the strictest step of Holm's correction: {one}."
+    return f"{head}: {one}; in the strictest step of Holm's correction: {strictest}."
+
+
+def _detected(first: int, second: int, alpha: float) -> str:
+    effect = detectable(first, second, alpha=alpha)
+    if effect is not None:
+        return f"an A12 of {shown(effect.a12)} or {shown(1 - effect.a12)} ({shown(effect.shift)} standard deviations)"
+    if smallest_p(first, second) > alpha:
+        return "no effect at all"
+    return "effects near full separation only, since Noether's formula gives none for so few"
 
 
 def late_share(chosen: Sequence[int], *, epochs: int) -> float:

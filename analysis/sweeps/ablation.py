@@ -3,24 +3,26 @@
 Every arm is compared with the reference arm in every metric: the test of Mann and Whitney over all seeds of both, with
 Holm's correction over the arms, metric by metric; and, since arms share their seeds, the differences between runs of
 one seed. A run that is the reference's own, candidate by candidate, says nothing of its arm and enters neither.
-docs/ablation_study.md says why these.
+docs/ablation_study.md says why these, and docs/analysis.md has the columns of the frames.
 """
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from analysis.runs.dynamics import improvement, spending, spent_on_training
 from analysis.runs.run import Run
-from analysis.statistics.effects import Effects, Interval, effects, median
-from analysis.statistics.tests import MannWhitney, holm, mann_whitney, smallest_p
-from analysis.studies.warnings import Caution, cautions
-from analysis.sweeps.common_archive import CommonArchive, Filled, filled
-from analysis.sweeps.metrics import LESS_IS_BETTER, SPENT, TESTS, Metric
+from analysis.statistics.effects import EFFECTS, effects, median
+from analysis.statistics.tests import holm, mann_whitney, smallest_p
+from analysis.studies.warnings import cautions
+from analysis.sweeps.common_archive import CommonArchive, filled
+from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.sweeps.sweep import REFERENCE, Finished
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
@@ -33,22 +35,34 @@ ALPHA = 0.05
 #: Below this many seeds there is neither an interval nor a test.
 FEWEST_SEEDS = 2
 
+#: What is known of a run after each generation.
+CURVES = (Metric.best_fitness, Metric.qd_score, Metric.coverage)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """What one run came to."""
+QUARTILES = (0.25, 0.5, 0.75)
 
-    job: str
-    arm: str
-    seed: int
-    #: Of every metric; None where the run's files do not have it.
-    values: Mapping[Metric, float | None]
-    #: Best fitness by generation; None before anything was trained.
-    best: tuple[float | None, ...]
-    #: The common archive by generation.
-    filled: tuple[Filled, ...]
-    #: What was asked and what came of it, slot by slot: equal in runs that are one and the same search.
-    slots: tuple[CandidateLine, ...]
+#: The columns of a frame of jobs, whose index is `job`, and the type of each. Jobs of one number `search` are one and
+#: the same search, candidate by candidate; metrics are fractions, losses and counts, missing where no file has them.
+JOBS = {"arm": "str", "seed": "int64", "search": "int64"} | {
+    metric.name: "Int64" if metric in COUNTS else "float64" for metric in Metric
+}
+
+#: The columns of a frame of arms in one metric, whose index is `arm`, and the type of each:
+#: finished runs, and those `n` of known value; their median with its interval, from two seeds on. Of all arms but the
+#: reference: how comparable they are; how many runs differ from the reference's of the seed, whether their value is
+#: known or not; how many values of the arm and of the reference are compared, jobs that failed among them; the median
+#: difference by seed, and on how many seeds the arm is better, equal and worse. Of those that are comparable: the test,
+#: its p before and after Holm's correction over all arms but those of too few seeds, the effects, the cautions.
+ARMS = (
+    dict.fromkeys(("runs", "n"), "int64")
+    | dict.fromkeys(("median", "median_low", "median_high"), "float64")
+    | {"comparability": "str"}
+    | dict.fromkeys(("differing", "n_arm", "n_reference"), "Int64")
+    | dict.fromkeys(("by_seed", "by_seed_low", "by_seed_high"), "float64")
+    | dict.fromkeys(("better", "equal", "worse"), "Int64")
+    | {"u": "float64", "p": "float64", "p_holm": "float64", "method": "str"}
+    | dict.fromkeys(EFFECTS, "float64")
+    | {"cautions": "object"}
+)
 
 
 class Comparability(StrEnum):
@@ -63,61 +77,7 @@ class Comparability(StrEnum):
     too_few_seeds = "too few seeds"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Paired:
-    """An arm against the reference, seed by seed, where their runs differ."""
-
-    #: Of the differences arm - reference; None below two shared seeds.
-    difference: Interval | None
-    #: Shared seeds on which the arm was better, equal and worse.
-    better: int
-    equal: int
-    worse: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contrast:
-    """An arm against the reference in one metric; runs of both that are one and the same are not compared."""
-
-    comparability: Comparability
-    #: Runs of the arm that are not the reference's of the same seed, whether their value is known or not.
-    differing: int
-    #: Values of the runs that differ, known ones and those of jobs that failed: the arm's, and the reference's.
-    sizes: tuple[int, int]
-    paired: Paired
-    #: These are None unless the arms are `comparable`.
-    test: MannWhitney | None
-    #: After Holm's correction over all arms but those of too few seeds.
-    p_holm: float | None
-    effects: Effects | None
-    cautions: tuple[Caution, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
-    """An arm in one metric."""
-
-    #: Values by seed, those that are known.
-    values: Mapping[int, float]
-    #: None where no value is known.
-    median: float | None
-    #: Of the median; None below two seeds.
-    interval: Interval | None
-    #: None for the reference itself, and without a reference.
-    contrast: Contrast | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arm:
-    """One arm of a sweep."""
-
-    name: str
-    #: Of its outcomes; none where all its jobs failed.
-    seeds: tuple[int, ...]
-    metrics: Mapping[Metric, Summary]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ablation:
     """A sweep, compared."""
 
@@ -127,29 +87,68 @@ class Ablation:
     wanted: str
     #: What they are compared by first; None where the sweep does not state it.
     primary: Metric | None
-    #: Those that are shown: a test score only where a run has one.
-    metrics: tuple[Metric, ...]
-    #: The reference first.
-    arms: tuple[Arm, ...]
-    outcomes: tuple[Outcome, ...]
+    #: A row for each finished run (`JOBS`).
+    jobs: pd.DataFrame
+    #: By metric, those that are shown: a row for each arm, the reference first (`ARMS`).
+    arms: Mapping[Metric, pd.DataFrame]
+
+    @property
+    def names(self) -> list[str]:
+        """The arms, the reference first."""
+        return list(next(iter(self.arms.values())).index)
+
+    def values(self, arm: str, metric: Metric) -> dict[int, float]:
+        """Return an arm's known values by seed, rising."""
+        return _samples(self.jobs, metric).get(arm, {})
 
 
-def outcome(one: Finished, common: CommonArchive) -> Outcome:
-    """Measure a finished run."""
-    places = filled(one.run, common)
-    return Outcome(
-        job=one.job.name,
-        arm=one.job.arm,
-        seed=one.job.seed,
-        values={**_values(one.run, places[-1]), **_test_scores(one)},
-        best=tuple(line.best for line in one.run.generations),
-        filled=places,
-        slots=slots_of(one.run),
+def jobs_frame(finished: Sequence[Finished], curves: pd.DataFrame) -> pd.DataFrame:
+    """Measure finished runs, one a row (`JOBS`); `curves` as of `curves_frame`."""
+    ends = curves.groupby("job").last()
+    return as_jobs(
+        {"job": one.job.name, "arm": one.job.arm, "seed": one.job.seed, "search": slots_of(one.run)}
+        | {metric.name: value for metric, value in _values(one.run).items()}
+        | {name: ends.at[one.job.name, name] for name in ("qd_score", "coverage")}
+        | ({} if one.tested is None else {TESTS[one.tested.metric].name: one.tested.value})
+        for one in finished
     )
 
 
+def as_jobs(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    """Return a frame of jobs (`JOBS`); what a row does not have is missing.
+
+    `search` may be anything that is equal for jobs that are one and the same search; it becomes a number.
+    """
+    given = list(rows)
+    searches = [row["search"] for row in given]
+    numbered = [{**row, "search": searches.index(row["search"])} for row in given]
+    return pd.DataFrame(numbered, columns=["job", *JOBS]).set_index("job").astype(JOBS)
+
+
+def curves_frame(finished: Sequence[Finished], common: CommonArchive) -> pd.DataFrame:
+    """Return a row for each job and generation: arm, seed, and best fitness, coverage and QD-score of all until then.
+
+    A run that its FLOPs ended before others stays where it ended. Best fitness is NaN before anything was trained.
+    """
+    each = [
+        filled(one.run, common).assign(best_fitness=[line.best for line in one.run.generations]) for one in finished
+    ]
+    longest = max(map(len, each))
+    whole = [
+        frame.reindex(range(longest), method="ffill").assign(job=one.job.name, arm=one.job.arm, seed=one.job.seed)
+        for one, frame in zip(finished, each, strict=True)
+    ]
+    return pd.concat(whole).rename_axis("generation").reset_index().astype({"best_fitness": "float64"})
+
+
+def by_generation(curves: pd.DataFrame, arm: str, metric: Metric) -> NDArray[np.float64]:
+    """Return the curves of an arm's seeds, shape (seeds, generations)."""
+    own = curves[curves.arm == arm].pivot(index="job", columns="generation", values=metric.name)
+    return np.asarray(own, dtype=np.float64)
+
+
 def compare_arms(
-    outcomes: Sequence[Outcome],
+    jobs: pd.DataFrame,
     *,
     wanted: str = REFERENCE,
     primary: Metric | None = None,
@@ -158,64 +157,29 @@ def compare_arms(
 ) -> Ablation:
     """Summarise every arm, and compare it with the reference.
 
-    A run that its FLOPs ended before others stays where it ended.
-
     Args:
-        outcomes: of the runs.
+        jobs: the runs (`JOBS`).
         wanted: the arm to compare with.
         primary: the metric that the sweep states.
-        failed: jobs without an outcome, or without a test score, because they failed. Compared is what an arm comes to
-            with them: in tests, effect sizes and differences each counts as worse than any other job. Otherwise an arm
-            would be the better for every job that it loses.
+        failed: jobs without a run, or without a test score, because they failed. Compared is what an arm comes to with
+            them: in tests, effect sizes and differences each counts as worse than any other job. Otherwise an arm would
+            be the better for every job that it loses.
         seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
             whatever other arms there are.
     """
-    longest = max(len(one.best) for one in outcomes)
-    outcomes = [_lasting(one, longest) for one in outcomes]
-    begun = dict.fromkeys([*(one.arm for one in outcomes), *(job.arm for job in failed)])
-    names = sorted(begun, key=lambda name: name != wanted)
-    reference = wanted if any(one.arm == wanted for one in outcomes) else None
-    lost = {metric: _lost(metric, outcomes, failed) for metric in Metric}
-    summaries = {
-        metric: _summaries(metric, names, outcomes, reference=reference, lost=lost[metric], seed=seed)
-        for metric in Metric
-    }
-    tests = frozenset(TESTS.values())
-    return Ablation(
-        reference=reference,
-        wanted=wanted,
-        primary=primary,
-        metrics=tuple(
-            metric
-            for metric in Metric
-            if metric not in tests or any(found.values for found in summaries[metric].values())
-        ),
-        arms=tuple(
-            Arm(
-                name=name,
-                seeds=tuple(one.seed for one in outcomes if one.arm == name),
-                metrics={metric: summaries[metric][name] for metric in Metric},
-            )
-            for name in names
-        ),
-        outcomes=tuple(outcomes),
-    )
+    names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
+    reference = wanted if wanted in set(jobs.arm) else None
+    shown = [metric for metric in Metric if metric not in TESTS.values() or jobs[metric.name].notna().any()]
+    arms = {metric: _arms(jobs, metric, names, reference=reference, failed=failed, seed=seed) for metric in shown}
+    return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, arms=arms)
 
 
-def _lasting(one: Outcome, generations: int) -> Outcome:
-    """Return a run as if it had found nothing more in the generations that it did not have."""
-    missing = generations - len(one.best)
-    return replace(one, best=one.best + one.best[-1:] * missing, filled=one.filled + one.filled[-1:] * missing)
-
-
-def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
+def _values(run: Run) -> dict[Metric, float | None]:
     found, spent = improvement(run), spending(run, run.candidates)
     return {
         Metric.best_fitness: None if found is None else found.last,
         Metric.improvement: None if found is None else rounded(found.over_first),
         Metric.improvement_over_baseline: None if found is None else rounded(found.over_baseline),
-        Metric.qd_score: end.qd_score,
-        Metric.coverage: end.coverage,
         Metric.trainable: None if found is None or found.trainable is None else rounded(found.trainable),
         Metric.candidates: len(run.candidates),
         Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
@@ -223,11 +187,6 @@ def _values(run: Run, end: Filled) -> dict[Metric, float | None]:
         Metric.tokens: None if spent is None else spent.tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }
-
-
-def _test_scores(one: Finished) -> dict[Metric, float | None]:
-    found = {} if one.tested is None else {TESTS[one.tested.metric]: one.tested.value}
-    return {metric: found.get(metric) for metric in TESTS.values()}
 
 
 def slots_of(run: Run) -> tuple[CandidateLine, ...]:
@@ -249,147 +208,111 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
     )
 
 
-def _lost(metric: Metric, outcomes: Sequence[Outcome], failed: Sequence[Job]) -> list[tuple[str, int]]:
-    """Return arm and seed of the jobs that failed at what a metric measures; one whose search ended failed its test."""
-    if metric in SPENT:
-        return []
-    ended = {(one.arm, one.seed) for one in outcomes}
-    places = [(job.arm, job.seed) for job in failed]
-    return places if metric in TESTS.values() else [place for place in places if place not in ended]
+def _samples(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
+    """Return the known values of each arm by seed, in the order of the seeds."""
+    known = jobs.dropna(subset=metric.name).sort_values("seed").astype({metric.name: "float64"})
+    return {arm: dict(zip(found.seed, found[metric.name], strict=True)) for arm, found in known.groupby("arm")}
 
 
-def _with_lost(
-    metric: Metric, samples: Mapping[str, Mapping[int, float]], lost: Sequence[tuple[str, int]]
-) -> dict[str, Mapping[int, float]]:
+def _with_failed(
+    samples: Mapping[str, Mapping[int, float]], metric: Metric, lost: Iterable[tuple[str, int]]
+) -> dict[str, dict[int, float]]:
     """Add the jobs that failed to the samples, next to the worst value that any job has: last in rank, and finite."""
+    whole = {arm: dict(sample) for arm, sample in samples.items()}
     every = [value for sample in samples.values() for value in sample.values()]
-    if not every:
-        return dict(samples)
-    is_less = metric in LESS_IS_BETTER
-    worst = math.nextafter(max(every), math.inf) if is_less else math.nextafter(min(every), -math.inf)
-    found: dict[str, Mapping[int, float]] = {}
-    for name, sample in samples.items():
-        whole = {**sample, **{seed: worst for arm, seed in lost if arm == name}}
-        found[name] = {seed: whole[seed] for seed in sorted(whole)}
-    return found
+    if every:
+        is_less = metric in LESS_IS_BETTER
+        worst = math.nextafter(max(every), math.inf) if is_less else math.nextafter(min(every), -math.inf)
+        for arm, seed in lost:
+            whole.setdefault(arm, {})[seed] = worst
+    return {arm: dict(sorted(sample.items())) for arm, sample in whole.items()}
 
 
-def _summaries(
+def _arms(
+    jobs: pd.DataFrame,
     metric: Metric,
     names: Sequence[str],
-    outcomes: Sequence[Outcome],
     *,
     reference: str | None,
-    lost: Sequence[tuple[str, int]],
+    failed: Sequence[Job],
     seed: int,
-) -> dict[str, Summary]:
-    """Summarise all arms in one metric; the jobs that were lost count in the contrasts only."""
-    samples = {name: _known(metric, name, outcomes) for name in names}
-    contrasts: dict[str, Contrast] = {}
+) -> pd.DataFrame:
+    """Summarise all arms in one metric, and compare them with the reference (`ARMS`)."""
+    samples = _samples(jobs, metric)
+    rows: dict[str, dict[str, Any]] = {name: {"runs": int((jobs.arm == name).sum())} for name in names}
+    for name in names:
+        values = list(samples.get(name, {}).values())
+        rows[name] |= {"n": len(values), "median": rounded(float(np.median(values))) if values else None}
+        rows[name] |= _ends("median", values)
     if reference is not None:
-        same = {name: _same_runs(name, outcomes, reference) for name in names if name != reference}
-        runs = Counter(arm for arm, _ in {*((one.arm, one.seed) for one in outcomes), *lost})
-        whole = _with_lost(metric, samples, lost)
-        contrasts = _contrasts(metric, whole, reference=reference, same=same, runs=runs, seed=seed)
-    return {
-        name: Summary(
-            values=sample,
-            median=rounded(float(np.median(list(sample.values())))) if sample else None,
-            interval=_interval(list(sample.values())),
-            contrast=contrasts.get(name),
-        )
-        for name, sample in samples.items()
-    }
+        searches = {arm: dict(zip(found.seed, found.search, strict=True)) for arm, found in jobs.groupby("arm")}
+        # One whose search ended failed its test, and what a search used is no worse for a failure.
+        lost = {(job.arm, job.seed) for job in failed} if metric not in SPENT else set()
+        if metric not in TESTS.values():
+            lost -= set(zip(jobs.arm, jobs.seed, strict=True))
+        for arm, at in lost:
+            searches.setdefault(arm, {}).setdefault(at, math.nan)  # equal to no other's
+        whole = _with_failed(samples, metric, sorted(lost))
+        _contrast(rows, {name: whole.get(name, {}) for name in names}, searches, metric=metric, seed=seed)
+    frame = pd.DataFrame(list(rows.values()), index=pd.Index(names, name="arm"), columns=list(ARMS))
+    return frame.astype(ARMS)
 
 
-def _known(metric: Metric, name: str, outcomes: Sequence[Outcome]) -> dict[int, float]:
-    """Return an arm's known values by seed, in the order of the seeds."""
-    values = {one.seed: one.values[metric] for one in outcomes if one.arm == name}
-    return {seed: value for seed in sorted(values) if (value := values[seed]) is not None}
-
-
-def _same_runs(name: str, outcomes: Sequence[Outcome], reference: str) -> frozenset[int]:
-    """Find the seeds of which an arm's run is the reference's, candidate by candidate."""
-    theirs = {one.seed: one.slots for one in outcomes if one.arm == reference}
-    return frozenset(one.seed for one in outcomes if one.arm == name and one.slots == theirs.get(one.seed))
-
-
-def _contrasts(
-    metric: Metric,
+def _contrast(
+    rows: Mapping[str, dict[str, Any]],
     samples: Mapping[str, Mapping[int, float]],
+    searches: Mapping[str, Mapping[int, float]],
     *,
-    reference: str,
-    same: Mapping[str, Set[int]],
-    runs: Mapping[str, int],
+    metric: Metric,
     seed: int,
-) -> dict[str, Contrast]:
-    """Compare the samples of all other arms with the reference's, and correct the family's p-values.
+) -> None:
+    """Compare the samples of all other arms with the first's, and add what was found to their rows.
 
-    An arm that has seeds enough and is not tested counts in the family with p = 1, so that the family's size does not
-    depend on what the runs found.
-
-    Args:
-        metric: what the samples are of.
-        samples: by arm and seed.
-        reference: the arm to compare with.
-        same: by every other arm, the seeds of which its run is the reference's.
-        runs: by arm, how many it has; some may have no known value.
-        seed: of the bootstrap.
+    An arm that has seeds enough and is not tested counts in Holm's family with p = 1, so that the family's size does
+    not depend on what the runs found.
     """
-    ours = {name: _without(samples[name], seeds) for name, seeds in same.items()}
-    theirs = {name: _without(samples[reference], seeds) for name, seeds in same.items()}
-    enough = {name: min(len(samples[name]), len(samples[reference])) >= FEWEST_SEEDS for name in same}
-    kinds = {
-        name: _comparability(ours[name], theirs[name]) if enough[name] else Comparability.too_few_seeds for name in same
-    }
-    family = [name for name in same if enough[name]]
-    pairs = {name: (list(ours[name].values()), list(theirs[name].values())) for name in family}
-    tests = {name: mann_whitney(*pairs[name]) for name in family if kinds[name] is Comparability.comparable}
-    p_holm = _corrected({name: tests[name].p if name in tests else 1.0 for name in family})
-    least = _corrected({name: smallest_p(*map(len, pairs[name])) if name in tests else 1.0 for name in family})
-    return {
-        name: Contrast(
-            comparability=kind,
-            differing=runs[name] - len(same[name]),
-            sizes=(len(ours[name]), len(theirs[name])),
-            paired=_paired(metric, ours[name], theirs[name]),
-            test=tests.get(name),
-            p_holm=p_holm[name] if name in tests else None,
-            effects=effects(*pairs[name], rng=stream(seed, "effects", name, metric.name)) if name in tests else None,
-            cautions=cautions(*pairs[name], least_p=least[name], alpha=ALPHA) if name in tests else (),
-        )
-        for name, kind in kinds.items()
-    }
+    reference, *others = samples
+    family = [name for name in others if min(len(samples[name]), len(samples[reference])) >= FEWEST_SEEDS]
+    pairs: dict[str, tuple[list[float], list[float]]] = {}
+    for name in others:
+        same = {at for at, search in searches.get(name, {}).items() if searches[reference].get(at) == search}
+        x, y = ({at: sample[at] for at in sample if at not in same} for sample in (samples[name], samples[reference]))
+        kind = _comparability(x, y) if name in family else Comparability.too_few_seeds
+        if kind is Comparability.comparable:
+            pairs[name] = list(x.values()), list(y.values())
+        rows[name] |= {"comparability": kind.value, "differing": len(searches.get(name, {})) - len(same)}
+        rows[name] |= {"n_arm": len(x), "n_reference": len(y)} | _by_seed(metric, x, y)
+    tests = {name: mann_whitney(*pair) for name, pair in pairs.items()}
+    p_holm = _corrected(family, {name: test.p for name, test in tests.items()})
+    least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
+    for name, test in tests.items():
+        found = effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
+        rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
+        rows[name] |= found.columns()
+        rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
 
 
-def _corrected(p_values: Mapping[str, float]) -> dict[str, float]:
+def _corrected(family: Sequence[str], p_values: Mapping[str, float]) -> dict[str, float]:
     """Correct p-values by arm after Holm; the family may be empty."""
-    return dict(zip(p_values, holm(list(p_values.values())), strict=True)) if p_values else {}
+    return dict(zip(family, holm([p_values.get(name, 1.0) for name in family]), strict=True)) if family else {}
 
 
-def _without(sample: Mapping[int, float], seeds: Set[int]) -> Mapping[int, float]:
-    return {seed: value for seed, value in sample.items() if seed not in seeds}
-
-
-def _comparability(sample: Mapping[int, float], reference: Mapping[int, float]) -> Comparability:
+def _comparability(x: Mapping[int, float], y: Mapping[int, float]) -> Comparability:
     """Return whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
-    if sample == reference or len({*sample.values(), *reference.values()}) == 1:
+    if x == y or len({*x.values(), *y.values()}) == 1:
         return Comparability.identical
-    few = min(len(sample), len(reference)) < FEWEST_SEEDS
-    return Comparability.too_few_differ if few else Comparability.comparable
+    return Comparability.too_few_differ if min(len(x), len(y)) < FEWEST_SEEDS else Comparability.comparable
 
 
-def _paired(metric: Metric, sample: Mapping[int, float], reference: Mapping[int, float]) -> Paired:
-    differences = [sample[seed] - reference[seed] for seed in sorted(sample.keys() & reference.keys())]
+def _by_seed(metric: Metric, x: Mapping[int, float], y: Mapping[int, float]) -> dict[str, Any]:
+    """Return the median of the differences x - y on shared seeds, and on how many x is better, equal and worse."""
+    differences = [x[at] - y[at] for at in sorted(x.keys() & y.keys())]
     lower, higher = sum(value < 0 for value in differences), sum(value > 0 for value in differences)
     better, worse = (lower, higher) if metric in LESS_IS_BETTER else (higher, lower)
-    return Paired(
-        difference=_interval(differences),
-        better=better,
-        equal=len(differences) - better - worse,
-        worse=worse,
-    )
+    counts = {"better": better, "equal": len(differences) - better - worse, "worse": worse}
+    return counts | _ends("by_seed", differences)
 
 
-def _interval(values: Sequence[float]) -> Interval | None:
-    return median(values) if len(values) >= FEWEST_SEEDS else None
+def _ends(name: str, values: Sequence[float]) -> dict[str, float]:
+    """Return a median with the ends of its interval as columns; none below two values."""
+    return median(values).columns(name) if len(values) >= FEWEST_SEEDS else {}

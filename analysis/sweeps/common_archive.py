@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.runs.run import Run, descriptors_of
@@ -44,16 +45,6 @@ class Extent:
     highest: tuple[str, ...]
     #: Part of all trained candidates in the fullest of ten equal parts of the axis, in [0.1, 1].
     fullest: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Filled:
-    """The common archive after a generation of a run."""
-
-    #: Occupied part of its niches, in [0, 1].
-    coverage: float
-    #: Sum of 1 / (1 + f) over its elites.
-    qd_score: float
 
 
 def common_archive(runs: Sequence[Run], reference: Run, centroids: NDArray[np.float64]) -> CommonArchive:
@@ -98,14 +89,19 @@ def _extent(name: str, axis: int, places: Mapping[str, Point], common: CommonArc
     )
 
 
-def filled(run: Run, common: CommonArchive) -> tuple[Filled, ...]:
-    """Put the candidates of a run into the common archive, in order; return what it holds after each generation."""
-    archive, found, fitness = Archive(), [], run.fitness
+def filled(run: Run, common: CommonArchive) -> pd.DataFrame:
+    """Put the candidates of a run into the common archive, in order; return what it holds after each generation.
+
+    Returns:
+        By generation: `coverage`, the occupied part of its niches, in [0, 1]; `qd_score`, the sum of 1 / (1 + f) over
+        its elites.
+    """
+    archive, rows, fitness = Archive(), {}, run.fitness
     for line in run.generations:
         for one in run.candidates:
             if one.generation == line.generation and one.id in fitness:
                 niche = common.tessellation.niche_of(common.bounds.normalise(descriptors_of(one, common.scale)))
                 archive, _ = insert(archive, niche, Elite(name=one.id, objective=-fitness[one.id]))
         occupied = rounded(coverage(archive, common.tessellation.niches))
-        found.append(Filled(coverage=occupied, qd_score=rounded(qd_score(archive))))
-    return tuple(found)
+        rows[line.generation] = {"coverage": occupied, "qd_score": rounded(qd_score(archive))}
+    return pd.DataFrame.from_dict(rows, orient="index")

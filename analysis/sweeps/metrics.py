@@ -27,6 +27,9 @@ TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
 #: Metrics of what a search used, and not of what it found.
 SPENT = frozenset([Metric.candidates, Metric.evaluations, Metric.training_flops, Metric.tokens, Metric.cost])
 
+#: Metrics that are whole numbers.
+COUNTS = frozenset([Metric.candidates, Metric.evaluations, Metric.tokens])
+
 #: Metrics that are fractions.
 FRACTIONS = frozenset(
     [

@@ -1,20 +1,22 @@
 """The tables of a sweep: all arms in all metrics, each metric against the reference, and every run."""
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from statistics import median
 
+import pandas as pd
+
 from analysis.rounding import shown
-from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, median_confidence
-from analysis.studies.warnings import caution_notes
-from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Arm, Comparability, Contrast
+from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
+from analysis.studies.warnings import caution_notes, power_note
+from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.sweeps.pilots import sweep_pilot
 from analysis.sweeps.sweep import REFERENCE, Missing, Sweep
 from analysis.sweeps.sweep_checks import arm_settings
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
-from analysis.tables.comparison import between, power_note
+from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
+from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.plan import counts, planned_table
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
@@ -24,11 +26,8 @@ from tacevo.storage.canonical import leaves
 from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.text import counted, listed
 
-#: What a contrast has, in the order of its columns.
-_TESTED = ("U", "p", "p, Holm", "method", "A12", "Cliff's delta")
-
-#: The columns beside arm, seeds and median, where nothing is compared.
-_BLANK = (None,) * (len(_TESTED) + 6)
+#: The columns of a median with its interval.
+_ENDS = ("median", "median_low", "median_high")
 
 #: What the network that a job found is best by.
 _CHOSEN = {ChosenBy.fitness: "fitness", ChosenBy.reestimated: "fitness in a noise run"}
@@ -61,7 +60,7 @@ def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table,
 
     `archive` is what is to be said of the common archive.
     """
-    metrics = (metric_table(sweep, found, metric, archive) for metric in found.metrics)
+    metrics = (metric_table(sweep, found, metric, archive) for metric in found.arms)
     plan = sweep.terms.plan
     planned = () if plan is None else (_planned_table(sweep, found, plan),)
     return (
@@ -79,8 +78,8 @@ def _planned_table(sweep: Sweep, found: Ablation, plan: SeedPlan) -> Table:
         sweep.task,
         plan,
         [
-            ("jobs of each arm", plan.seeds, counts([len(arm.seeds) for arm in found.arms])),
-            ("arms beside the reference", plan.comparisons, len(found.arms) - 1),
+            ("jobs of each arm", plan.seeds, counts(next(iter(found.arms.values())).runs.tolist())),
+            ("arms beside the reference", plan.comparisons, len(found.names) - 1),
             ("alpha", plan.alpha, ALPHA),
             ("training seeds of a job", plan.retraining, None if stated is None else stated.seeds),
             ("epochs of these", plan.epochs, None if stated is None else stated.epochs),
@@ -102,29 +101,32 @@ def _spread(sweep: Sweep, metric: Measure) -> float | None:
 
 def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
-    trivial = [_trivial(sweep, metric) for metric in found.metrics]
-    return Table(
+    first = next(iter(found.arms))
+    trivial = [_trivial(sweep, metric) for metric in found.arms]
+    return Table.of(
+        pd.concat({metric.name: frame.reset_index() for metric, frame in found.arms.items()}, axis=1),
+        {
+            "arm": (str, (first.name, "arm")),
+            "seeds": (int, (first.name, "runs")),
+            **{metric.value: (_shape(metric), *((metric.name, end) for end in _ENDS)) for metric in found.arms},
+        },
         name=f"ablation_{sweep.task}",
         caption=f"The arms ({sweep.task}).",
-        columns=("arm", "seeds", *(metric.value for metric in found.metrics)),
-        rows=(
-            *((arm.name, len(arm.seeds), *(_summary(arm, metric) for metric in found.metrics)) for arm in found.arms),
-            *([("trivial", None, *trivial)] if trivial[0] is not None else []),
-        ),
+        last=[("trivial", None, *trivial)] if trivial[0] is not None else [],
         notes=(
             *_primary_note(sweep, found),
-            *_trivial_note(sweep, found.metrics[0]),
-            _median_note([len(arm.metrics[metric].values) for arm in found.arms for metric in found.metrics]),
+            *_trivial_note(sweep, first),
+            _median_note([n for frame in found.arms.values() for n in frame.n]),
             archive,
             *(
                 f"{metric.value}: {words[0].lower()}{words[1:]}"
                 for metric, words in _MEANINGS.items()
-                if metric in found.metrics
+                if metric in found.arms
             ),
             *_reference_note(sweep, found),
             *_chance_note(sweep),
             *_missing_note(sweep),
-            *_failed_note(sweep, found.metrics[0]),
+            *_failed_note(sweep, first),
         ),
     )
 
@@ -158,28 +160,21 @@ def settings_table(sweep: Sweep) -> Table:
 
 def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) -> Table:
     """Show every arm in one metric, and how it differs from the reference."""
-    trivial = _trivial(sweep, metric)
-    unit = " (percentage points)" if metric in FRACTIONS else ""
-    counts = ("better", "equal", "worse")
-    return Table(
+    trivial, frame = _trivial(sweep, metric), found.arms[metric]
+    layout = _layout(metric)
+    return Table.of(
+        frame.reset_index(),
+        layout,
         name=f"ablation_{metric.name}_{sweep.task}",
         caption=f"The arms ({sweep.task}): {metric.value}.",
-        columns=(
-            *("arm", "seeds", "median", "runs that differ", *_TESTED),
-            *(f"difference of medians{unit}", f"median difference by seed{unit}"),
-            *(f"seeds {word}" for word in counts),
-        ),
-        rows=(
-            *(_row(arm, metric) for arm in found.arms),
-            *([("trivial", None, trivial, *_BLANK)] if trivial is not None else []),
-        ),
+        last=[("trivial", None, trivial, *(None,) * (len(layout) - 3))] if trivial is not None else [],
         notes=(
             *_rank_note(sweep, found, metric),
             *_trivial_note(sweep, metric),
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
             *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
-            _median_note([len(arm.metrics[metric].values) for arm in found.arms], _pairs(found, metric)),
+            _median_note(list(frame.n), list(frame[["better", "equal", "worse"]].sum(axis=1)[frame.better.notna()])),
             *_test_notes(found, metric),
             *_reference_note(sweep, found),
             *_missing_note(sweep),
@@ -190,27 +185,37 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
 
 def runs_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     """Show every run in every metric."""
-    return Table(
+    shapes = {metric.value: (Percent, metric.name) if metric in FRACTIONS else metric.name for metric in found.arms}
+    return Table.of(
+        found.jobs.reset_index(),
+        {"run": "job", "arm": "arm", "seed": "seed", **shapes},
         name=f"ablation_runs_{sweep.task}",
         caption=f"The runs ({sweep.task}).",
-        columns=("run", "arm", "seed", *(metric.value for metric in found.metrics)),
-        rows=tuple(
-            (one.job, one.arm, one.seed, *(_value(metric, one.values[metric]) for metric in found.metrics))
-            for one in found.outcomes
-        ),
         notes=(archive, *_missing_note(sweep)),
     )
 
 
-def _row(arm: Arm, metric: Metric) -> tuple[Cell, ...]:
-    summary = arm.metrics[metric]
-    contrast = summary.contrast
-    return (
-        arm.name,
-        len(summary.values),
-        _summary(arm, metric),
-        *(_BLANK if contrast is None else _contrast(contrast, metric)),
-    )
+def _shape(metric: Metric) -> Callable[..., Cell]:
+    return percent_between if metric in FRACTIONS else between
+
+
+def _layout(metric: Metric) -> Layout:
+    """Lay out the arms in one metric; a word stands where there is no p."""
+    unit, factor = (" (percentage points)", 100) if metric in FRACTIONS else ("", 1)
+    return {
+        "arm": "arm",
+        "seeds": "n",
+        "median": (_shape(metric), *_ENDS),
+        "runs that differ": "differing",
+        "U": (Halves, "u"),
+        "p": (lambda word, p: word if p is None else PValue(p), "comparability", "p"),
+        "p, Holm": (PValue, "p_holm"),
+        "method": "method",
+        **EFFECTS_LAYOUT,
+        f"difference of medians{unit}": scaled("difference", factor),
+        f"median difference by seed{unit}": scaled("by_seed", factor),
+        **{f"seeds {word}": word for word in ("better", "equal", "worse")},
+    }
 
 
 def _trivial(sweep: Sweep, metric: Metric) -> Cell:
@@ -225,49 +230,10 @@ def _trivial_note(sweep: Sweep, metric: Metric) -> list[str]:
     return [] if _trivial(sweep, metric) is None else [words]
 
 
-def _contrast(contrast: Contrast, metric: Metric) -> tuple[Cell, ...]:
-    paired = contrast.paired
-    differences: tuple[Cell, ...] = (_difference(metric, paired.difference), paired.better, paired.equal, paired.worse)
-    test, p_holm, effects = contrast.test, contrast.p_holm, contrast.effects
-    if test is None or p_holm is None or effects is None:
-        word = contrast.comparability.value
-        return (contrast.differing, None, word, None, None, None, None, None, *differences)
-    return (
-        contrast.differing,
-        Halves(test.u),
-        PValue(test.p),
-        PValue(p_holm),
-        test.method.value,
-        between(effects.a12),
-        between(effects.cliffs_delta),
-        _difference(metric, effects.median_difference),
-        *differences,
-    )
-
-
-def _summary(arm: Arm, metric: Metric) -> Cell:
-    """Show the median of an arm, with its interval where there is one."""
-    summary = arm.metrics[metric]
-    if summary.interval is None:
-        return _value(metric, summary.median)
-    shape = PercentBetween if metric in FRACTIONS else Between
-    return shape(summary.interval.estimate, summary.interval.low, summary.interval.high)
-
-
 def _value(metric: Metric, value: float | None) -> Cell:
     if value is None:
         return None
     return Percent(value) if metric in FRACTIONS else value
-
-
-def _difference(metric: Metric, interval: Interval | None) -> Cell:
-    return None if interval is None else between(interval, 100 if metric in FRACTIONS else 1)
-
-
-def _pairs(found: Ablation, metric: Metric) -> list[int]:
-    """Count the differences by seed that each arm has."""
-    contrasts = [contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None]
-    return [one.paired.better + one.paired.equal + one.paired.worse for one in contrasts]
 
 
 def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
@@ -287,13 +253,14 @@ def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
 
 def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     """Explain the columns beside the median; nothing without a reference."""
-    contrasts = {arm.name: contrast for arm in found.arms if (contrast := arm.metrics[metric].contrast) is not None}
-    if not contrasts:
+    frame = found.arms[metric]
+    kinds = frame.comparability.dropna()
+    if kinds.empty:
         return []
-    reference = found.wanted
-    family = sum(contrast.comparability is not Comparability.too_few_seeds for contrast in contrasts.values())
-    same = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.identical]
-    few = [name for name, contrast in contrasts.items() if contrast.comparability is Comparability.too_few_differ]
+    reference, family = found.wanted, int((kinds != Comparability.too_few_seeds).sum())
+    same, few = (
+        kinds.index[kinds == kind].tolist() for kind in (Comparability.identical, Comparability.too_few_differ)
+    )
     notes = [
         f"Runs that differ: those that are not the run of {reference} of the same seed, candidate by candidate. All "
         "further columns are of these runs, as far as their values are known: what is one and the same run in both "
@@ -315,14 +282,14 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
             f"Too few runs differ: {listed(few)}. A test needs two in either arm. In Holm's correction such an arm "
             "counts as p = 1."
         )
-    sizes = {contrast.sizes: None for contrast in contrasts.values() if contrast.test is not None}
+    tested = frame[frame.u.notna()]
     notes += [
         power_note(
             f"{counted(ours, 'run')} of an arm and {theirs} of {reference}", ours, theirs, alpha=ALPHA, family=family
         )
-        for ours, theirs in sizes
+        for ours, theirs in dict.fromkeys(zip(tested.n_arm.tolist(), tested.n_reference.tolist(), strict=True))
     ]
-    return [*notes, *caution_notes((name, contrast.cautions) for name, contrast in contrasts.items())]
+    return [*notes, *caution_notes(tested.cautions.items())]
 
 
 def _rank_note(sweep: Sweep, found: Ablation, metric: Metric) -> list[str]:

@@ -1,28 +1,27 @@
 """The tables of a study: scores, metrics, verdicts and effect sizes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
-from analysis.statistics.power import detectable
 from analysis.statistics.samples import Sample
-from analysis.statistics.tests import smallest_p
-from analysis.studies.comparison import Comparisons, VariantComparison
+from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.trivial import at_chance, trivial_metrics, trivial_score
-from analysis.studies.warnings import caution_notes
+from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.pilots import spread_of
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import planned_table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
 from tacevo.rounding import rounded
 from tacevo.storage.plan import SeedPlan
-from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
 
 #: What a reader of a study on one data set has to know.
@@ -32,7 +31,7 @@ ONE_SPLIT = (
 )
 
 
-def study_tables(study: Study, found: Comparisons | None, *, is_alone: bool = False) -> tuple[Table, ...]:
+def study_tables(study: Study, found: pd.DataFrame | None, *, is_alone: bool = False) -> tuple[Table, ...]:
     """Return all tables of a study.
 
     Without comparisons, where it cannot be compared, these are the tables of its scores only. `is_alone`: its networks
@@ -44,7 +43,7 @@ def study_tables(study: Study, found: Comparisons | None, *, is_alone: bool = Fa
     if found is not None:
         verdicts = verdicts_table(study, found)
         tables += [replace(verdicts, notes=(*verdicts.notes, *warning)), effects_table(study, found)]
-    if found is not None and found.outputs:
+    if found is not None and found.output.notna().any():
         tables.append(outputs_table(study, found))
     if study.plan is not None:
         tables.append(_planned_table(study, study.plan))
@@ -78,8 +77,8 @@ def scores_table(study: Study) -> Table:
             *(
                 (
                     *(network.name, network.id, network.parameters, network.flops),
-                    *(_value(study.primary, value) for value in _spread(study.values(network.name, study.primary))),
-                    _epochs(study, network),
+                    *(score_cell(study.primary, value) for value in _spread(study.values(network.name, study.primary))),
+                    quartiles([one.epoch for one in study.scores if one.network == network.name]),
                 )
                 for network in study.networks
             ),
@@ -104,8 +103,14 @@ def metrics_table(study: Study) -> Table:
         columns=("metric", *(network.name for network in study.networks), *(("trivial",) if trivial else ())),
         rows=tuple(
             (
-                *(name, *(_median(study, network, metric) for network in study.networks)),
-                *((_known(metric, trivial),) if trivial else ()),
+                *(
+                    name,
+                    *(
+                        quartiles(study.values(network.name, metric), is_share=metric in SHARES)
+                        for network in study.networks
+                    ),
+                ),
+                *((score_cell(metric, trivial.get(metric)),) if trivial else ()),
             )
             for metric, name in named_metrics(study)
         ),
@@ -119,127 +124,108 @@ def metrics_table(study: Study) -> Table:
     )
 
 
-def verdicts_table(study: Study, found: Comparisons) -> Table:
+def verdicts_table(study: Study, found: pd.DataFrame) -> Table:
     """Show the tests of every variant against the baseline."""
-    score = trivial_score(study)
-    return Table(
+    variants = of_whole(found)
+    shape = (Percent, "median") if study.primary in SHARES else "median"
+    return Table.of(
+        _beside(study, variants, study.primary, trivial_score(study)),
+        {"network": "network", "median": shape, **_TEST, "method": "method", **_EQUIVALENCE}
+        | {"method, equivalence": "method_equivalence", "verdict": "verdict"},
         name=f"verdicts_{study.task}",
-        caption=f"The variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
-        columns=(
-            *("network", "median", "U", "p", "p, Holm", "method"),
-            *("p, equivalence", "p, equivalence, Holm", "method, equivalence", "verdict"),
-        ),
-        rows=(
-            ("baseline", _value(found.metric, found.baseline_median), *(None,) * 8),
-            *(_verdict_cells(variant, found.metric) for variant in found.variants),
-            *((("trivial", _value(found.metric, score), *(None,) * 8),) if score is not None else ()),
-        ),
+        caption=f"The variants of {study.task} against the baseline, test {metric_name(study.primary)}.",
         notes=(
             *_scale_note(study),
-            *_mean_note(found),
-            *_method_notes(found),
-            *caution_notes((variant.network, variant.cautions) for variant in found.variants),
-            *_image_note(found),
-            *_late_note(study, found),
+            *_mean_note(study, found),
+            *_method_notes(study, variants),
+            *caution_notes(zip(variants.network, variants.cautions, strict=True)),
+            *_image_note(study, variants),
+            *_late_note(study),
             *_trivial_note(study),
         ),
     )
 
 
-def effects_table(study: Study, found: Comparisons) -> Table:
+def _beside(study: Study, variants: pd.DataFrame, metric: str, trivial: float | None) -> pd.DataFrame:
+    """Return variants between the baseline and the trivial predictor, which have a median alone."""
+    baseline = study.networks[0].name
+    ends = {"output": variants.output.iloc[0], "network": "trivial", "median": trivial}
+    first = ends | {"network": baseline, "median": rounded(float(np.median(study.values(baseline, metric))))}
+    return pd.DataFrame([first, *variants.to_dict("records"), *([] if trivial is None else [ends])])
+
+
+def effects_table(study: Study, found: pd.DataFrame) -> Table:
     """Show how large every variant's difference from the baseline is."""
-    better, score = "below" if LOWER_IS_BETTER[found.metric] else "above", trivial_score(study)
-    baseline = study.values(study.networks[0].name, found.metric)
-    trivial = () if score is None else (("trivial", effects_of_constant(score, baseline)),)
-    return Table(
+    better, score = "below" if LOWER_IS_BETTER[study.primary] else "above", trivial_score(study)
+    baseline, variants, metric = study.networks[0].name, of_whole(found), metric_name(study.primary)
+    rows = variants.to_dict("records")
+    if score is not None:
+        rows.append(
+            {"network": "trivial"} | effects_of_constant(score, study.values(baseline, study.primary)).columns()
+        )
+    difference = f"difference of medians ({unit_of(study.primary)})"
+    return Table.of(
+        pd.DataFrame(rows),
+        {
+            "network": "network",
+            **EFFECTS_LAYOUT,
+            difference: scaled("difference", 100 if study.primary in SHARES else 1),
+        },
         name=f"effects_{study.task}",
-        caption=f"Effect sizes of the variants of {study.task} against the baseline, test {metric_name(found.metric)}.",
-        columns=("network", "A12", "Cliff's delta", f"difference of medians ({unit_of(found.metric)})"),
-        rows=tuple(
-            (
-                name,
-                between(effects.a12),
-                between(effects.cliffs_delta),
-                between(effects.median_difference, 100 if found.metric in SHARES else 1),
-            )
-            for name, effects in (*((variant.network, variant.effects) for variant in found.variants), *trivial)
-        ),
+        caption=f"Effect sizes of the variants of {study.task} against the baseline, test {metric}.",
         notes=(
             *_scale_note(study),
             f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
             f"percentiles of {RESAMPLES:,} bootstrap resamples of the seeds of the difference of medians.",
-            f"A12 is the chance that a seed of the variant has a larger {metric_name(found.metric)} than one of the "
+            f"A12 is the chance that a seed of the variant has a larger {metric} than one of the "
             f"baseline: {better} 0.5 the variant is the better one.",
-            _power_note(found),
+            _power_note(study),
             *_trivial_note(study),
-            *(trivial and ("It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference.",)),
+            *(
+                ["It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference."]
+                if score is not None
+                else []
+            ),
         ),
     )
 
 
-def outputs_table(study: Study, found: Comparisons) -> Table:
+def outputs_table(study: Study, found: pd.DataFrame) -> Table:
     """Show how every variant does on each output: the primary metric is the mean over them."""
-    each = [(name, variant) for name, variants in found.outputs.items() for variant in variants]
-    metric = metric_name(found.metric)
-    return Table(
+    each, metric, scale = found[found.output.notna()], metric_name(study.primary), recorded_scale(study)
+    names, trivial = {name: f"{study.primary}_{name}" for name in each.output}, trivial_metrics(study)
+    frame = pd.concat(
+        _beside(study, each[each.output == name], of_output, trivial.get(of_output))
+        for name, of_output in names.items()
+    )
+    medians = [rounded(scale[name] ** 2 * median) for name, median in zip(frame.output, frame["median"], strict=True)]
+    head = f"median ({metric}, {recorded_unit(study, '²')})"
+    return Table.of(
+        frame.assign(median=medians),
+        {"output": "output", "network": "network", head: "median", "A12": EFFECTS_LAYOUT["A12"], **_TEST}
+        | {**_EQUIVALENCE, "verdict": "verdict"},
         name=f"outputs_{study.task}",
         caption=f"The variants of {study.task} against the baseline on each output, test {metric}.",
-        columns=(
-            *("output", "network", f"median ({metric}, {recorded_unit(study, '²')})", "A12", "U", "p", "p, Holm"),
-            *("p, equivalence", "p, equivalence, Holm", "verdict"),
-        ),
-        rows=tuple(row for name in found.outputs for row in _output_rows(study, found, name)),
         notes=(
             *_scale_note(study),
             f"p and p, equivalence: the tests of the verdicts on the mean; corrected after Holm over all "
             f"{counted(len(each), 'pair')} of output and variant, because a reader may pick any of them. The margin is "
-            f"{_margin_of_outputs(found)}.",
+            f"{_margin_of_outputs(study, of_whole(found))}.",
             f"A12: in brackets its {100 * LEVEL:g} % interval; below 0.5 the variant is the better one.",
             *_left_out_note(study, found),
-            *caution_notes((f"{variant.network} on {name}", variant.cautions) for name, variant in each),
-            *_late_note(study, found),
+            *caution_notes(
+                (f"{network} on {name}", told)
+                for network, name, told in zip(each.network, each.output, each.cautions, strict=True)
+            ),
+            *_late_note(study),
             *_trivial_note(study),
         ),
     )
 
 
-def _output_rows(study: Study, found: Comparisons, name: str) -> list[tuple[Cell, ...]]:
-    baseline, squared = study.networks[0].name, recorded_scale(study)[name] ** 2
-    median = _spread(study.values(baseline, f"{found.metric}_{name}"))[0]
-    trivial = trivial_metrics(study).get(f"{found.metric}_{name}")
-    return [
-        (name, baseline, rounded(squared * median), *(None,) * 7),
-        *(
-            (
-                *(name, variant.network, rounded(squared * variant.median)),
-                *(between(variant.effects.a12), Halves(variant.test.u)),
-                *(PValue(variant.test.p), PValue(variant.p_holm)),
-                *(PValue(variant.equivalence.p), PValue(variant.equivalence_p_holm), variant.verdict.value),
-            )
-            for variant in found.outputs[name]
-        ),
-        *(((name, "trivial", rounded(squared * trivial), *(None,) * 7),) if trivial is not None else ()),
-    ]
-
-
-def _verdict_cells(variant: VariantComparison, metric: str) -> tuple[Cell, ...]:
-    return (
-        variant.network,
-        _value(metric, variant.median),
-        Halves(variant.test.u),
-        PValue(variant.test.p),
-        PValue(variant.p_holm),
-        variant.test.method.value,
-        PValue(variant.equivalence.p),
-        PValue(variant.equivalence_p_holm),
-        variant.equivalence.method.value,
-        variant.verdict.value,
-    )
-
-
-def _value(metric: str, value: float) -> Cell:
+def score_cell(metric: str, value: float | None) -> Cell:
     """Show a score: shares of images as percentages, as the paper does."""
-    return Percent(value) if metric in SHARES else value
+    return Percent(value) if metric in SHARES and value is not None else value
 
 
 def unit_of(metric: str) -> str:
@@ -250,7 +236,7 @@ def unit_of(metric: str) -> str:
 def _trivial_row(study: Study) -> tuple[tuple[Cell, ...], ...]:
     """Return the row of the predictor that looks at no image, where its score is known."""
     score = trivial_score(study)
-    return () if score is None else (("trivial", None, 0, 0, _value(study.primary, score), *(None,) * 5),)
+    return () if score is None else (("trivial", None, 0, 0, score_cell(study.primary, score), *(None,) * 5),)
 
 
 def _trivial_note(study: Study) -> tuple[str, ...]:
@@ -260,20 +246,10 @@ def _trivial_note(study: Study) -> tuple[str, ...]:
     return (f"Trivial: looks at no image, and always predicts {always} of the test images.",)
 
 
-def _known(metric: str, trivial: Mapping[str, float]) -> Cell:
-    """Return the trivial predictor's metric, empty where it is not known."""
-    return _value(metric, trivial[metric]) if metric in trivial else None
-
-
 def _frequencies_note(trivial: Mapping[str, float]) -> tuple[str, ...]:
     if "cross_entropy" not in trivial:
         return ()
     return ("Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one.",)
-
-
-def _epochs(study: Study, network: Network) -> Between:
-    epochs = [score.epoch for score in study.scores if score.network == network.name]
-    return Between(*_spread(np.array(epochs, dtype=np.float64))[:3])
 
 
 def _spread(values: Sample) -> tuple[float, ...]:
@@ -281,14 +257,36 @@ def _spread(values: Sample) -> tuple[float, ...]:
     return tuple(rounded(float(value)) for value in (middle, low, high, values.min(), values.max()))
 
 
-def _median(study: Study, network: Network, metric: str) -> Cell:
-    shape = PercentBetween if metric in SHARES else Between
-    return shape(*_spread(study.values(network.name, metric))[:3])
+#: The columns of a test, and those of the test of equivalence.
+_TEST: Layout = {"U": (Halves, "u"), "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")}
+_EQUIVALENCE: Layout = {
+    "p, equivalence": (PValue, "p_equivalence"),
+    "p, equivalence, Holm": (PValue, "p_equivalence_holm"),
+}
+
+#: The columns of effect sizes that have no unit.
+EFFECTS_LAYOUT: Layout = {
+    name: (Between, *(f"{key}{end}" for end in ("", "_low", "_high")))
+    for name, key in (("A12", "a12"), ("Cliff's delta", "cliffs_delta"))
+}
 
 
-def between(interval: Interval, factor: float = 1) -> Between:
-    """Return the cell of an interval, multiplied by a factor."""
+def scaled(name: str, factor: float) -> tuple[Any, ...]:
+    """Return the shape of an interval's column that is multiplied by a factor."""
+    return lambda *ends: Between(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
+
+
+def between(interval: Interval | None, factor: float = 1) -> Cell:
+    """Return the cell of an interval, multiplied by a factor; None without one."""
+    if interval is None:
+        return None
     return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
+
+
+def quartiles(values: Sequence[float] | Sample, *, is_share: bool = False) -> Cell:
+    """Return the cell of a median between the lower and the upper quartile."""
+    low, middle, high = (rounded(float(value)) for value in np.quantile(values, [0.25, 0.5, 0.75]))
+    return (PercentBetween if is_share else Between)(middle, low, high)
 
 
 def _scale_note(study: Study) -> tuple[str, ...]:
@@ -306,90 +304,72 @@ def _training(study: Study) -> str:
     )
 
 
-def _method_notes(found: Comparisons) -> tuple[str, ...]:
+def _method_notes(study: Study, variants: pd.DataFrame) -> tuple[str, ...]:
     return (
-        f"p: two-sided Mann-Whitney U of {counted(found.seeds, 'seed')} against as many of the baseline, at "
-        f"alpha {found.terms.alpha:g}; corrected over {counted(len(found.variants), 'variant')} after Holm.",
-        f"p, equivalence: two one-sided Mann-Whitney tests against a margin of {_margin(found)}, as the study's "
-        "header states it.",
+        f"p: two-sided Mann-Whitney U of {counted(study.seeds, 'seed')} against as many of the baseline, at "
+        f"alpha {study.terms.alpha:g}; corrected over {counted(len(variants), 'variant')} after Holm.",
+        f"p, equivalence: two one-sided Mann-Whitney tests against a margin of {_margin(study, variants)}, as the "
+        "study's header states it.",
         "Better and worse: p after Holm is at most alpha, and the interval of A12 does not hold 0.5. Equivalent: that "
         "is not so, and p of equivalence after Holm is at most alpha. Undecided: neither.",
     )
 
 
-def _margin(found: Comparisons) -> str:
+def _margin(study: Study, variants: pd.DataFrame) -> str:
     """Write the margin as it was stated, and as wide as it is."""
-    width = found.variants[0].equivalence.margin
-    wide = f"{shown(100.0 * width if found.metric in SHARES else width)} {unit_of(found.metric)}"
-    if found.terms.margin.kind is MarginKind.absolute:
+    width = variants.margin.iloc[0]
+    wide = f"{shown(100.0 * width if study.primary in SHARES else width)} {unit_of(study.primary)}"
+    if study.terms.margin.kind is MarginKind.absolute:
         return wide
-    return f"{shown(Percent(found.terms.margin.value))} of the baseline's median, {wide}"
+    return f"{shown(Percent(study.terms.margin.value))} of the baseline's median, {wide}"
 
 
-def _margin_of_outputs(found: Comparisons) -> str:
+def _margin_of_outputs(study: Study, variants: pd.DataFrame) -> str:
     """Write the margin of every output: a relative one is as wide as the output's own error makes it."""
-    if found.terms.margin.kind is MarginKind.absolute:
-        return f"that of the mean, {_margin(found)}"
-    return f"{shown(Percent(found.terms.margin.value))} of the baseline's median on that output"
+    if study.terms.margin.kind is MarginKind.absolute:
+        return f"that of the mean, {_margin(study, variants)}"
+    return f"{shown(Percent(study.terms.margin.value))} of the baseline's median on that output"
 
 
-def _mean_note(found: Comparisons) -> tuple[str, ...]:
-    if not found.outputs:
+def _mean_note(study: Study, found: pd.DataFrame) -> tuple[str, ...]:
+    if found.output.isna().all():
         return ()
     return (
-        f"{metric_name(found.metric)} is the mean over the outputs; verdicts on each stand in the table of outputs.",
+        f"{metric_name(study.primary)} is the mean over the outputs; verdicts on each stand in the table of outputs.",
     )
 
 
-def _left_out_note(study: Study, found: Comparisons) -> tuple[str, ...]:
-    left_out = [name for name in study.names if name not in found.outputs]
+def _left_out_note(study: Study, found: pd.DataFrame) -> tuple[str, ...]:
+    left_out = [name for name in study.names if name not in set(found.output)]
     if not left_out:
         return ()
     return (f"Not compared on {listed(left_out)}: the baseline's median error is 0, so there is no relative margin.",)
 
 
-def _image_note(found: Comparisons) -> tuple[str, ...]:
-    """Warn of a margin that no change of a score fits in."""
-    if found.image is None or found.variants[0].equivalence.margin >= found.image:
+def _image_note(study: Study, variants: pd.DataFrame) -> tuple[str, ...]:
+    """Warn of a margin that no change of a score fits in: less than what one test image adds to an accuracy."""
+    confusion = study.scores[0].confusion
+    image = 0.0 if confusion is None else rounded(1 / sum(map(sum, confusion)))
+    if variants.margin.iloc[0] >= image:
         return ()
     return (
-        f"The margin of equivalence is less than one test image, {shown(100 * found.image)} percentage points: a "
+        f"The margin of equivalence is less than one test image, {shown(100 * image)} percentage points: a "
         "network that errs on one image more or less lies outside it.",
     )
 
 
-def _late_note(study: Study, found: Comparisons) -> tuple[str, ...]:
+def _late_note(study: Study) -> tuple[str, ...]:
     """Warn of trainings that may have ended too early, with their share of each network's."""
-    if not any(found.late.values()):
+    parts = late(study)
+    if not any(parts.values()):
         return ()
-    shares = listed(f"{name} {shown(Percent(share))}" for name, share in found.late.items())
+    shares = listed(f"{name} {shown(Percent(share))}" for name, share in parts.items())
     return (
         f"Best epoch in the last tenth of {study.recipe.epochs}, by share of the trainings: {shares}. These may not "
         "have converged, so better may only mean faster, and worse only slower.",
     )
 
 
-def _power_note(found: Comparisons) -> str:
-    who, seeds = counted(found.seeds, "seed"), found.seeds
-    return power_note(who, seeds, seeds, alpha=found.terms.alpha, family=len(found.variants))
-
-
-def power_note(who: str, first: int, second: int, *, alpha: float, family: int) -> str:
-    """Say which effect samples of two sizes, each of 2 at least, detect: in one test, and after Holm's correction.
-
-    `who` names the samples in words; `family` is the number of tests.
-    """
-    one, strictest = (_detected(first, second, level) for level in (alpha, alpha / family))
-    head = f"Detected by {who} with a power of 80 %, in a single test"
-    if one == strictest:
-        return f"{head} and in the strictest step of Holm's correction: {one}."
-    return f"{head}: {one}; in the strictest step of Holm's correction: {strictest}."
-
-
-def _detected(first: int, second: int, alpha: float) -> str:
-    effect = detectable(first, second, alpha=alpha)
-    if effect is not None:
-        return f"an A12 of {shown(effect.a12)} or {shown(1 - effect.a12)} ({shown(effect.shift)} standard deviations)"
-    if smallest_p(first, second) > alpha:
-        return "no effect at all"
-    return "effects near full separation only, since Noether's formula gives none for so few"
+def _power_note(study: Study) -> str:
+    who, seeds = counted(study.seeds, "seed"), study.seeds
+    return power_note(who, seeds, seeds, alpha=study.terms.alpha, family=len(study.networks) - 1)

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import (
     LEVEL,
     MOST,
-    Productivity,
     by_prompt,
     by_temperature,
     improvement,
@@ -20,8 +20,7 @@ from analysis.runs.dynamics import (
 from analysis.runs.lineage import lineage
 from analysis.runs.run import Run
 from analysis.studies.noise import Reestimates
-from analysis.table import Between, Percent, Table, percent
-from tacevo.costs import Spending
+from analysis.table import Between, Layout, Percent, Table, percent
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.records import Stage
 from tacevo.text import counted, drawn
@@ -41,37 +40,17 @@ MEDIAN = ONE_DRAW.replace("one draw: the loss of one training seed", "{record}")
 
 def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
     """Show every generation of a run."""
-    rows = tuple(
-        (
-            entry.line.generation,
-            entry.line.temperature,
-            entry.line.candidates,
-            entry.line.trained,
-            *(entry.rejected[stage] for stage in Stage),
-            entry.line.best,
-            median,
-            entry.line.generation_median,
-            entry.line.qd_score,
-            Percent(entry.line.coverage),
-            entry.elites,
-            entry.growth,
-            entry.lost,
-            entry.new,
-            entry.improved,
-            entry.repeated,
-            entry.unchanged,
-        )
-        for entry, median in zip(progress(run), archive_medians(run, centroids), strict=True)
-    )
-    stages = tuple(f"rejected: {stage}" for stage in Stage)
-    fitness = ("best", "archive median", "median of new")
-    archive = ("QD-score", "coverage", "elites", "growth", "lost", "new", "improved")
     unsent = [f"T is what was planned; {run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
-    return Table(
+    medians = pd.Series(archive_medians(run, centroids), [line.generation for line in run.generations], dtype="float64")
+    return Table.of(
+        progress(run).assign(median=medians).reset_index(),
+        {"generation": "generation", "T": "temperature", "candidates": "candidates", "trained": "trained"}
+        | {f"rejected: {stage}": f"rejected_{stage}" for stage in Stage}
+        | {"best": "best", "archive median": "median", "median of new": "generation_median", "QD-score": "qd_score"}
+        | {"coverage": (Percent, "coverage")}
+        | {name: name for name in ("elites", "growth", "lost", "new", "improved", "repeated", "unchanged")},
         name=f"generations_{run.task}",
         caption=f"The generations of {run.name}.",
-        columns=("generation", "T", "candidates", "trained", *stages, *fitness, *archive, "repeated", "unchanged"),
-        rows=rows,
         notes=(
             f"Trained and rejected count first answers. {_statuses(run)}",
             "Archive median: of the elites after the generation; median of new: of its own trained candidates. "
@@ -92,12 +71,12 @@ def _statuses(run: Run) -> str:
 
 def costs_table(run: Run) -> Table:
     """Show what the answers of every generation cost when they were recorded."""
-    rows = tuple((entry.line.generation, *_cost_cells(entry.spent)) for entry in progress(run))
-    return Table(
+    return Table.of(
+        progress(run).reset_index(),
+        {"generation": "generation", "answers": "answers", "input tokens": "input_tokens"}
+        | {"output tokens": "output_tokens", "USD": "usd"},
         name=f"costs_{run.task}",
         caption=f"What the answers of {run.name} cost when they were recorded.",
-        columns=("generation", "answers", "input tokens", "output tokens", "USD"),
-        rows=rows,
         notes=("A cell is empty where the run's timings lack the cost of an answer.",),
     )
 
@@ -126,14 +105,12 @@ def gate_table(run: Run) -> Table:
 
 def prompts_table(run: Run) -> Table:
     """Show what every instruction brought, with its index in the library."""
-    table = _productivity_table(run, f"prompts_{run.task}", "instruction", by_prompt(run))
-    rows = tuple((index, *row) for index, row in enumerate(table.rows))
-    return replace(table, columns=("index", *table.columns), rows=rows)
+    return _productivity_table(run, f"prompts_{run.task}", by_prompt(run), {"index": "index", "instruction": "name"})
 
 
 def temperatures_table(run: Run) -> Table:
     """Show what every band of the temperatures that were sent brought."""
-    table = _productivity_table(run, f"temperatures_{run.task}", "temperature", by_temperature(run))
+    table = _productivity_table(run, f"temperatures_{run.task}", by_temperature(run), {"temperature": "name"})
     notes = [f"{run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
     if temperature_follows_age(run):
         notes.append(
@@ -213,47 +190,22 @@ def _reestimated_rows(run: Run, reestimates: Sequence[Reestimates]) -> list[tupl
 
 def lineage_table(run: Run, name: str) -> Table:
     """Show where a candidate comes from; raises as `analysis.runs.lineage.ancestors` does."""
-    rows = tuple(
-        (
-            entry.candidate.id,
-            entry.candidate.operator.value,
-            entry.instruction,
-            ", ".join(entry.candidate.parents) or None,
-            entry.fitness,
-            entry.gain,
-        )
-        for entry in lineage(run, name)
-    )
-    return Table(
+    frame = lineage(run, name)
+    return Table.of(
+        frame.assign(parents=[", ".join(parents) or None for parents in frame.parents]).reset_index(),
+        {"network": "id", **{column: column for column in ("operator", "instruction", "parents", "fitness", "gain")}},
         name=f"lineage_{run.task}",
         caption=f"The ancestors of {name} in {run.name}.",
-        columns=("network", "operator", "instruction", "parents", "fitness", "gain"),
-        rows=rows,
         notes=("Gain: how much less loss than the better parent.",),
     )
 
 
-def _productivity_table(run: Run, name: str, of: str, found: tuple[Productivity, ...]) -> Table:
-    rows = tuple((entry.name, entry.tried, entry.trained, entry.inserted, _between(entry)) for entry in found)
-    return Table(
+def _productivity_table(run: Run, name: str, found: pd.DataFrame, first: Layout) -> Table:
+    rate, (*_, of) = (Between, "rate", "rate_low", "rate_high"), first
+    return Table.of(
+        found.reset_index(),
+        {**first, "tried": "tried", "trained": "trained", "inserted": "inserted", "inserted / tried": rate},
         name=name,
         caption=f"Children of {run.name} that entered the archive, by {of}.",
-        columns=(of, "tried", "trained", "inserted", "inserted / tried"),
-        rows=rows,
         notes=(f"Mutations from generation 1 on; Wilson intervals at {100 * LEVEL:g} %.",),
     )
-
-
-def _between(entry: Productivity) -> Between | None:
-    if entry.rate is None or entry.interval is None:
-        return None
-    return Between(entry.rate, *entry.interval)
-
-
-def _cost_cells(spent: Spending | None) -> tuple[int | float | None, ...]:
-    """Return the cells of a spending; tokens and dollars only where those of every answer are known."""
-    if spent is None:
-        return (None,) * 4
-    dollars = None if spent.unpriced else spent.usd
-    tokens = (None, None) if spent.uncounted else (spent.input_tokens, spent.output_tokens)
-    return spent.answers, *tokens, dollars

@@ -40,7 +40,7 @@ def niches_table(run: Run, niches: Niches) -> Table:
     if run.bounds is not None:
         placed = coverage_map(run, niches.networks)
         filled = _filled(len(run.elites), len(reachable(placed, niches.networks)), run.places)
-        rows.append(("networks", *filled, effective_niches(placed), sum(entry.lost for entry in progress(run))))
+        rows.append(("networks", *filled, effective_niches(placed), int(progress(run).lost.sum())))
         notes += [
             "Networks: a niche counts as reachable if a trained candidate lies in it, or between trained candidates.",
             "Effective: exp of the entropy of the trained candidates over the niches; so many equally full niches "

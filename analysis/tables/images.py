@@ -1,19 +1,16 @@
 """The tables of a study's test images: ensembles, pairs of networks, outputs, calibration or residuals."""
 
-from collections.abc import Sequence
 from statistics import fmean
 
-import numpy as np
-
 from analysis.statistics.calibration import BINS, Calibration
-from analysis.statistics.effects import LEVEL, Interval
+from analysis.statistics.effects import LEVEL
 from analysis.statistics.images import IMAGE_RESAMPLES
 from analysis.studies.images import Calibrated, ImageFindings, Pair, Residuals
 from analysis.studies.metrics import SHARES, metric_name, recorded_scale, recorded_unit
 from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.trivial import trivial_score
-from analysis.table import Between, Cell, Percent, PValue, Table
-from analysis.tables.comparison import between
+from analysis.table import Cell, PValue, Table
+from analysis.tables.comparison import between, quartiles, score_cell
 from tacevo.records import Kind
 from tacevo.rounding import rounded
 from tacevo.rules import KEPT_SINCE
@@ -52,13 +49,13 @@ def ensembles_table(study: Study, found: ImageFindings) -> Table:
             *(
                 (
                     one.network,
-                    _value(metric, rounded(fmean(study.values(one.network, metric)))),
-                    _value(metric, one.score),
-                    _difference(one.difference, metric),
+                    score_cell(metric, rounded(fmean(study.values(one.network, metric)))),
+                    score_cell(metric, one.score),
+                    between(one.difference, _factor(metric)),
                 )
                 for one in found.ensembles
             ),
-            ("trivial", None if score is None else _value(metric, score), None, None),
+            ("trivial", score_cell(metric, score), None, None),
         ),
         notes=(
             f"Ensemble: the mean of the seeds' {_what(study)}. Trivial: looks at no image.",
@@ -75,7 +72,7 @@ def pairs_table(study: Study, found: ImageFindings) -> Table:
         caption=f"The ensembles of {study.task} by pairs, on the same {study.data.counts[2]} test images.",
         columns=("network", "against", f"difference ({_unit(study.primary)})", *_TESTED),
         rows=tuple(
-            (pair.first, pair.second, _difference(pair.difference, study.primary), *_tested(pair))
+            (pair.first, pair.second, between(pair.difference, _factor(study.primary)), *_tested(pair))
             for pair in (*found.pairs, *found.against_trivial)
         ),
         notes=(
@@ -177,16 +174,12 @@ def _what(study: Study) -> str:
     return "probabilities of the classes" if study.kind is Kind.classification else "predictions"
 
 
-def _value(metric: str, value: float) -> Cell:
-    return Percent(value) if metric in SHARES else value
+def _factor(metric: str) -> int:
+    return 100 if metric in SHARES else 1
 
 
 def _unit(metric: str) -> str:
     return "percentage points" if metric in SHARES else f"{metric_name(metric)}, scaled"
-
-
-def _difference(interval: Interval | None, metric: str) -> Cell:
-    return None if interval is None else between(interval, 100 if metric in SHARES else 1)
 
 
 def _tested(pair: Pair) -> tuple[Cell, ...]:
@@ -227,7 +220,7 @@ def _calibration_row(one: Calibrated) -> tuple[Cell, ...]:
     cells = [
         cell
         for figure in figures
-        for cell in (_quartiles([getattr(each, figure) for each in one.seeds]), getattr(one.ensemble, figure))
+        for cell in (quartiles([getattr(each, figure) for each in one.seeds]), getattr(one.ensemble, figure))
     ]
     return (one.network, *cells)
 
@@ -237,10 +230,5 @@ def _calibrated(one: Calibration) -> tuple[Cell, ...]:
 
 
 def _residual_row(one: Residuals, scale: float) -> tuple[Cell, ...]:
-    seeds = (_quartiles([scale * value for value in each]) for each in (one.biases, one.spreads))
+    seeds = (quartiles([scale * value for value in each]) for each in (one.biases, one.spreads))
     return (one.output, one.network, *seeds, rounded(scale * one.bias), rounded(scale * one.spread))
-
-
-def _quartiles(values: Sequence[float]) -> Between:
-    low, middle, high = (rounded(float(value)) for value in np.quantile(values, [0.25, 0.5, 0.75]))
-    return Between(middle, low, high)

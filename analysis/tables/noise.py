@@ -5,7 +5,8 @@ from analysis.statistics.effects import LEVEL
 from analysis.statistics.noise import NetworkNoise
 from analysis.studies.corrected import Corrected
 from analysis.studies.noise import Reestimates
-from analysis.table import Between, Cell, Percent, Table
+from analysis.table import Cell, Percent, Table
+from analysis.tables.comparison import between
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
 from tacevo.studies.lines import Network
@@ -105,10 +106,9 @@ def ranking_table(found: Reestimates, task: str) -> Table:
 
 
 def _cells(found: Reestimates, network: Network, one: NetworkNoise) -> tuple[Cell, ...]:
-    chance = None if one.beats is None else Between(one.beats.estimate, one.beats.low, one.beats.high)
     expected = one.expected if found.record == drawn(1) else None  # the ICC is that of one training
     measured = one.recorded, one.median, one.least, one.most, one.as_low, one.optimism, expected
-    return network.name, network.id, *measured, chance
+    return network.name, network.id, *measured, between(one.beats)
 
 
 def _failed_note(found: Reestimates) -> tuple[str, ...]:
@@ -123,7 +123,7 @@ def _icc_note(found: Reestimates) -> str:
             "No ICC, and hence no regression to the mean: it takes two networks, two seeds, and losses above 0 that "
             "differ."
         )
-    part = shown(Between(icc.estimate, icc.low, icc.high))
+    part = shown(between(icc))
     expected = (
         "Expected by regression: what another seed typically gives (a geometric mean), by that ICC, to a network with "
         "this recorded fitness; below 0 it counts as 0, because no difference between networks was seen."

@@ -1,15 +1,17 @@
 """What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
 
+import pandas as pd
+
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
-from analysis.statistics.noise import NetworkNoise
-from analysis.studies.comparison import Comparisons
+from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.noise import Reestimates
 from analysis.studies.scores import Study
 from analysis.studies.trivial import at_chance, trivial_score
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables.comparison import between, score_cell
 from analysis.tables.noise import chance_note
 from tacevo.studies.lines import Network
 from tacevo.text import counted, listed
@@ -25,7 +27,7 @@ _TOGETHER = (
 
 def study_outcome(
     study: Study,
-    found: Comparisons | None,
+    found: pd.DataFrame | None,
     again: Reestimates | None,
     *,
     record: str,
@@ -51,7 +53,7 @@ def study_outcome(
     }
     score = trivial_score(study)
     if score is not None:
-        test = _value(study.primary, score)
+        test = score_cell(study.primary, score)
         rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": test, "fitness": trivial})
     other = f", on {study.where}" if study.where else ""
     return Table(
@@ -72,10 +74,11 @@ def study_outcome(
     )
 
 
-def _row(study: Study, network: Network, found: Comparisons | None, again: Reestimates | None) -> dict[str, Cell]:
+def _row(study: Study, network: Network, found: pd.DataFrame | None, again: Reestimates | None) -> dict[str, Cell]:
     cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
     if found is not None:
-        verdicts = {one.network: f"{one.verdict.value} ({shown(PValue(one.p_holm))})" for one in found.variants}
+        variants = of_whole(found).itertuples()
+        verdicts = {one.network: f"{one.verdict} ({shown(PValue(one.p_holm))})" for one in variants}
         cells["verdict"] = verdicts.get(network.name)
     cells["fitness"] = network.fitness
     if again is not None:
@@ -106,7 +109,7 @@ def noise_outcome(found: Reestimates, task: str, trivial: float | None) -> Table
         ),
         rows=(
             *(
-                (network.name, network.id, one.recorded, one.median, one.least, one.most, _beats(one))
+                (network.name, network.id, one.recorded, one.median, one.least, one.most, between(one.beats))
                 for network, one in listed_ones
             ),
             *(() if trivial is None else (("trivial", None, trivial, trivial, None, None, None),)),
@@ -193,7 +196,7 @@ def _finding_of_one(found: Reestimates) -> str:
     return (
         f"{_called(found)}, {found.networks[1].id}, {verdict} the baseline: its loss is {shown(best.median)} where the "
         f"baseline's is {shown(baseline.median)} (medians of {counted(found.noise.seeds, 'other seed')}); it wins in "
-        f"{won} of seeds, chance {shown(Between(chance.estimate, chance.low, chance.high))}."
+        f"{won} of seeds, chance {shown(between(chance))}."
     )
 
 
@@ -210,13 +213,9 @@ def _score(study: Study, network: str) -> Cell:
     """Return the median test score of a network with its interval; of one seed, its score."""
     values = study.values(network, study.primary)
     if len(values) == 1:
-        return _value(study.primary, float(values[0]))
+        return score_cell(study.primary, float(values[0]))
     found, shape = median(values), PercentBetween if study.primary in SHARES else Between
     return shape(found.estimate, found.low, found.high)
-
-
-def _value(metric: str, value: float) -> Cell:
-    return Percent(value) if metric in SHARES else value
 
 
 def _ends(seeds: int) -> str:
@@ -226,26 +225,20 @@ def _ends(seeds: int) -> str:
     return f" [{100 * LEVEL:g} %]" if median_confidence(seeds) >= LEVEL else " [least, most]"
 
 
-def _beats(one: NetworkNoise) -> Cell:
-    chance = one.beats
-    return None if chance is None else Between(chance.estimate, chance.low, chance.high)
-
-
-def _late(study: Study, found: Comparisons | None) -> tuple[str, ...]:
-    if found is None or not any(found.late.values()):
+def _late(study: Study, found: pd.DataFrame | None) -> tuple[str, ...]:
+    parts = late(study)
+    if found is None or not any(parts.values()):
         return ()
-    most = max(found.late, key=lambda name: found.late[name])
-    share = shown(Percent(found.late[most]))
+    most = max(parts, key=lambda name: parts[name])
     return (
-        f"Not converged? {share} of the seeds of {most} are best in the last tenth of epochs: better may only mean "
-        "faster.",
+        f"Not converged? {shown(Percent(parts[most]))} of the seeds of {most} are best in the last tenth of epochs: "
+        "better may only mean faster.",
     )
 
 
-def _few(found: Comparisons | None) -> tuple[str, ...]:
-    variants = () if found is None else found.variants
+def _few(found: pd.DataFrame | None) -> tuple[str, ...]:
     few = (Caution.few_seeds,)
-    return caution_notes((one.network, few) for one in variants if Caution.few_seeds in one.cautions)
+    return caution_notes((one.network, few) for one in of_whole(found).itertuples() if few[0] in one.cautions)
 
 
 def _alone(is_alone: bool) -> tuple[str, ...]:
@@ -277,5 +270,5 @@ def _icc(found: Reestimates) -> str:
     icc = found.noise.icc
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
-    part = f"{shown(Between(icc.estimate, icc.low, icc.high))} ({100 * LEVEL:g} % interval)"
+    part = f"{shown(between(icc))} ({100 * LEVEL:g} % interval)"
     return f"ICC {part}: the part of one fitness's variance that is the network's; the rest is the seed's."

@@ -3,15 +3,13 @@
 Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. A number that is not finite is an error.
 """
 
-import csv
-import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from analysis.rounding import finite, shown
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.rounding import shown
+from analysis.table import Table
 from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -76,17 +74,7 @@ def as_latex(table: Table, *, prefix: str = "") -> str:
 
 def as_csv(table: Table) -> str:
     """Write a table as CSV (RFC 4180), unrounded: fractions as such, and an interval as three columns."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer)
-    spread = [
-        any(isinstance(row[place], Between | PercentBetween) for row in table.rows)
-        for place in range(len(table.columns))
-    ]
-    names = [[name, f"{name} low", f"{name} high"][: 3 if wide else 1] for name, wide in _pairs(table.columns, spread)]
-    writer.writerow([name for group in names for name in group])
-    for row in table.rows:
-        writer.writerow([value for cell, wide in _pairs(row, spread) for value in _exact(cell, 3 if wide else 1)])
-    return buffer.getvalue()
+    return str(table.frame.to_csv(index=False, lineterminator="\r\n"))
 
 
 def numeric_columns(table: Table) -> list[bool]:
@@ -113,27 +101,6 @@ def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
     """
     writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
     return {f"{table.name}{ending}": write(table) for ending, write in writers.items()}
-
-
-def _pairs(cells: Sequence[Cell], spread: Sequence[bool]) -> list[tuple[Cell, bool]]:
-    return list(zip(cells, spread, strict=True))
-
-
-def _exact(cell: Cell, places: int) -> list[str | int | float]:
-    """Return a cell unrounded, filled up to its column's places."""
-    match cell:
-        case None:
-            values: list[str | int | float] = [""]
-        case Between(estimate, low, high) | PercentBetween(estimate, low, high):
-            values = [estimate, low, high]
-        case PValue(value) | Halves(value) | Percent(value):
-            values = [value]
-        case _:
-            values = [cell]
-    for number in values:
-        if not isinstance(number, str):
-            finite(number)
-    return values + [""] * (places - len(values))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,36 +2,37 @@
 
 from collections.abc import Sequence
 
+import pandas as pd
+
 from analysis.statistics.effects import LEVEL, RESAMPLES
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.scores import LOWER_IS_BETTER
-from analysis.studies.searches import Chosen
-from analysis.table import Between, Cell, PercentBetween, PValue, Table
-from analysis.tables.comparison import between, unit_of
+from analysis.studies.searches import StudiedSearch, best_by_reestimates
+from analysis.table import Between, PercentBetween, PValue, Table
+from analysis.tables.comparison import EFFECTS_LAYOUT, scaled, unit_of
 from tacevo.text import counted
 
 
-def searches_table(halves: Sequence[Sequence[Chosen]]) -> Table:
+def searches_table(searches: Sequence[StudiedSearch]) -> Table:
     """Show the network that each half of the seeds chooses of each search, and how far it differs from the first's."""
-    first = halves[0][0].search
+    words, first = ("odd seeds", "even seeds"), searches[0]
+    halves = [best_by_reestimates(searches, half=half).assign(by=by) for half, by in enumerate(words)]
     study, metric = first.study, metric_name(first.study.primary)
     choosing = counted(len(first.reestimates.estimates[0]), "seed")
     elsewhere = f" Tested on other data than the runs': {study.where}." if study.other_data else ""
     better = "below" if LOWER_IS_BETTER[study.primary] else "above"
-    return Table(
+    is_share = study.primary in SHARES
+    shape, difference = PercentBetween if is_share else Between, f"difference of medians ({unit_of(study.primary)})"
+    return Table.of(
+        pd.concat(halves),
+        {"chosen by": "by", "search": "search", "candidate": "candidate", "recorded fitness": "fitness"}
+        | {"re-estimated": scaled("reestimated", 1), "chance of a lower loss": scaled("lower_loss", 1)}
+        | {f"test {metric}": (shape, "tested", "tested_low", "tested_high")}
+        | {difference: scaled("difference", 100 if is_share else 1), "A12": EFFECTS_LAYOUT["A12"]}
+        | {"p, Holm": (PValue, "p_holm")},
         name=f"searches_{study.task}" + (f"_{study.fingerprint[:8]}" if study.other_data else ""),
         caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
         f"{first.name}.{elsewhere}",
-        columns=(
-            *("chosen by", "search", "candidate", "recorded fitness", "re-estimated"),
-            *("chance of a lower loss", f"test {metric}", f"difference of medians ({unit_of(study.primary)})"),
-            *("A12", "p, Holm"),
-        ),
-        rows=tuple(
-            (words, *_cells(one, study.primary))
-            for words, found in zip(("odd seeds", "even seeds"), halves, strict=True)
-            for one in found
-        ),
         notes=(
             f"Chosen: the network, baseline included, with the lowest median loss after "
             f"{counted(first.reestimates.epochs, 'epoch')}, by every second of {choosing}, counted "
@@ -46,24 +47,5 @@ def searches_table(halves: Sequence[Sequence[Chosen]]) -> Table:
             "all searches but the first.",
             "One search each: intervals and p hold for the training seeds of these networks. They do not say what "
             "another search of either kind finds, nor what other images show.",
-        ),
-    )
-
-
-def _cells(one: Chosen, metric: str) -> tuple[Cell, ...]:
-    shape, factor = (PercentBetween, 100) if metric in SHARES else (Between, 1)
-    network, tested, difference = one.network, one.tested, one.difference
-    return (
-        *(one.search.name, network.id, network.fitness, between(one.reestimated)),
-        None if difference is None else between(difference.lower_loss),
-        shape(tested.estimate, tested.low, tested.high),
-        *(
-            (None, None, None)
-            if difference is None
-            else (
-                between(difference.tested.median_difference, factor),
-                between(difference.tested.a12),
-                PValue(difference.p_holm),
-            )
         ),
     )

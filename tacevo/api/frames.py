@@ -1,6 +1,6 @@
 """Rows as DataFrames, with the columns and dtypes that docs/python.md lists.
 
-A missing value is missing: NaN in `float64`, NA in `Int64`, `boolean` and `string`, None in `object`.
+A missing value is missing: NaN in `float64` and `str`, NA in `Int64` and `boolean`, None in `object`.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 Columns = Mapping[str, str]
 
 CANDIDATES: Columns = {
-    "id": "string",
+    "id": "str",
     "generation": "Int64",
     "slot": "Int64",
-    "operator": "string",
+    "operator": "str",
     "parents": "object",
-    "instruction": "string",
+    "instruction": "str",
     "temperature": "float64",
-    "outcome": "string",
-    "stage": "string",
-    "reason": "string",
+    "outcome": "str",
+    "stage": "str",
+    "reason": "str",
     "repairs": "Int64",
     "fitness": "float64",
     "recorded_fitness": "float64",
@@ -42,7 +42,7 @@ CANDIDATES: Columns = {
     "curiosity": "float64",
     "usd": "float64",
     "cpu_seconds": "float64",
-    "source": "string",
+    "source": "str",
 }
 
 GENERATIONS: Columns = {
@@ -63,7 +63,7 @@ GENERATIONS: Columns = {
 
 ELITES: Columns = {
     "niche": "Int64",
-    "id": "string",
+    "id": "str",
     "fitness": "float64",
     "parameters": "Int64",
     "flops": "Int64",
@@ -74,8 +74,8 @@ ELITES: Columns = {
 
 PROMPTS: Columns = {
     "niche": "Int64",
-    "id": "string",
-    "instruction": "string",
+    "id": "str",
+    "instruction": "str",
     "temperature": "float64",
     "inserted": "boolean",
     "curiosity": "float64",
@@ -83,28 +83,28 @@ PROMPTS: Columns = {
 }
 
 NETWORKS: Columns = {
-    "network": "string",
-    "id": "string",
+    "network": "str",
+    "id": "str",
     "fitness": "float64",
     "parameters": "Int64",
     "flops": "Int64",
-    "source": "string",
+    "source": "str",
 }
 
 #: Of a study's scores, before a column for each metric.
 SCORES: Columns = {
-    "network": "string",
-    "id": "string",
+    "network": "str",
+    "id": "str",
     "seed": "Int64",
     "epoch": "Int64",
     "validation_loss": "float64",
-    "failed": "string",
+    "failed": "str",
 }
 
 VERDICTS: Columns = {
-    "network": "string",
-    "id": "string",
-    "metric": "string",
+    "network": "str",
+    "id": "str",
+    "metric": "str",
     "median": "float64",
     "baseline_median": "float64",
     "u": "float64",
@@ -119,13 +119,13 @@ VERDICTS: Columns = {
     "margin": "float64",
     "p_equivalence": "float64",
     "p_equivalence_holm": "float64",
-    "verdict": "string",
+    "verdict": "str",
     "cautions": "object",
 }
 
 REESTIMATES: Columns = {
-    "network": "string",
-    "id": "string",
+    "network": "str",
+    "id": "str",
     "recorded": "float64",
     "seed": "Int64",
     "fitness": "float64",
@@ -133,34 +133,12 @@ REESTIMATES: Columns = {
 
 #: Of a sweep's jobs, before a column for each metric.
 JOBS: Columns = {
-    "job": "string",
-    "arm": "string",
+    "job": "str",
+    "arm": "str",
     "seed": "Int64",
-    "state": "string",
-    "reason": "string",
-    "digest": "string",
-}
-
-CONTRASTS: Columns = {
-    "arm": "string",
-    "jobs": "Int64",
-    "median": "float64",
-    "low": "float64",
-    "high": "float64",
-    "comparability": "string",
-    "u": "float64",
-    "p": "float64",
-    "p_holm": "float64",
-    "a12": "float64",
-    "a12_low": "float64",
-    "a12_high": "float64",
-    "difference": "float64",
-    "difference_low": "float64",
-    "difference_high": "float64",
-    "better": "Int64",
-    "equal": "Int64",
-    "worse": "Int64",
-    "cautions": "object",
+    "state": "str",
+    "reason": "str",
+    "digest": "str",
 }
 
 

@@ -7,10 +7,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from analysis.report.collection import Compared
+from analysis.studies.comparison import of_whole
 from analysis.studies.noise import Reestimates
+from analysis.studies.scores import Study as Scored
 from tacevo.api import frames
 from tacevo.api.tables import Table
+from tacevo.rounding import rounded
 from tacevo.studies.directory import FinishedStudy
 from tacevo.studies.lines import FailedLine, Row
 
@@ -71,7 +76,8 @@ class Study:
         test of equivalence, a verdict in a word. Without rows where nothing could be compared: a noise run, a baseline
         alone, too few seeds.
         """
-        rows = [] if self._compared is None or self._compared.comparisons is None else [*_verdicts(self._compared)]
+        one = self._compared
+        rows = [] if one is None or one.comparisons is None else _verdicts(one.study, one.comparisons)
         return frames.frame(rows, frames.VERDICTS, index="network")
 
     @property
@@ -108,33 +114,11 @@ def _score(row: Row) -> dict[str, Any]:
     return {**asdict(row), **row.metrics}
 
 
-def _verdicts(compared: Compared) -> Iterator[dict[str, Any]]:
-    comparisons = compared.comparisons
-    assert comparisons is not None  # its caller looked
-    ids = {network.name: network.id for network in compared.study.networks}
-    for one in comparisons.variants:
-        a12, difference = one.effects.a12, one.effects.median_difference
-        yield {
-            "network": one.network,
-            "id": ids[one.network],
-            "metric": comparisons.metric,
-            "median": one.median,
-            "baseline_median": comparisons.baseline_median,
-            "u": one.test.u,
-            "p": one.test.p,
-            "p_holm": one.p_holm,
-            "a12": a12.estimate,
-            "a12_low": a12.low,
-            "a12_high": a12.high,
-            "difference": difference.estimate,
-            "difference_low": difference.low,
-            "difference_high": difference.high,
-            "margin": one.equivalence.margin,
-            "p_equivalence": one.equivalence.p,
-            "p_equivalence_holm": one.equivalence_p_holm,
-            "verdict": one.verdict.value,
-            "cautions": tuple(caution.name for caution in one.cautions),
-        }
+def _verdicts(study: Scored, comparisons: pd.DataFrame) -> list[dict[str, Any]]:
+    ids = {network.name: network.id for network in study.networks}
+    baseline = rounded(float(np.median(study.values(study.networks[0].name, study.primary))))
+    shared = {"metric": study.primary, "baseline_median": baseline}
+    return [row | shared | {"id": ids[row["network"]]} for row in of_whole(comparisons).to_dict("records")]
 
 
 def _estimated(again: Reestimates) -> Iterator[dict[str, Any]]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
-from analysis.sweeps.ablation import Summary
 from analysis.sweeps.metrics import Metric
 from tacevo.api import frames
 from tacevo.api.replaying import replay
@@ -47,22 +46,17 @@ class Sweep:
         `state` is `finished`, `failed` or `missing`, with the reason; a job that has no result has no values.
         """
         collected = self.collection()
-        outcomes = {one.job: one for one in collected.found.outcomes}
         missing = {one.job.name: one for one in collected.sweep.missing}
         digests = {one.job.name: one.run.digest for one in collected.sweep.finished}
-        metrics = collected.found.metrics
         rows = []
         for job in self._record.jobs:
             row: dict[str, Any] = {"job": job.name, "arm": job.arm, "seed": job.seed, "state": "finished"}
             if job.name in missing:
                 one = missing[job.name]
                 row |= {"state": "failed" if one.has_failed else "missing", "reason": one.reason}
-            else:
-                row |= {"digest": digests[job.name]}
-                row |= {metric.name: outcomes[job.name].values[metric] for metric in metrics}
-            rows.append(row)
-        columns = {**frames.JOBS, **dict.fromkeys((metric.name for metric in metrics), "float64")}
-        return frames.frame(rows, columns, index="job")
+            rows.append(row | {"digest": digests.get(job.name)})
+        metrics = [metric.name for metric in collected.found.arms]
+        return frames.frame(rows, frames.JOBS, index="job").join(collected.found.jobs[metrics])
 
     def contrasts(self, metric: str, *, reference: str | None = None) -> pd.DataFrame:
         """Compare the arms in one metric; a row an arm, the reference first; columns: docs/python.md.
@@ -75,13 +69,12 @@ class Sweep:
             ConfigError: there is no such metric or arm.
             IncomparableError: the jobs cannot be compared.
         """
-        found = self.collection(reference).found
-        names = [one.name for one in found.metrics]
+        arms = self.collection(reference).found.arms
+        names = [one.name for one in arms]
         if metric not in names:
             remedy = nearest(metric, names, "sweep.jobs has a column for each")
             raise ConfigError(repr(metric), place="metric", expected=f"one of {listed(names)}", remedy=remedy)
-        rows = [_contrast(arm.name, arm.metrics[Metric[metric]]) for arm in found.arms]
-        return frames.frame(rows, frames.CONTRASTS, index="arm")
+        return arms[Metric[metric]].copy()
 
     def run(self, job: str) -> Run:
         """Open the run of a finished job.
@@ -149,25 +142,3 @@ class Sweep:
 
 def _short(name: str, task: str) -> str:
     return name.removesuffix(f"_{task}")
-
-
-def _contrast(arm: str, summary: Summary) -> dict[str, Any]:
-    row: dict[str, Any] = {"arm": arm, "jobs": len(summary.values), "median": summary.median}
-    if summary.interval is not None:
-        row |= {"low": summary.interval.low, "high": summary.interval.high}
-    one = summary.contrast
-    if one is None:  # the reference itself
-        return row
-    row |= {
-        "comparability": one.comparability.name,
-        "p_holm": one.p_holm,
-        "better": one.paired.better,
-        "equal": one.paired.equal,
-        "worse": one.paired.worse,
-        "cautions": tuple(caution.name for caution in one.cautions),
-    }
-    if one.test is not None and one.effects is not None:
-        a12, difference = one.effects.a12, one.effects.median_difference
-        row |= {"u": one.test.u, "p": one.test.p, "a12": a12.estimate, "a12_low": a12.low, "a12_high": a12.high}
-        row |= {"difference": difference.estimate, "difference_low": difference.low, "difference_high": difference.high}
-    return row

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from analysis.table import Table as Rows
-from analysis.tables.rendering import as_csv, as_latex, as_markdown
+from analysis.tables.rendering import as_latex, as_markdown
 from tacevo.errors import ConfigError
 from tacevo.text import listed, nearest
 
@@ -37,9 +36,7 @@ class Table:
     @property
     def frame(self) -> pd.DataFrame:
         """What its CSV file holds, unrounded: fractions as such, an interval as three columns; empty is missing."""
-        import pandas as pd
-
-        return pd.read_csv(io.StringIO(as_csv(self._rows)), keep_default_na=False, na_values=[""])
+        return self._rows.frame
 
     def to_latex(self) -> str:
         """Write it for LaTeX, which needs the packages `booktabs` and `array`."""

@@ -105,7 +105,7 @@ def test_every_published_bundle_can_be_looked_into(bundle: Path) -> None:
         assert [*contrasts.index] == [*dict.fromkeys([contrasts.index[0], *opened.arms])]
     run = opened.run(opened.jobs.index[0]) if isinstance(opened, tacevo.Sweep) else opened
     assert [*run.candidates.columns] == [*frames.CANDIDATES][1:]
-    assert {str(dtype) for dtype in run.candidates.dtypes} <= {"Int64", "float64", "string", "boolean", "object"}
+    assert {str(dtype) for dtype in run.candidates.dtypes} <= {"Int64", "float64", "str", "boolean", "object"}
     assert run.candidates.loc[run.elites["id"], "fitness"].notna().all()
     for table in run.tables.values():
         assert len(table.frame.columns) >= 1

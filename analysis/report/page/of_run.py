@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
@@ -25,10 +26,11 @@ from analysis.report.page.sources import kept_lines, marked
 from analysis.rounding import shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
-from analysis.runs.dynamics import Productivity, by_prompt, by_temperature, progress
+from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.runs.run import Run
+from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
 from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
@@ -39,7 +41,7 @@ from tacevo.config.identity import identity
 from tacevo.evolution.files import eras_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
-from tacevo.records import Kind
+from tacevo.records import Kind, Stage
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.text import counted
 
@@ -122,8 +124,8 @@ def run_contents(given: RunMaterial) -> RunContents:
             )
             for trial in run.prompt_trials
         ),
-        by_instruction=tuple(map(_yield, by_prompt(run))),
-        by_temperature=tuple(map(_yield, by_temperature(run))),
+        by_instruction=_yields(by_prompt(run)),
+        by_temperature=_yields(by_temperature(run)),
         studies=tuple(_study(compared, tables) for compared in found.studies),
         tables=tuple(table_contents(table) for table in tables if not _of_study(table, found.studies)),
         samples=given.samples,
@@ -238,30 +240,31 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
 
 
 def _generations(run: Run, centroids: NDArray[np.float64]) -> tuple[Generation, ...]:
-    entries = zip(progress(run), archive_medians(run, centroids), archive_history(run, centroids), strict=True)
+    medians, archives = archive_medians(run, centroids), archive_history(run, centroids)
+    entries = zip(progress(run).itertuples(), run.generations, medians, archives, strict=True)
     raw = descriptors(run)
     born = np.array([line.generation for line in run.trained])
     return tuple(
         Generation(
-            generation=entry.line.generation,
-            temperature=entry.line.temperature,
-            candidates=entry.line.candidates,
-            trained=entry.line.trained,
-            rejected=entry.rejected,
-            best=entry.line.best,
+            generation=line.generation,
+            temperature=line.temperature,
+            candidates=line.candidates,
+            trained=line.trained,
+            rejected={stage: getattr(entry, f"rejected_{stage}") for stage in Stage},
+            best=line.best,
             archive_median=median,
-            generation_median=entry.line.generation_median,
-            coverage=entry.line.coverage,
-            prompt_coverage=entry.line.prompt_coverage,
-            qd_score=entry.line.qd_score,
-            tokens=None if entry.spent is None else entry.spent.tokens,
-            usd=None if entry.spent is None or entry.spent.unpriced else entry.spent.usd,
-            bounds=tuple(zip(entry.line.bounds.low, entry.line.bounds.high, strict=True))
-            if entry.line.bounds is not None
-            else _extent(raw[born <= entry.line.generation]),
+            generation_median=line.generation_median,
+            coverage=line.coverage,
+            prompt_coverage=line.prompt_coverage,
+            qd_score=line.qd_score,
+            tokens=None if pd.isna(entry.tokens) else int(entry.tokens),
+            usd=None if pd.isna(entry.usd) else entry.usd,
+            bounds=tuple(zip(line.bounds.low, line.bounds.high, strict=True))
+            if line.bounds is not None
+            else _extent(raw[born <= line.generation]),
             elites=tuple((niche, elite.name) for niche, elite in sorted(archive.elites.items())),
         )
-        for entry, median, archive in entries
+        for entry, line, median, archive in entries
     )
 
 
@@ -272,8 +275,16 @@ def _extent(points: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
     return tuple((low, high) for low, high in zip(points.min(0).tolist(), points.max(0).tolist(), strict=True))
 
 
-def _yield(found: Productivity) -> Yield:
-    return Yield(name=found.name, tried=found.tried, inserted=found.inserted, interval=found.interval)
+def _yields(found: pd.DataFrame) -> tuple[Yield, ...]:
+    return tuple(
+        Yield(
+            name=one.name,
+            tried=one.tried,
+            inserted=one.inserted,
+            interval=(one.rate_low, one.rate_high) if one.tried else None,
+        )
+        for one in found.itertuples()
+    )
 
 
 def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
@@ -283,7 +294,7 @@ def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
 
 def _study(compared: Compared, tables: Sequence[Table]) -> StudyContents:
     study = compared.study
-    variants = () if compared.comparisons is None else compared.comparisons.variants
+    variants = of_whole(compared.comparisons).itertuples()
     verdicts = {one.network: f"{one.verdict}, Holm's p {_relation(one.p_holm)}" for one in variants}
     matrices = {(score.network, score.seed): score.confusion for score in study.scores}
     is_classification = study.kind is Kind.classification

@@ -1,27 +1,23 @@
 """Promise: the figures of a sweep draw medians over quartiles and every seed, and tell no two arms by colour alone."""
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hand_sweeps import NONE, WORSE, compared, jobs_of
+from hand_sweeps import NONE, WORSE, compared, curves_of, jobs_of
 from matplotlib.axes import Axes
 
 from analysis.figures.ablations import curves, final_values
 from analysis.figures.style import BLACK
-from analysis.sweeps.ablation import Ablation, compare_arms
+from analysis.sweeps.ablation import compare_arms
+from analysis.sweeps.sweep import Finished
 from tacevo.storage.sweep_directory import Job
 
-_, FOUND = compared(*jobs_of("none", NONE), *jobs_of("worse", WORSE))
-
-
-def many(arms: int) -> Ablation:
-    """Return the comparison of many arms, all alike."""
-    first = FOUND.arms[1]
-    others = [replace(first, name=f"arm number {number} of a long name, and so on") for number in range(arms)]
-    outcomes = [replace(one, arm=arm.name) for arm in others for one in FOUND.outcomes if one.arm == first.name]
-    reference = [one for one in FOUND.outcomes if one.arm == "none"]
-    return replace(FOUND, arms=(FOUND.arms[0], *others), outcomes=(*reference, *outcomes))
+TWO = (*jobs_of("none", NONE), *jobs_of("worse", WORSE))
+_, FOUND = compared(*TWO)
+CURVES = curves_of(TWO)
+ARMS = [f"arm number {number} of a long name, and so on" for number in range(12)]
+MANY = (*jobs_of("none", NONE), *(job for name in ARMS for job in jobs_of(name, WORSE)))
 
 
 def heights(axes: Axes, arm: str) -> list[float]:
@@ -32,7 +28,7 @@ def heights(axes: Axes, arm: str) -> list[float]:
 
 def test_curves_are_medians_over_quartiles() -> None:
     """By hand: from 0.8 to 0.42, the quartiles of 0.40 to 0.44 are 0.41 and 0.43."""
-    figure = curves(FOUND)
+    figure = curves(FOUND, CURVES)
     assert heights(figure.axes[0], "none") == pytest.approx([0.8, 0.42])
     band = figure.axes[0].collections[0].get_paths()[0].vertices
     ends = [float(y) for x, y in np.asarray(band) if x == 1]
@@ -41,7 +37,7 @@ def test_curves_are_medians_over_quartiles() -> None:
 
 def test_archives_are_those_in_common() -> None:
     """Coverage rises from one of two niches to both, in per cent; the axes say which archive it is."""
-    figure = curves(FOUND)
+    figure = curves(FOUND, CURVES)
     assert heights(figure.axes[2], "none") == [50, 100]
     assert heights(figure.axes[1], "none") == pytest.approx([1 / 1.8, 1 / 1.8 + 1 / 1.42])
     for drawn in (figure, final_values(FOUND)):
@@ -51,7 +47,11 @@ def test_archives_are_those_in_common() -> None:
 
 def test_no_two_arms_look_alike() -> None:
     """Thirteen arms differ in dash or marker, too, and not in colour alone; `none` is black and solid."""
-    lines = [one for one in curves(many(12)).axes[0].lines if not str(one.get_label()).startswith("_")]
+    lines = [
+        one
+        for one in curves(compared(*MANY)[1], curves_of(MANY)).axes[0].lines
+        if not str(one.get_label()).startswith("_")
+    ]
     assert (lines[0].get_color(), lines[0].get_marker(), lines[0].get_linestyle()) == (BLACK, "o", "-")
     assert len({(str(line.get_marker()), line.get_linestyle() == "-") for line in lines}) == 13
 
@@ -76,14 +76,15 @@ def test_reference_line_is_its_median() -> None:
 
 def test_unknown_start_is_not_drawn() -> None:
     """Before anything was trained there is no best."""
-    outcomes = tuple(replace(one, best=(None, *one.best[1:])) for one in FOUND.outcomes)
-    assert np.isnan(heights(curves(replace(FOUND, outcomes=outcomes)).axes[0], "none")[0])
+    unknown = CURVES.assign(best_fitness=CURVES.best_fitness.where(CURVES.generation > 0))
+    assert np.isnan(heights(curves(FOUND, unknown).axes[0], "none")[0])
 
 
 def test_single_seed_is_drawn() -> None:
     """A curve without a band's width, and one point in the middle of its row."""
-    _, one = compared(*jobs_of("none", NONE[:1]))
-    assert heights(curves(one).axes[0], "none") == pytest.approx([0.8, 0.4])
+    alone = jobs_of("none", NONE[:1])
+    _, one = compared(*alone)
+    assert heights(curves(one, curves_of(alone)).axes[0], "none") == pytest.approx([0.8, 0.4])
     points = [line for line in final_values(one).axes[0].lines if line.get_marker() == "o"]
     assert [float(y) for line in points for y in np.asarray(line.get_ydata())] == [0]
 
@@ -91,8 +92,8 @@ def test_single_seed_is_drawn() -> None:
 def test_arm_that_lost_every_job_has_an_empty_row_and_no_curve() -> None:
     """Its failures are in the tables; the others are drawn as without it."""
     lost = Job(name="lost-seed0", arm="lost", seed=0, overrides=(), config="")
-    found = compare_arms(FOUND.outcomes, failed=[lost])
-    assert [line.get_label() for line in curves(found).axes[0].lines] == ["none", "worse"]
+    found = compare_arms(FOUND.jobs, failed=[lost])
+    assert [line.get_label() for line in curves(found, CURVES).axes[0].lines] == ["none", "worse"]
     axes = final_values(found).axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse", "lost"]
     ends = [place for line in axes.lines for place in np.asarray(line.get_xydata()) if np.isfinite(place).all()]
@@ -100,10 +101,11 @@ def test_arm_that_lost_every_job_has_an_empty_row_and_no_curve() -> None:
     assert not any(1.5 < y < 2.5 for _, y in ends)
 
 
-@pytest.mark.parametrize("found", [FOUND, many(12)], ids=["two", "thirteen"])
-def test_figures_are_as_wide_as_two_columns(found: Ablation) -> None:
+@pytest.mark.parametrize("jobs", [TWO, MANY], ids=["two", "thirteen"])
+def test_figures_are_as_wide_as_two_columns(jobs: Sequence[Finished]) -> None:
     """Also where arms have long names, and the panels are still there."""
-    for figure in (curves(found), final_values(found)):
+    _, found = compared(*jobs)
+    for figure in (curves(found, curves_of(jobs)), final_values(found)):
         assert figure.get_figwidth() == 7.16
         figure.draw_without_rendering()
         assert all(axes.get_window_extent().width > 0.12 * figure.bbox.width for axes in figure.axes)

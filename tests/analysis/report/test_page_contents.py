@@ -230,7 +230,7 @@ def test_arm_that_lost_every_job_is_in_the_tables_and_draws_nothing(swept: Path)
     """Without a run there is no band and no end."""
     whole = collect_sweep(swept / "sweep", swept / "cache")
     lost = Job(name="lost-seed0", arm="lost", seed=0, overrides=(), config="")
-    shown = sweep_contents(replace(whole, found=compare_arms(whole.found.outcomes, failed=[lost])))
+    shown = sweep_contents(replace(whole, found=compare_arms(whole.found.jobs, failed=[lost])))
     assert "lost" not in {arm.name for arm in shown.arms}
     assert "lost" in {row[0] for row in shown.tables[0].rows}
 

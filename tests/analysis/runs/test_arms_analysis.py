@@ -57,7 +57,7 @@ def test_run_of_before_has_niches_over_two_axes() -> None:
 def test_elites_without_niches_are_counted_in_places() -> None:
     """Two thirds of three places are two elites, and the table says what `new` means there."""
     run = best_of_all()
-    assert progress(run)[0].elites == 2
+    assert progress(run).elites[0] == 2
     assert "found a place empty among the best 3" in generations_table(run, NO_NICHES.networks).notes[0]
 
 

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from hand_runs import closed, rejected, run, trained
 
-from analysis.runs.dynamics import by_prompt, by_temperature, copies, improvement, progress, repeats
+from analysis.runs.dynamics import (
+    GENERATIONS,
+    PRODUCTIVITY,
+    by_prompt,
+    by_temperature,
+    copies,
+    improvement,
+    progress,
+    repeats,
+)
 from analysis.runs.run import Run
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import (
@@ -43,17 +52,18 @@ def two_generations() -> Run:
 
 def test_generation_is_counted() -> None:
     """Elites follow from coverage and niches, growth from the generation before, rejections stand by stage."""
-    first, second = progress(two_generations())
+    first, second = progress(two_generations()).itertuples()
     assert (first.elites, first.growth, second.elites, second.growth) == (2, 2, 3, 1)
     assert (second.new, second.improved, second.repeated, second.unchanged) == (0, 1, 2, 1)
-    assert second.rejected == {Stage.extract: 0, Stage.policy: 1, Stage.probe: 0, Stage.train: 0}
+    rejected = {stage: getattr(second, f"rejected_{stage}") for stage in Stage}
+    assert rejected == {Stage.extract: 0, Stage.policy: 1, Stage.probe: 0, Stage.train: 0}
 
 
 def test_niches_that_bounds_emptied_are_lost() -> None:
     """Three niches are occupied, one candidate finds a fourth, and two are left: two were lost."""
     slots = [trained(0, 0), trained(0, 1), trained(0, 2), trained(1, 0)]
     moved = run(slots, [closed(0, coverage=0.75), closed(1, coverage=0.5)])
-    assert [entry.lost for entry in progress(moved)] == [0, 2]
+    assert progress(moved).lost.tolist() == [0, 2]
 
 
 def test_repeat_is_an_evaluation_that_was_asked_for_before() -> None:
@@ -70,9 +80,9 @@ def test_copy_is_the_source_of_a_parent() -> None:
 
 def test_costs_with_a_gap_are_unknown() -> None:
     """A sum that misses an answer would pass for the whole; the baseline was nobody's answer."""
-    first, second = progress(two_generations())
-    assert first.spent == PAID
-    assert second.spent is None
+    spent = progress(two_generations())[["answers", "tokens", "input_tokens", "output_tokens", "usd"]]
+    assert tuple(spent.loc[0]) == (1, 150, 100, 50, 0.25)
+    assert spent.loc[1].isna().all()
     assert costs_table(two_generations()).rows == ((0, 1, 100, 50, 0.25), (1, None, None, None, None))
 
 
@@ -127,7 +137,7 @@ def test_repaired_answer_counts_as_rejected_once_at_first() -> None:
 
 def test_rejected_child_was_tried_and_inserted_nowhere() -> None:
     """An instruction that yields broken code is unproductive; crossovers and generation 0 do not count."""
-    refine, widen = by_prompt(two_generations())
+    refine, widen = by_prompt(two_generations()).itertuples()
     assert (refine.tried, refine.trained, refine.inserted) == (2, 2, 1)
     assert (widen.tried, widen.trained, widen.inserted, widen.rate) == (1, 0, 0, 0.0)
 
@@ -137,20 +147,21 @@ def test_interval_is_the_one_of_wilson() -> None:
     z, n, p = 1.959963984540054, 2, 0.5
     centre = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
-    assert by_prompt(two_generations())[0].interval == pytest.approx((centre - half, centre + half))
+    assert by_prompt(two_generations()).loc[0, ["rate_low", "rate_high"]].tolist() == pytest.approx(
+        (centre - half, centre + half)
+    )
 
 
 def test_interval_of_no_success_begins_at_zero() -> None:
     """Not a hair beside it, which a table would print."""
-    (_, widen) = by_prompt(two_generations())
-    assert widen.interval is not None
-    assert widen.interval[0] == 0.0
+    assert by_prompt(two_generations()).rate_low[1] == 0.0
 
 
 def test_instruction_that_was_never_tried_has_no_rate() -> None:
     """It has a row, with the index by which the map of prompts is read, and without a value."""
-    untried = by_prompt(run([trained(0, 0)], []))[1]
-    assert (untried.tried, untried.rate, untried.interval) == (0, None, None)
+    untried = by_prompt(run([trained(0, 0)], [])).loc[1]
+    assert (untried["name"], untried.tried) == ("widen", 0)
+    assert untried[["rate", "rate_low", "rate_high"]].isna().all()
     assert prompts_table(run([trained(0, 0)], [])).rows[1] == (1, "widen", 0, 0, 0, None)
 
 
@@ -159,7 +170,7 @@ def test_instruction_that_was_never_tried_has_no_rate() -> None:
 )
 def test_band_holds_its_lower_end(temperature: float, band: str) -> None:
     """Only the last band holds its upper end, too."""
-    (found,) = by_temperature(run([trained(0, 0), trained(1, 0, temperature=temperature)], []))
+    (found,) = by_temperature(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).itertuples()
     assert (found.name, found.tried) == (band, 1)
     (row,) = temperatures_table(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).rows
     assert isinstance(row[4], Between)
@@ -256,3 +267,13 @@ def test_tables_show_the_figures() -> None:
         "unchanged": 1,
     }
     assert ("improvement over the baseline", Percent(0.5)) in improvement_table(two_generations()).rows
+
+
+def test_frames_have_the_documented_columns_and_types() -> None:
+    """Also where nothing was trained or tried, and nothing is known of costs."""
+    nothing = run([rejected(0, 0)], [closed(0, None, trained=0)])
+    for one in (nothing, two_generations()):
+        found = [(progress(one), GENERATIONS), *((by(one), PRODUCTIVITY) for by in (by_prompt, by_temperature))]
+        for frame, columns in found:
+            assert {name: str(kind) for name, kind in frame.dtypes.items()} == columns
+    assert progress(nothing).best.isna().all()

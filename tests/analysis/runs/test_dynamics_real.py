@@ -22,8 +22,8 @@ def test_first_answers_are_counted_as_the_search_did(run: Run) -> None:
     """What all stages leave is what the generations call trained, less the baseline, and some was lost at first."""
     left = gate_stages(run.candidates)[-1].left
     assert left == sum(line.trained for line in run.generations) - 1 < len(run.candidates) - 1
-    for entry in progress(run):
-        assert entry.line.trained == entry.line.candidates - sum(entry.rejected.values())
+    found = progress(run)
+    assert (found.trained == found.candidates - found[[f"rejected_{stage}" for stage in Stage]].sum(axis=1)).all()
 
 
 def test_summary_and_gate_table_count_alike(run: Run) -> None:
@@ -37,12 +37,12 @@ def test_summary_and_gate_table_count_alike(run: Run) -> None:
 def test_elites_follow_from_the_growth(run: Run) -> None:
     """The archive ends with as many elites as its generations brought."""
     found = progress(run)
-    assert sum(entry.growth for entry in found) == found[-1].elites == len(run.elites)
+    assert found.growth.sum() == found.elites.iloc[-1] == len(run.elites)
 
 
 def test_prompts_were_tried_once_a_mutation(run: Run) -> None:
     """Every mutation of generation 1 was asked with one instruction; each inserted child belongs to one."""
     later = [it for it in run.candidates if it.generation > 0 and it.prompt is not None]
-    assert sum(entry.tried for entry in by_prompt(run)) == len(later) > 0
+    assert by_prompt(run).tried.sum() == len(later) > 0
     inserted = sum(line.inserted for line in later)
-    assert sum(entry.inserted for entry in by_prompt(run)) == inserted
+    assert by_prompt(run).inserted.sum() == inserted

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hand_runs import closed, run, trained
 from refusals import refused
 
-from analysis.runs.lineage import ancestors, lineage
+from analysis.runs.lineage import LINEAGE, ancestors, lineage
 from analysis.runs.run import Run
 from analysis.tables.dynamics import lineage_table
 from tacevo.errors import RunError
@@ -33,10 +34,11 @@ def test_ancestors_come_once_and_in_order() -> None:
 def test_each_step_says_what_was_asked_and_what_it_brought() -> None:
     """A crossover is measured against the better parent; a network worse than its parent has a negative gain."""
     steps = lineage(family(), "g02s00")
-    assert [entry.instruction for entry in steps] == [None, "refine", "widen", None]
-    assert steps[0].gain is None
-    assert [entry.gain for entry in steps[1:]] == pytest.approx([0.2, 0.1, 0.1])
-    assert lineage(family(), "g02s01")[-1].gain == pytest.approx(-0.2)
+    assert steps.instruction.isna().tolist() == [True, False, False, True]
+    assert steps.instruction[1:3].tolist() == ["refine", "widen"]
+    assert steps.gain.tolist() == pytest.approx([np.nan, 0.2, 0.1, 0.1], nan_ok=True)
+    assert lineage(family(), "g02s01").gain.iloc[-1] == pytest.approx(-0.2)
+    assert {name: str(kind) for name, kind in steps.dtypes.items()} == LINEAGE
 
 
 def test_table_shows_the_steps() -> None:
@@ -60,6 +62,6 @@ def test_lineage_shows_what_the_search_knew_at_its_end() -> None:
         for at, (name, loss) in enumerate([("g01s00", 0.9), ("g01s00", 0.8), ("g01s01", None)])
     ]
     steps = lineage(replace(family(), reevaluations=tuple(again)), "g02s00")
-    assert [entry.fitness for entry in steps] == [0.8, 0.8, None, 0.5]
-    assert [entry.gain for entry in steps] == [None, 0.0, None, pytest.approx(0.3)]
+    assert steps.fitness.tolist() == pytest.approx([0.8, 0.8, np.nan, 0.5], nan_ok=True)
+    assert steps.gain.tolist() == pytest.approx([np.nan, 0.0, np.nan, 0.3], nan_ok=True)
     assert [row[4] for row in lineage_table(replace(family(), reevaluations=tuple(again)), "g02s00").rows][2] is None

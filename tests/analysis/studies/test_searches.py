@@ -14,7 +14,7 @@ from studies import around, network, study_of
 from analysis.report.collection import side_by_side
 from analysis.statistics.noise import Draws, noise
 from analysis.studies.noise import Reestimates
-from analysis.studies.searches import StudiedSearch, best_by_reestimates
+from analysis.studies.searches import CHOSEN, StudiedSearch, best_by_reestimates
 from analysis.table import Between
 from analysis.tables.rendering import as_markdown
 from analysis.tables.searches import searches_table
@@ -59,15 +59,14 @@ SECOND = studied(
 @pytest.mark.parametrize("half", [0, 1])
 def test_re_estimates_choose_and_test_scores_do_not(half: int) -> None:
     """The second search has a network that tests better; it was not to be known when it was chosen."""
-    first, second = best_by_reestimates([FIRST, SECOND], half=half)
-    assert (first.network.name, second.network.name) == ("variant 1", "variant 2")
-    assert first.reestimated.estimate == pytest.approx(np.median(MIDDLE[1 - half :: 2]))
-    assert second.tested.estimate == pytest.approx(np.median(GOOD[1 - half :: 2]))
-    assert first.difference is None
-    assert second.difference is not None
-    assert second.difference.lower_loss.estimate == 1
-    assert second.difference.tested.median_difference.estimate == 0
-    assert second.difference.p_holm == 1
+    found = best_by_reestimates([FIRST, SECOND], half=half)
+    assert {name: str(kind) for name, kind in found.dtypes.items()} == CHOSEN
+    assert found.network.tolist() == ["variant 1", "variant 2"]
+    assert found.reestimated[0] == pytest.approx(np.median(MIDDLE[1 - half :: 2]))
+    assert found.tested[1] == pytest.approx(np.median(GOOD[1 - half :: 2]))
+    compared = found[["lower_loss", "difference", "p_holm"]]
+    assert compared.loc[0].isna().all()
+    assert tuple(compared.loc[1]) == (1, 0, 1)
 
 
 def test_luck_that_chooses_a_network_does_not_count_for_it() -> None:
@@ -79,16 +78,15 @@ def test_luck_that_chooses_a_network_does_not_count_for_it() -> None:
         {"variant 1": lucky, "variant 2": unlucky},
     )
     for half, name in enumerate(("variant 1", "variant 2")):
-        _, chosen = best_by_reestimates([FIRST, search], half=half)
-        assert (chosen.network.name, chosen.reestimated.estimate, chosen.tested.estimate) == (name, 0.9, 0.5)
+        chosen = best_by_reestimates([FIRST, search], half=half).loc[1]
+        assert tuple(chosen[["network", "reestimated", "tested"]]) == (name, 0.9, 0.5)
 
 
 def test_baseline_that_nothing_beats_is_chosen() -> None:
     """A search that found nothing says so by it; so does one whose network is as good as the baseline."""
     scores = {"baseline": BASELINE, "variant 1": GOOD}
     for losses in ({"baseline": LOW, "variant 1": MIDDLE}, {"baseline": LOW, "variant 1": LOW}):
-        _, chosen = best_by_reestimates([FIRST, studied("unlucky", scores, losses)], half=0)
-        assert chosen.network.name == "baseline"
+        assert best_by_reestimates([FIRST, studied("unlucky", scores, losses)], half=0).network[1] == "baseline"
 
 
 def test_comparison_is_that_of_scipy_and_statsmodels() -> None:
@@ -98,38 +96,32 @@ def test_comparison_is_that_of_scipy_and_statsmodels() -> None:
         studied(name, {"baseline": BASELINE, "variant 1": values}, {"baseline": HIGH, "variant 1": MIDDLE})
         for name, values in (("near", near), ("far", far))
     ]
-    _, *found = best_by_reestimates([FIRST, *others], half=0)
+    found = best_by_reestimates([FIRST, *others], half=0)[1:]
     counted, against = [values[1::2] for values in (near, far)], GOOD[1::2]
     p_values = [stats.mannwhitneyu(values, against, method="exact").pvalue for values in counted]
-    differences = [one.difference for one in found if one.difference is not None]
-    assert [one.p_holm for one in differences] == pytest.approx(
-        list(multipletests(p_values, method="holm")[1]), rel=1e-6
-    )
+    assert found.p_holm.tolist() == pytest.approx(list(multipletests(p_values, method="holm")[1]), rel=1e-6)
     wins = np.mean([[(own > other) + (own == other) / 2 for other in against] for own in counted[0]])
-    assert differences[0].tested.a12.estimate == pytest.approx(wins)
+    assert found.a12[1] == pytest.approx(wins)
 
 
 def test_renamed_run_has_the_same_interval() -> None:
     """The bootstrap's numbers follow from the run, not from where it lies."""
-    found = [best_by_reestimates([FIRST, replace(SECOND, name=name)], half=1)[1].difference for name in ("a", "b")]
-    assert found[0] == found[1]
+    found = [best_by_reestimates([FIRST, replace(SECOND, name=name)], half=1).loc[1] for name in ("a", "b")]
+    assert found[0].drop("search").equals(found[1].drop("search"))
 
 
 def test_table_says_what_one_search_each_cannot_show() -> None:
     """A share of images is in per cent, its difference in points, and the first search is compared with nothing."""
-    halves = [best_by_reestimates([FIRST, SECOND], half=half) for half in (0, 1)]
-    table = searches_table(halves)
+    table = searches_table([FIRST, SECOND])
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [(row["chosen by"], row["search"]) for row in rows] == [
         *(("odd seeds", "grammar"), ("odd seeds", "model")),
         *(("even seeds", "grammar"), ("even seeds", "model")),
     ]
     assert rows[0]["p, Holm"] is None
-    found = halves[0][1].difference
-    assert found is not None
-    difference, points = found.tested.median_difference, rows[1]["difference of medians (percentage points)"]
+    found, points = best_by_reestimates([FIRST, SECOND], half=0), rows[1]["difference of medians (percentage points)"]
     assert isinstance(points, Between)
-    assert (points.low, points.high) == pytest.approx((100 * difference.low, 100 * difference.high))
+    assert (points.low, points.high) == pytest.approx((100 * found.difference_low[1], 100 * found.difference_high[1]))
     assert any(note.startswith("One search each") for note in table.notes)
     assert "70.5 % [63.5, 77.5]" in as_markdown(table)
 
@@ -243,7 +235,7 @@ def test_error_of_a_regression_is_in_its_own_unit() -> None:
         studied(name, {"baseline": HIGH, "variant 1": errors}, {"baseline": HIGH, "variant 1": MIDDLE}, Kind.regression)
         for name, errors in (("first", MIDDLE), ("second", LOW))
     ]
-    table = searches_table([best_by_reestimates(searches, half=half) for half in (0, 1)])
+    table = searches_table(searches)
     difference = dict(zip(table.columns, table.rows[1], strict=True))["difference of medians (MSE)"]
     assert isinstance(difference, Between)
     assert difference.estimate == pytest.approx(-0.2)

@@ -47,7 +47,7 @@ def test_two_hundred_candidates_agree_with_pyribs() -> None:
     for first in range(0, 200, 20):
         peer.add([[0.0]] * 20, qualities[first : first + 20], places[first : first + 20])
         theirs += [float(peer.stats.coverage), float(peer.stats.qd_score)]
-    ours = [value for after in filled(one, common) for value in (after.coverage, after.qd_score)]
+    ours = filled(one, common)[["coverage", "qd_score"]].to_numpy().ravel().tolist()
     assert ours == pytest.approx(theirs, rel=1e-8)
 
 
@@ -55,17 +55,17 @@ def test_bounds_are_those_of_all_runs() -> None:
     """Alone, a run's own extremes fill both halves; beside a run that went further, it stayed in one."""
     near = run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 1.0)])
     far = run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (1.0, 1.0)])
-    assert filled(near, reference(near))[-1].coverage == 1.0
-    assert filled(near, reference(near, far))[-1].coverage == 0.5
-    assert filled(far, reference(near, far))[-1].coverage == 1.0
+    assert filled(near, reference(near)).coverage.iloc[-1] == 1.0
+    assert filled(near, reference(near, far)).coverage.iloc[-1] == 0.5
+    assert filled(far, reference(near, far)).coverage.iloc[-1] == 1.0
 
 
 def test_what_was_rejected_fills_no_niche() -> None:
     """A generation without a trained candidate leaves the archive as it was."""
     one = run([trained(0, 0, 0.5), rejected(1, 0)], [closed(0), closed(1, trained=0)])
-    before, after = filled(one, reference(one))
-    assert before == after
-    assert before.coverage == 0.5
+    found = filled(one, reference(one))
+    assert found.loc[0].equals(found.loc[1])
+    assert found.coverage.tolist() == [0.5, 0.5]
 
 
 def test_fixed_bounds_of_the_reference_are_common() -> None:

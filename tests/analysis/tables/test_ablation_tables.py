@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 from hand_sweeps import NONE, PLAN, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
-from analysis.sweeps.ablation import Ablation, compare_arms, outcome
-from analysis.sweeps.common_archive import Extent, common_archive
+from analysis.sweeps.ablation import Ablation, compare_arms
+from analysis.sweeps.common_archive import Extent
 from analysis.sweeps.metrics import TESTS, Metric
 from analysis.sweeps.sweep import Finished, Missing, Sweep
 from analysis.sweeps.tested import JobScore
@@ -161,10 +160,11 @@ def test_primary_metric_without_values_is_missed() -> None:
     assert [table.name for table in tables if "`" in as_markdown(table)] == []  # Markdown's escapes would be typed, too
     untested = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r"),))
     assert "Without a test score, 1 job: none-seed0." in best(untested).notes
-    table = metric_table(untested, FOUND, Metric.test_mse, ARCHIVE)
+    _, tested = compared(*scored(NONE, "none"), *scored(WORSE, "worse"))
+    table = metric_table(untested, tested, Metric.test_mse, ARCHIVE)
     assert not any(note.startswith("Failed") for note in table.notes)
     failed = replace(sweep, untested=(Missing(job=SWEEP.finished[0].job, reason="r", has_failed=True),))
-    table = metric_table(failed, FOUND, Metric.test_mse, ARCHIVE)
+    table = metric_table(failed, tested, Metric.test_mse, ARCHIVE)
     (note,) = (note for note in table.notes if note.startswith("Failed, 1 job"))
     assert "none-seed0 (arm none, its test)." in note
     assert not any(note.startswith("Failed") for note in best(failed).notes)
@@ -188,9 +188,7 @@ def test_detectable_effect_stands_beside_each_test() -> None:
 def test_reference_that_was_named_afterwards_is_told() -> None:
     """Whoever looks for an arm to beat can find one; a reader has to know."""
     jobs = [*jobs_of("none", NONE), *jobs_of("worse", WORSE)]
-    runs = [job.run for job in jobs]
-    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
-    found = compare_arms([outcome(job, common) for job in jobs], wanted="worse")
+    found = compare_arms(compared(*jobs)[1].jobs, wanted="worse")
     told = "The reference worse was named for this comparison; the sweep itself states"
     assert any(note.startswith(told) for note in best(sweep_of(jobs), found).notes)
     stated = replace(sweep_of(jobs), terms=SweepTerms(reference="worse"))

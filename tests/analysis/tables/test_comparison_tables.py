@@ -63,12 +63,13 @@ def test_study_that_cannot_be_compared_keeps_its_scores() -> None:
 
 
 def test_margin_below_a_test_image_is_told() -> None:
-    """One point of 9 images; two ninths are more than an image, and need no word."""
+    """One point of 9 images; two ninths are more than an image, and need no word; an error has no such step."""
     accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
     wide = replace(accuracies, terms=replace(accuracies.terms, margin=Margin(value=2 / 9, kind=MarginKind.absolute)))
     words = "The margin of equivalence is less than one test image, 11.1 percentage points:"
     assert any(note.startswith(words) for note in verdicts_table(accuracies, compare(accuracies)).notes)
-    assert not any("one test image" in note for note in verdicts_table(wide, compare(wide)).notes)
+    for study in (wide, STUDY):
+        assert not any("one test image" in note for note in verdicts_table(study, compare(study)).notes)
 
 
 def test_late_trainings_are_told_with_their_shares() -> None:

@@ -49,7 +49,7 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     table = study_outcome(study, found, again, record="one draw", is_alone=False, trivial=None)
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [row["network"] for row in rows] == names
-    for row, variant in zip(rows[1:], found.variants, strict=True):
+    for row, variant in zip(rows[1:], found.itertuples(), strict=True):
         assert row["verdict (p)"] == f"{variant.verdict} ({shown(PValue(variant.p_holm))})"
     assert {str(row["verdict (p)"]).partition(" ")[0] for row in rows[1:]} == {
         *("better", "worse", "equivalent", "undecided")

@@ -4,13 +4,14 @@ import csv
 import io
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from checkout import GOLDEN
 from refusals import refused
 
 from analysis.report.writing import write_tables
 from analysis.rounding import shown
-from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table
+from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table, between
 from analysis.tables.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, table_texts
 from tacevo.errors import StoreError
 
@@ -182,3 +183,27 @@ def test_older_table_is_replaced_and_a_failed_one_stays(tmp_path: Path) -> None:
     (tmp_path / "in_the_way").write_text("")
     with refused(StoreError, place="in_the_way"):
         write_tables([TABLE], tmp_path / "in_the_way")
+
+
+def test_frame_has_the_rows_unrounded() -> None:
+    """A missing cell is missing, an interval is three columns, and each column has the type of its cells."""
+    frame = TABLE.frame
+    assert list(frame) == ["network", "median", "p", "A12", "A12 low", "A12 high", "trained", "parameters"]
+    assert [str(kind) for kind in frame.dtypes] == ["string", *["Float64"] * 6, "Int64"]
+    assert frame.loc[0, ["p", "A12", "A12 low", "A12 high"]].isna().all()
+    assert frame.loc[1, ["p", "A12", "A12 low", "trained"]].tolist() == [0.00012, 0.8125, 0.65, 1.0]
+
+
+def test_table_is_laid_out_from_a_frame() -> None:
+    """By columns and shapes of cells; a cell is empty where its first value is missing; a shape sees the others."""
+    frame = pd.DataFrame({"name": ["a", None], "n": [1, None], "p": [0.5, None], "p_low": [None, 0.25]})
+    table = Table.of(
+        frame.astype({"n": "Int64", "name": "str"}),
+        {"who": "name", "seeds": "n", "p": (PValue, "p"), "interval": (between, "p", "p_low", "p_low")},
+        name="t",
+        caption="c",
+        last=[("trivial", None, None, None)],
+    )
+    assert table.columns == ("who", "seeds", "p", "interval")
+    assert table.rows == (("a", 1, PValue(0.5), 0.5), (None,) * 4, ("trivial", None, None, None))
+    assert type(table.rows[0][1]) is int

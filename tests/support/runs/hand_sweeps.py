@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from hand_runs import closed, configured, run, trained
 
 from analysis.runs.run import Run
-from analysis.sweeps.ablation import Ablation, compare_arms, outcome
+from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
 from analysis.sweeps.common_archive import common_archive
 from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.costs import Spending
@@ -67,11 +68,15 @@ def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
     ]
 
 
-def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
-    """Compare jobs in two niches, left and right."""
+def curves_of(jobs: Sequence[Finished]) -> pd.DataFrame:
+    """Measure jobs by generation in two niches, left and right."""
     runs = [job.run for job in jobs]
-    common = common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]]))
-    return sweep_of(jobs), compare_arms([outcome(job, common) for job in jobs])
+    return curves_frame(jobs, common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]])))
+
+
+def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
+    """Compare jobs, measured in two niches."""
+    return sweep_of(jobs), compare_arms(jobs_frame(jobs, curves_of(jobs)))
 
 
 #: What a sweep may follow.

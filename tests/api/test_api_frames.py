@@ -5,6 +5,7 @@ import re
 import pytest
 from checkout import ROOT
 
+from analysis.sweeps.ablation import ARMS
 from tacevo.api import frames
 from tacevo.api.frames import Columns, frame
 
@@ -18,7 +19,7 @@ LISTED: dict[str, Columns] = {
     "study.verdicts": frames.VERDICTS,
     "study.reestimates": frames.REESTIMATES,
     "sweep.jobs": frames.JOBS,
-    "sweep.contrasts(METRIC)": frames.CONTRASTS,
+    "sweep.contrasts(METRIC)": {"arm": "str", **ARMS},
 }
 
 
