@@ -158,7 +158,7 @@ def refusing() -> Iterator[None]:
     """
     try:
         yield
-    except (BundleError, CacheMissError, DivergenceError):
+    except (BundleError, DivergenceError):
         raise
     except TacevoError as error:
         is_miss = isinstance(error, CacheMissError)  # its user has no other store, and records nothing
