@@ -115,6 +115,10 @@ def _is_renamed(text: str, name: str, bound: Collection[str]) -> Iterator[bool]:
     for word, found in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
         yield (word, found) != ("class", name) and found not in bound
     yield re.search(rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])", text, re.MULTILINE) is not None
+    yield (
+        re.search(rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])", text, re.MULTILINE)
+        is not None
+    )
     yield re.search(rf"^([ \t]*)class[ \t]+{name}\b.*:\s*\n\1(?:def\b|super\b|#|[\"'])", text, re.MULTILINE) is not None
 
 

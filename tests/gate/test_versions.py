@@ -75,6 +75,7 @@ UNUSABLE: dict[str, Callable[[str], str]] = {
     "numbers and bars": lambda own: fenced("\n".join(f"{at:3}| {line}" for at, line in enumerate(own.split("\n"), 1))),
     "json": lambda own: fenced(json.dumps({"code": own}), "json"),
     "json without a fence": lambda own: json.dumps({"reason": "smaller", "code": own}, indent=2),
+    "behind words": lambda own: f"It's now: `{own.rstrip()}`",
     "constructor left out": lambda own: fenced(
         f"{HEADER}    ...\n    def forward(self, x):\n        return self.head(x)\n"
     ),
@@ -149,6 +150,10 @@ def test_excerpt_does_not_replace_the_class(excerpt: str, write: Callable[[str],
         "```\nclass ImageRegressionCNN -> conv -> head\n```",
         fenced(quoted(NEW, "> "), "text"),  # the same once more
         fenced(quoted(NEW, "+"), "diff"),
+        fenced(
+            "@@ -1 +1 @@ class ImageRegressionCNN(nn.Module):\n     def __init__(self):\n-        a\n+        b\n",
+            "diff",
+        ),
         fenced("class Net:\n    def test(self):\n        ImageRegressionCNN()\n"),
         "```diff\n class ImageRegressionCNN(nn.Module):\n     def __init__(self):\n-        a\n+        b\n```",
     ],
