@@ -1,8 +1,11 @@
-"""What a run is made with: commit, package versions and machine. For people; no result depends on it."""
+"""What a run is made with: commit, package versions, machine and commands. For people; no result depends on it."""
 
 import os
 import platform
+import shlex
+import shutil
 import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -97,3 +100,10 @@ def gpus(drivers: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:
         for line in file.read_text(encoding="utf-8").splitlines()
         if line.startswith("Model:")
     ]
+
+
+def as_typed(command: str) -> str:
+    """Spell a command of this environment so that the user's shell finds it, activated or not."""
+    if shutil.which(command):
+        return command
+    return shlex.quote(os.path.relpath(Path(sys.executable).parent / command))

@@ -125,7 +125,13 @@ class Run:
         best, known = self.generations[-1].best, self.fitness.get(self.baseline.id)
         if best is None:
             return ""
-        return shortfall(best=best, baseline=known, trivial=self.trivial, asked=bool(self.answered))
+        return shortfall(
+            best=best,
+            baseline=known,
+            trivial=self.trivial,
+            asked=bool(self.answered),
+            usable=any(one.fitness is not None for one in self.answered),
+        )
 
     @property
     def not_sent(self) -> Mapping[str, str]:

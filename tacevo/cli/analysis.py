@@ -27,8 +27,9 @@ from analysis.studies.study import check_alike
 from analysis.sweeps.metrics import TESTS
 from tacevo.api.runs import Run
 from tacevo.bundles.open import Opened, opened
-from tacevo.cli.common import DONE, RUN, Parser, as_typed, existing_store, output_directory, place_of_results
+from tacevo.cli.common import DONE, RUN, Parser, existing_store, output_directory, place_of_results
 from tacevo.cli.tables import finish, gather, place_of, remarks_on, say, show, status_of, with_published
+from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress

@@ -2,8 +2,6 @@
 
 import argparse
 import os
-import shlex
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -76,13 +74,6 @@ def whole_number(text: str) -> int:
     if text.isdecimal() and int(text) >= 1:
         return int(text)
     raise argparse.ArgumentTypeError(f"expected an integer of at least 1; got {text}")
-
-
-def as_typed(command: str) -> str:
-    """Spell a command of this environment so that the user's shell finds it, activated or not."""
-    if shutil.which(command):
-        return command
-    return shlex.quote(os.path.relpath(Path(sys.executable).parent / command))
 
 
 class Parser(argparse.ArgumentParser):

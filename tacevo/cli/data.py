@@ -5,7 +5,8 @@ import json
 
 from rich.console import Console
 
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+from tacevo.environment import as_typed
 from tacevo.runs.data_check import inspect_data, show, simulate
 from tacevo.runs.data_report import describe, report
 

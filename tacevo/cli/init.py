@@ -5,11 +5,12 @@ import os
 import shlex
 
 from tacevo.choices import SensorTask
-from tacevo.cli.common import DONE, Parser, as_typed
+from tacevo.cli.common import DONE, Parser
 from tacevo.config.folder import conf_root
 from tacevo.config.new_task import write_task
 from tacevo.config.schema import TaskConfig
 from tacevo.config.tasks import left_of_others
+from tacevo.environment import as_typed
 from tacevo.records import Kind
 
 #: The small experiment for labels of each kind.

@@ -9,9 +9,10 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.choices import Primary, Tracking
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, as_typed
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.folder import groups
+from tacevo.environment import as_typed
 from tacevo.records import Mode
 from tacevo.runs.estimate import describe_estimate, describe_estimates
 from tacevo.runs.progress import Progress

@@ -21,11 +21,12 @@ from analysis.sweeps.plans import Wish, plan
 from analysis.sweeps.sweep import load_sweep
 from analysis.tables.plan import plan_table
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DIFFERENT, DONE, Parser, as_typed, output_directory, whole_number
+from tacevo.cli.common import DIFFERENT, DONE, Parser, output_directory, whole_number
 from tacevo.cli.tables import print_table, say, show
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
+from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, RunError
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
@@ -216,7 +217,7 @@ def _noise(options: argparse.Namespace) -> int:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
-    if run.answered:
+    if run.answered and not run.shortfall:
         print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('run', str(run.path)))} choose=reestimated")
     return _end(studied, "lower elites=")
 

@@ -98,7 +98,7 @@ def answered_by(record: RunRecord, llm: LLMConfig) -> str:
     """Name the model of a run, and say whose word that name is where another server than the provider's answered."""
     if not record.elsewhere:
         return llm.name
-    whose = "the name is a label" if llm.label else "which gave this name"
+    whose = "the name is a label" if llm.label else "under this name"
     return f"{llm.name}, asked through another server, {whose}"
 
 

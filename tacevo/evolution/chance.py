@@ -18,6 +18,8 @@ _FIND = (
     "images or training.learning_rate."
 )
 
+_USE = "No answer could be used: see the reasons of the gate, then try another llm.model or a larger llm.max_tokens."
+
 
 def is_at_chance(best: float | None, trivial: float | None) -> bool:
     """Return whether the lowest of some losses is not below the trivial loss by more than `MARGIN` of it.
@@ -35,7 +37,7 @@ def chance_in_words(trivial: float) -> str:
     )
 
 
-def shortfall(*, best: float, baseline: float | None, trivial: float | None, asked: bool) -> str:
+def shortfall(*, best: float, baseline: float | None, trivial: float | None, asked: bool, usable: bool) -> str:
     """Say that a search learned nothing, or found nothing, and what to raise; empty where it did.
 
     Args:
@@ -43,11 +45,14 @@ def shortfall(*, best: float, baseline: float | None, trivial: float | None, ask
         baseline: that of the baseline; None where it is not known.
         trivial: the trivial loss; None where it is not known.
         asked: whether a model was asked for networks.
+        usable: whether one of its answers was trained.
     """
     by_chance, is_beaten = is_at_chance(best, trivial), baseline is None or not best >= baseline
     sentences = [chance_in_words(trivial)] if by_chance and trivial is not None else []
     if asked and not is_beaten:
         sentences.append("Nothing beat the baseline.")
-    if asked and sentences:
+    if asked and not usable:
+        sentences.append(_USE)
+    elif asked and sentences:
         sentences.append(_LEARN if by_chance else _FIND)
     return " ".join(sentences)

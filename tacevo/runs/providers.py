@@ -158,12 +158,13 @@ def _price(llm: LLMConfig, prices: PriceTable) -> Price:
     """Price the model that a budget is for."""
     price = prices.price(llm.name, llm.delivery)
     if price is None:
-        lacking = f"{llm.name} without a price in {llm.prices}"
+        lacking, own = f"{llm.name} without a price in {llm.prices}", "name your own by llm.prices=FILE"
+        elsewhere = asks_elsewhere(llm)
         raise ConfigError(
-            f"{lacking}, which is not about other servers" if asks_elsewhere(llm) else lacking,
+            f"{lacking}, which is not about other servers" if elsewhere else lacking,
             place="llm.budget_usd",
             expected="a model of known price",
-            remedy="add the model to that table, name your own by llm.prices=FILE, or set llm.budget_usd=null",
+            remedy=f"{own if elsewhere else f'add the model to that table, {own}'}, or set llm.budget_usd=null",
         )
     return price
 

@@ -149,6 +149,7 @@ def _found(run: RunRecord, lines: Sequence[Line], elites: Collection[str]) -> _F
             baseline=baseline.fitness,
             trivial=run.trivial,
             asked=any(line.request is not None for line in candidates.values()),
+            usable=any(line.request is not None and line.fitness is not None for line in candidates.values()),
         ),
         sentence=f"fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has "
         f"{_number(first)}, the baseline {_number(baseline.fitness)}{trivial}.",

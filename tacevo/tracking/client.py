@@ -11,6 +11,7 @@ from mlflow import MlflowClient
 from mlflow.entities import LifecycleStage, Metric, Param, Run
 from mlflow.exceptions import MlflowException
 
+from tacevo.environment import as_typed
 from tacevo.errors import RunError
 from tacevo.storage.files import flock
 from tacevo.tracking.entries import URI_VARIABLE, Measure, quoted_address
@@ -112,7 +113,7 @@ def find_or_create_experiment(client: MlflowClient, name: str) -> str:
 
 def _restoring(uri: str, experiment: str) -> str:
     """Return the command that restores an experiment; the address may stand in the environment already."""
-    command = f"mlflow experiments restore --experiment-id {experiment}"
+    command = f"{as_typed('mlflow')} experiments restore --experiment-id {experiment}"
     return command if os.environ.get(URI_VARIABLE) == uri else f"{URI_VARIABLE}={quoted_address(uri)} {command}"
 
 

@@ -19,10 +19,11 @@ from smallest import UNTRACKED
 from waiting import eventually
 
 from tacevo.cli.app import COMMANDS, main
-from tacevo.cli.common import as_typed, output_directory
+from tacevo.cli.common import output_directory
 from tacevo.cli.search import print_end
 from tacevo.config.compose import compose
 from tacevo.config.schema import keys
+from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
 from tacevo.runs.session import Result
 

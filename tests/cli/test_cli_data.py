@@ -14,7 +14,7 @@ from refusals import refused
 from waiting import eventually
 
 from tacevo.cli.app import _parsed, main
-from tacevo.cli.common import as_typed
+from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
 
 COMMAND = [sys.executable, "-m", "tacevo.cli.app"]

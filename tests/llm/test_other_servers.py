@@ -35,7 +35,7 @@ TINY = [*SMALLEST, UNTRACKED, "search.generations=0", "search.initial=2", "execu
 
 CLAUDE = "claude-haiku-4-5-20251001"
 
-SAID = f"{CLAUDE}, asked through another server, which gave this name"
+SAID = f"{CLAUDE}, asked through another server, under this name"
 
 #: Where a model of a server without aliases lies.
 PATH = "/srv/secret-user/models/llama"

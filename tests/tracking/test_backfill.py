@@ -13,7 +13,7 @@ from refusals import refused
 from waiting import eventually
 
 from tacevo.cli.app import main
-from tacevo.cli.common import as_typed
+from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, RunError
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.backfill import find_runs, track
