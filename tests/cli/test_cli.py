@@ -172,7 +172,6 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
             ["check", "nowhere.py"],
             "nowhere.py: expected the file of an answer: text in UTF-8; got one that cannot be read (No such file",
         ),
-        (["search", "--estimate", "-m", "seed=0,1"], "--estimate is for one search"),
         (["search", "--into", "here"], "--into names the directory of a sweep, so it needs -m"),
         (["replay", "one", "--diff", "other", "--retrain", "1"], "it takes neither --retrain nor --store"),
         (["study", "sweep=s", "data.split_seed=1"], "no setting of data with sweep=: jobs are compared on their own"),

@@ -26,8 +26,10 @@ def graphs(draw: st.DrawFn) -> Graph:
     nodes = tuple(Node(op=op, weighted=op in ("conv2d", "linear"), width=draw(st.integers(1, 64))) for op in ops)
     pairs = [(a, b) for b in range(len(nodes)) for a in range(b)]
     edges = tuple(pair for pair in pairs if draw(st.booleans()))
-    kernels = tuple(float(size) for size in draw(_sizes))
-    return Graph(nodes=nodes, edges=edges, channels=draw(_sizes), kernels=kernels, hidden=draw(_sizes))
+    kernels = tuple(float(size) for size in draw(_sizes)[: len(nodes)])
+    channels = draw(_sizes)[: len(nodes)]
+    hidden = draw(_sizes)[: len(nodes) - len(channels)]
+    return Graph(nodes=nodes, edges=edges, channels=channels, kernels=kernels, hidden=hidden)
 
 
 def test_chain() -> None:
@@ -88,8 +90,8 @@ def test_property_without_values_is_left_out() -> None:
 
 def test_property_of_zeros_varies_by_nothing() -> None:
     """A hidden layer of width 0 has no mean to divide by; it counts as a property without variation."""
-    assert variation(replace(EMPTY, hidden=(0,))) == 0.0
-    assert variation(replace(EMPTY, channels=(2, 6), hidden=(0, 0))) == 0.25
+    assert variation(replace(CHAIN, channels=(), kernels=(), hidden=(0,))) == 0.0
+    assert variation(replace(CHAIN, channels=(2, 6), kernels=(), hidden=(0, 0))) == 0.25
 
 
 def test_network_with_a_layer_of_width_zero_is_described() -> None:

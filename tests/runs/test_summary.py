@@ -286,7 +286,7 @@ def test_summary_of_a_search_without_a_better_network_says_so() -> None:
     """The elite may be the baseline itself; a baseline alone is no search."""
     lines = [LINES[0], rejected("g00s01", "extract", "no_class")]
     page = page_of(*lines, generation(0, trained=1, candidates=2, best=0.5, median=0.5), elites=["g00s00"])
-    assert page.split("## Found\n\n")[1].startswith("Nothing beat the baseline. Raise search.candidates")
+    assert page.split("## Found\n\n")[1].startswith("Nothing beat the baseline. No answer could be used: ")
     alone = page_of(LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5), elites=["g00s00"])
     assert "Nothing beat" not in alone
     assert "Nothing beat" not in page_of(*LINES)
