@@ -33,10 +33,10 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
 	$(BIN)/tacevo noise runs/demo elites=2 seeds=12
 
-test: $(READY) ## run the tests, two at a time (minutes)
+test: $(READY) ## run the tests, two at a time (about ten minutes on two cores)
 	$(BIN)/pytest $(TWO)
 
-test-slow: $(READY) ## run the tests that attack each promise further (five minutes)
+test-slow: $(READY) ## run the tests that attack each promise further (about ten minutes)
 	$(BIN)/pytest $(TWO) -m "slow and not cluster"
 
 test-all: $(READY) ## run brute force, too (hours); all but test-portable and test-cluster
