@@ -1,5 +1,7 @@
 """Promise: a sweep tells a search from what is worse, and not from itself."""
 
+import pytest
+
 from benchmarks.evidence_power import OTHER_SEEDS, SAME_SEEDS, Told, power_table, told
 from benchmarks.landscape import Landscape
 
@@ -12,6 +14,7 @@ def by_arm(found: list[Told], metric: str = "test score") -> dict[str, Told]:
     return {one.arm: one for one in found if one.metric == metric}
 
 
+@pytest.mark.slow
 def test_search_is_not_told_from_itself() -> None:
     """More often than one time in twenty and chance, by test scores and by records, with the same seeds or others."""
     landscape = Landscape(signal=1.0, noise=0.3)
@@ -21,6 +24,7 @@ def test_search_is_not_told_from_itself() -> None:
         assert (one.worse + one.better) / one.sweeps <= one.bound
 
 
+@pytest.mark.slow
 def test_search_is_told_from_a_control_that_finds_nothing() -> None:
     """Eight jobs do after Holm over two arms, and four cannot: their least p is 2/70."""
     landscape = Landscape(signal=1.0, noise=0.1)

@@ -72,6 +72,7 @@ print(status, told)
 """
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("command", [["replay", "run.zip"], ["show", "run.zip", "g00s00"], ["replay", "sweep.zip"]])
 def test_reading_a_bundle_writes_nothing(command: list[str], published: Path, swept: Path, place: Path) -> None:
     """No member and no store entry is unpacked, wherever that would be."""

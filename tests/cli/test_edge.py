@@ -54,6 +54,7 @@ def test_interrupt_while_modules_are_imported_is_one_line(started: tuple[str, st
     assert [line for line in told.stderr.splitlines() if line] == ["interrupted; nothing was begun"]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("module", sorted(WITHOUT_ANALYSIS))
 def test_command_that_is_said_to_need_no_analysis_imports_none(module: str, tmp_path: Path) -> None:
     """Else a package of that name would be run."""
@@ -113,6 +114,7 @@ def written(stream: TextIO) -> bytes:
     return stream.buffer.getvalue()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("command", [["search", "seed=1"], ["search", "-m", "seed=range(0,2)"], ["study", "run=x"]])
 def test_settings_are_not_read_without_assertions(command: list[str], tmp_path: Path) -> None:
     """Hydra reads functions and dictionaries by assertions: one line says so, and what reads no setting works."""

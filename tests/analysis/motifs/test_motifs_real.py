@@ -96,7 +96,7 @@ def motifs_in(sandbox: Sandbox, folder: Path, example: Any) -> frozenset[str]:
     )
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(2)
 @needs_shared
 @pytest.mark.parametrize("example", [e for e in examples("llm_answers") if e["file"] in ASKED], ids=lambda e: e["file"])
 def test_motif_that_was_asked_for_is_found(sandbox: Sandbox, tmp_path: Path, example: Any) -> None:

@@ -226,6 +226,7 @@ def test_arms_are_those_of_the_tables(swept: Path) -> None:
         assert {seed for seed, _ in arm.ends["best fitness"]} == {seed for seed, _ in arm.ends["coverage"]}
 
 
+@pytest.mark.slow
 def test_arm_that_lost_every_job_is_in_the_tables_and_draws_nothing(swept: Path) -> None:
     """Without a run there is no band and no end."""
     whole = collect_sweep(swept / "sweep", swept / "cache")

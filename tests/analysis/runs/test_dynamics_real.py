@@ -17,7 +17,6 @@ def run(whole_search: tuple[Path, str]) -> Run:
     return load_run(whole_search[0] / "run")
 
 
-@pytest.mark.slow
 def test_first_answers_are_counted_as_the_search_did(run: Run) -> None:
     """What all stages leave is what the generations call trained, less the baseline, and some was lost at first."""
     left = gate_stages(run.candidates)[-1].left

@@ -21,6 +21,7 @@ def test_twenty_seeds_by_hand() -> None:
     assert effect.shift == pytest.approx(np.sqrt(2) * 0.6927, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("alpha", [0.05, 0.0125])
 def test_simulated_studies_detect_it_as_often_as_said_or_somewhat_oftener(alpha: float) -> None:
     """A thousand normal studies of 20 seeds, at both levels of Holm's four."""
