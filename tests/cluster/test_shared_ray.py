@@ -42,6 +42,7 @@ def address(cluster: RayCluster) -> list[str]:
     return ["executor=ray", f"executor.address='{cluster.address}'"]
 
 
+@pytest.mark.slow
 def test_two_searches_of_a_sweep_share_a_cluster(cluster: RayCluster, tmp_path: Path, alone: Path) -> None:
     """Both run at once, though the command has one processor and each search wants two: the cluster has the slots."""
     core = min(os.sched_getaffinity(0))

@@ -94,6 +94,7 @@ def test_cancelled_job_is_a_failure_and_the_same_command_resumes_it(slurm: Slurm
     assert digest(tmp_path) == digest(alone)
 
 
+@pytest.mark.slow
 def test_requeued_job_continues_by_itself(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
     """The command waits for the second attempt, though the first one has left a result."""
     sweep = start(slurm, tmp_path, *SWEEP, ONE)
@@ -113,6 +114,7 @@ def test_job_that_is_warned_of_its_end_queues_itself_again(slurm: Slurm, tmp_pat
     assert digest(tmp_path) == digest(alone)
 
 
+@pytest.mark.slow
 def test_warning_stops_a_search_as_ctrl_c_does(slurm: Slurm, tmp_path: Path) -> None:
     """Slurm sends it to every process of the job; it kills none, and the job is listed as out of time."""
     sweep = start(slurm, tmp_path, *ENDLESS, ONE, "hydra.launcher.timeout_min=9")
@@ -121,6 +123,7 @@ def test_warning_stops_a_search_as_ctrl_c_does(slurm: Slurm, tmp_path: Path) -> 
     assert "interrupted; what was computed is kept" in (tmp_path / "all" / "launch" / f"{NONE}.log").read_text()
 
 
+@pytest.mark.slow
 def test_job_out_of_time_is_stopped_and_the_same_command_resumes_it(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
     """Slurm ends it at its real limit, a minute, even where the search hangs and hears nothing."""
     sweep = start(slurm, tmp_path, *SWEEP, ONE, "hydra.launcher.timeout_min=1", "hydra.launcher.signal_delay_s=5")

@@ -16,6 +16,7 @@ pytestmark = [pytest.mark.cluster, unhurried]
 BOTH = ["srun", "--nodes=2", "--ntasks=2", "--ntasks-per-node=1", "--cpus-per-task=2", "--label"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("what", [(f"run=all/{NONE}", *STUDY), ("sweep=all", *STUDY[1:])], ids=["run", "sweep"])
 def test_study_on_two_nodes_has_the_digest_of_this_machine(
     what: tuple[str, ...], slurm: Slurm, tmp_path: Path, alone: Path, studied_alone: Path

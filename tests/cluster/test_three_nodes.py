@@ -63,6 +63,7 @@ def test_three_nodes_give_the_bytes_of_this_machine(
     assert eventually(lambda: is_quiet(cluster), seconds=PATIENCE)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("signal_", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill -9"])
 def test_search_that_ends_in_the_middle_is_continued(
     cluster: RayCluster, signal_: signal.Signals, whole_search: tuple[Path, str], tmp_path: Path
@@ -106,6 +107,7 @@ def test_processes_of_ray_that_are_killed_are_no_verdict(
     assert results(tmp_path) == results(whole_search[0])
 
 
+@pytest.mark.slow
 def test_head_and_last_node_that_go_and_come_back_lose_nothing(
     cluster: RayCluster, whole_search: tuple[Path, str], tmp_path: Path
 ) -> None:
