@@ -104,6 +104,7 @@ def test_requeued_job_continues_by_itself(slurm: Slurm, tmp_path: Path, alone: P
     assert digest(tmp_path) == digest(alone)
 
 
+@pytest.mark.slow
 def test_job_that_is_warned_of_its_end_queues_itself_again(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
     """With `max_num_timeout`; the warning reaches submitit, and the search resumes."""
     again = ["hydra.launcher.timeout_min=9", "hydra.launcher.max_num_timeout=1"]

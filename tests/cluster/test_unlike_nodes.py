@@ -99,6 +99,7 @@ def test_unlike_nodes_get_no_job_and_are_named(cluster: RayCluster, tmp_path: Pa
     assert all(walls["node"] for walls in held)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(available() is not Confinement.kernel, reason="no kernel walls here")
 def test_demanded_confinement_holds_on_each_node(cluster: RayCluster, tmp_path: Path) -> None:
     """A node without them is refused where the walls of the kernel are demanded, and the other one has them."""
@@ -109,6 +110,7 @@ def test_demanded_confinement_holds_on_each_node(cluster: RayCluster, tmp_path: 
     assert [walls["level"] for walls in held] == ["kernel"]
 
 
+@pytest.mark.slow
 def test_cluster_without_one_node_that_will_do_is_an_error(cluster: RayCluster, tmp_path: Path) -> None:
     """The error is that of a node; nothing was run."""
     ended = search(cluster, tmp_path, "gate.memory_mib=100_000_000")
