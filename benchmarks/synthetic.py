@@ -72,9 +72,7 @@ def made_up(baseline: Profile, epochs: int, outputs: int) -> Run:
         if entry == "probe":
             return Finished((Frame({"profile": to_json(_resized(baseline, rng))}, b""),))
         batch = header["recipe"]["batch_size"]
-        steps, groups = max(1, header["train"] // batch), header.get("groups", [header["validation"]])
-        counts = {"steps": steps, "passes": steps + sum(-(-count // batch) for count in groups)}
-        return Finished(tuple(_trained(rng, epochs, outputs, counts)))
+        return Finished(tuple(_trained(rng, epochs, outputs, max(1, header["train"] // batch))))
 
     return run
 
@@ -90,13 +88,13 @@ def _resized(profile: Profile, rng: np.random.Generator) -> Profile:
     )
 
 
-def _trained(rng: np.random.Generator, epochs: int, outputs: int, counts: dict[str, int]) -> Iterator[Frame]:
-    """Return the frames of a training whose losses fall; `counts` are the steps and passes of one epoch."""
+def _trained(rng: np.random.Generator, epochs: int, outputs: int, steps: int) -> Iterator[Frame]:
+    """Return the frames of a training whose losses fall; `steps` are those of one epoch."""
     spread = rng.uniform(0.05, 0.3)
     for epoch in range(epochs):
         values = (0.5 + rng.normal(size=(_VALIDATED, outputs)) * spread / (1 + epoch)).astype(np.float32)
-        told = {"steps": (epoch + 1) * counts["steps"], "passes": counts["passes"]}
-        yield Frame({"epoch": epoch, "train_loss": float(spread / (1 + epoch)), **told}, values.tobytes())
+        told = {"epoch": epoch, "train_loss": float(spread / (1 + epoch)), "steps": (epoch + 1) * steps}
+        yield Frame(told, values.tobytes())
     yield Frame({"weights_sha256": hashlib.sha256(rng.bytes(32)).hexdigest()}, b"")
 
 

@@ -3,7 +3,6 @@
 import io
 from pathlib import Path
 
-import pytest
 from rich.console import Console
 
 from benchmarks.synthetic import record_synthetic
@@ -11,7 +10,6 @@ from tacevo.cli.app import main
 from tacevo.runs.progress import Progress
 
 
-@pytest.mark.slow
 def test_synthetic_run_can_be_replayed(tmp_path: Path) -> None:
     """Its run.json and its ledger state the same data set."""
     record_synthetic(tmp_path, 0, Progress(Console(file=io.StringIO())))
