@@ -111,9 +111,11 @@ def _undecorated(text: str, name: str) -> str:
 def _is_renamed(text: str, name: str, bound: Collection[str]) -> Iterator[bool]:
     """Yield whether statements give the class's name, or one with it, to something else than a class of that name."""
     name = re.escape(name)
-    network = rf"^[ \t]*(class)[ \t]+(\w*{name}\w*)[ \t]*(?:\([^)\n]*(?:Module|{name})|:)"
+    # The name is looked for in each found word: a pattern that looks for it there tries every place with every other.
+    network = rf"^[ \t]*(class)[ \t]+(\w+)[ \t]*(?:\([^)\n]*(?:Module|{name})|:)"
     for word, found in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
-        yield (word, found) != ("class", name) and found not in bound
+        if re.search(name, found, re.IGNORECASE):
+            yield (word, found) != ("class", name) and found not in bound
     yield re.search(rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])", text, re.MULTILINE) is not None
     yield (
         re.search(rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])", text, re.MULTILINE)

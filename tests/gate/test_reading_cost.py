@@ -9,8 +9,10 @@ import pytest
 from gate_cases import VALID, completion, contract, extracted, fenced, source_of
 
 from tacevo.gate import blocks
+from tacevo.gate.blocks import Parser
 from tacevo.gate.policy import problems
 from tacevo.gate.policy.check import rejection_of
+from tacevo.gate.versions import later_version
 from tacevo.records import Reason, Rejection
 from tacevo.text import parse_python
 
@@ -94,6 +96,13 @@ def test_blocks_that_lack_each_other_cost_as_many_steps_as_there_are() -> None:
     """Counted in calls, so it is the same on every machine; a cost that grows as the square would double the ratio."""
     assert calls(chain(80)) < 2.5 * calls(chain(40)) < 6.25 * calls(chain(20))
     assert source_of(chain(80)).startswith("A0 = 4\n\nA80 = A79\n\n")
+
+
+@pytest.mark.timeout(120)
+def test_name_that_repeats_is_looked_for_once() -> None:
+    """A pattern that tries each place of the name with every other one would take minutes."""
+    text = f"class {'ImageRegressionCNN' * 25_000}x"
+    assert later_version(text, ast.parse(VALID), "ImageRegressionCNN", Parser(), own=True) is None
 
 
 def test_number_of_blocks_is_bounded() -> None:
