@@ -7,13 +7,16 @@ back through `tacevo.typed`. The sandbox's child, which has no pydantic, reads b
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar, overload
 
 from tacevo.choices import Precision
+
+T = TypeVar("T")
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -268,10 +271,11 @@ class Contract(Record):
     #: What the baseline's constructor calls the number of outputs, e.g. `num_classes`.
     output_argument: str
 
-    @property
-    def offered(self) -> dict[str, int]:
-        """The arguments that a constructor may take, by name."""
-        return {"in_channels": self.in_channels, self.output_argument: self.outputs}
+    def construct(self, made: Callable[..., T]) -> T:
+        """Call a candidate's class with those of its arguments that its constructor has."""
+        offered = {"in_channels": self.in_channels, self.output_argument: self.outputs}
+        parameters = inspect.signature(made).parameters
+        return made(**{name: value for name, value in offered.items() if name in parameters})
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:

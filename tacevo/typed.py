@@ -107,17 +107,13 @@ _KEYS = json.JSONDecoder(object_pairs_hook=_check_keys, parse_int=len, parse_flo
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)  # building one costs more than using it
 
 
-#: How pydantic begins a message of its own, and one of a record's `__post_init__`.
-_SAID = ("Input should be ", "Value error, ")
-
-
 def _explained(problem: ValidationError, place: str) -> dict[str, str]:
     """Write the first problem of a text as the fields of an error."""
     first = problem.errors(include_url=False)[0]
     kind, context = first["type"], first.get("ctx", {})
-    words = _EXPECTED.get(kind) or first["msg"].removeprefix(_SAID[kind == "value_error"]).replace("{", "{{").replace(
-        "}", "}}"
-    )
+    # pydantic begins so; and with the second, where a record's own `__post_init__` raised.
+    said = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    words = _EXPECTED.get(kind) or said.replace("{", "{{").replace("}", "}}")
     named = f"{first['loc'][-1] if first['loc'] else ''}={_brief(first['input'])}"
     got = {
         "missing": "nothing",

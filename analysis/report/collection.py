@@ -66,6 +66,8 @@ class Studies:
     left_out: tuple[str, ...]
     #: Why a study, which is there, has no re-estimates: the stores are elsewhere, for example.
     remarks: tuple[str, ...] = ()
+    #: As they were read, also where nothing of them can be shown.
+    finished: tuple[FinishedStudy, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,6 +108,7 @@ def collection_of(run: Run, found: Studies, store: Path | None = None) -> Collec
         reestimates=found.reestimates,
         left_out=found.left_out,
         remarks=(*(missed for _, reasons in on_images for missed in reasons), *found.remarks),
+        finished=found.finished,
     )
 
 
@@ -127,7 +130,7 @@ def read_studies(run: Run, store: Path | None = None) -> Studies:
 
 
 def _reason(error: TacevoError, run: Run) -> str:
-    """Return an error that names files by their place in the run, whose own place may be a private directory."""
+    """Return an error that names files by their place in the run: where that lies is of no interest to a reader."""
     return str(error).replace(f"{run.path}/", "")
 
 
@@ -135,7 +138,8 @@ def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | 
     """Return studies that were read, compared; reasons and `store` as in `read_studies`."""
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
-    for one in finished:
+    known = tuple(finished)
+    for one in known:
         if one.record.terms is not None:
             try:
                 study = as_study(one)
@@ -154,6 +158,7 @@ def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | 
         reestimates=tuple(found for found in reestimates if found is not None),
         left_out=tuple(left_out),
         remarks=tuple(remarks),
+        finished=known,
     )
 
 

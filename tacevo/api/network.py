@@ -2,10 +2,9 @@
 
 import ast
 import importlib
-import inspect
 import sys
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from tacevo.records import Contract
 
@@ -57,6 +56,4 @@ def build(source: str, name: str, contract: Contract) -> "nn.Module":
     sys.modules[name] = module  # where dataclasses, type hints and pickle look its names up
     module.__dict__.update(torch=torch, nn=torch.nn, F=torch.nn.functional, math=importlib.import_module("math"))
     exec(compile(source, f"<{name}>", "exec"), module.__dict__)
-    made: Any = module.__dict__[contract.class_name]
-    parameters = inspect.signature(made).parameters
-    return cast("nn.Module", made(**{key: value for key, value in contract.offered.items() if key in parameters}))
+    return cast("nn.Module", contract.construct(module.__dict__[contract.class_name]))

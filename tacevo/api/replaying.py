@@ -7,16 +7,25 @@ from functools import partial
 from tacevo.bundles.open import Opened
 from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, rerun_published, verify
 from tacevo.runs.progress import Progress
+from tacevo.storage.sweep_directory import sweep_digest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replay:
     """What was run again, and found to be as recorded."""
 
+    #: The names of a sweep's jobs; None of one run.
+    jobs: Sequence[str] | None
     #: One, or those of a sweep's jobs in their order.
     runs: Sequence[Rerun]
     #: What of a bundle was compared beside its searches and studies; None of a directory, and of one job of a bundle.
     verified: Verified | None = None
+
+    @property
+    def digest(self) -> str:
+        """Of the run, or of the sweep."""
+        digests = [run.replayed.digest for run in self.runs]
+        return digests[0] if self.jobs is None else sweep_digest(dict(zip(self.jobs, digests, strict=True)))
 
 
 def replay(place: Opened, store: str | None, view: Progress) -> Replay:
@@ -30,11 +39,12 @@ def replay(place: Opened, store: str | None, view: Progress) -> Replay:
         BundleError: the records of a bundle do not suit each other.
     """
     if place.digest is None:
-        return Replay(runs=rerun_all(place, lambda run: rerun(place.read(run, store), view), view))
+        runs = rerun_all(place, lambda run: rerun(place.read(run, store), view), view)
+        return Replay(jobs=place.jobs, runs=runs)
     if place.root is None:
-        return Replay(runs=(rerun_published(place, place.folder, view),))
+        return Replay(jobs=place.jobs, runs=(rerun_published(place, place.folder, view),))
     verified = verified_bundle(place, view)
-    return Replay(runs=verified.runs, verified=verified)
+    return Replay(jobs=place.jobs, runs=verified.runs, verified=verified)
 
 
 def verified_bundle(bundle: Opened, view: Progress) -> Verified:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import html
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -25,7 +24,6 @@ from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
-from tacevo.studies.directory import FinishedStudy, studies_of
 from tacevo.text import nearest
 
 if TYPE_CHECKING:
@@ -135,7 +133,7 @@ class Run:
         found = self.collection
         compared = {one.name: one for one in found.studies}
         again = {one.name: one for one in found.reestimates}
-        known = [one for one in self._finished() if one.path.name in compared.keys() | again.keys()]
+        known = [one for one in found.finished if one.path.name in compared.keys() | again.keys()]
         return tuple(
             Study(one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
             for one in sorted(known, key=lambda one: (bool(one.record.other_data), one.path.name))
@@ -172,7 +170,7 @@ class Run:
             BundleError: the records of a bundle do not suit each other.
         """
         with progress(quiet) as view:
-            return replay(self.place, self.recorded.config.store.root, view).runs[0].replayed.digest
+            return replay(self.place, self.recorded.config.store.root, view).digest
 
     def all_tables(self) -> tuple[tuple[Rows, ...], list[str]]:
         """Return its tables under the names of their files; and why there are none of motifs, if there are none."""
@@ -200,11 +198,6 @@ class Run:
         """As records: the run with its studies and what their test images say."""
         stores = self.recorded.stores
         return collection_of(self._run, read_studies(self._run, stores), stores)
-
-    def _finished(self) -> Iterator[FinishedStudy]:
-        for directory in studies_of(self._run.path):
-            with contextlib.suppress(RunError):  # `left_out` says why
-                yield directory.read_finished()
 
     def _named(self, values: Mapping[str, T], what: str) -> Named[T]:
         return Named(short_names(values, self._run.task, tuple(study.name for study in self.studies)), what)
@@ -252,10 +245,8 @@ def _outcome(line: CandidateLine) -> str:
     return {"new": "new", "improved": "improved", "rejected": "not_kept"}[line.status.value]
 
 
-@contextlib.contextmanager
-def progress(quiet: bool) -> Iterator[Progress]:
-    """Show how far work is on standard error, or nothing."""
+def progress(quiet: bool) -> Progress:
+    """Return what shows how far work is, on standard error, or nothing."""
     from rich.console import Console
 
-    with Progress(Console(quiet=True) if quiet else None) as view:
-        yield view
+    return Progress(Console(quiet=True) if quiet else None)

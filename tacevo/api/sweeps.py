@@ -15,7 +15,7 @@ from tacevo.api.runs import Draw, Run, progress
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
 from tacevo.errors import ConfigError
-from tacevo.storage.sweep_directory import SweepDirectory, sweep_digest
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import listed, nearest
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ class Sweep:
         #: The directory of the stores, where it was moved; None for the sweep's own.
         self.store = store
         self._record = SweepDirectory(place.folder).read()
+        #: By the reference that was asked for; None for the sweep's own.
+        self._collected: dict[str | None, SweepCollection] = {}
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -111,9 +113,7 @@ class Sweep:
         """Run every search and study again, as `Run.replay`; return the digest of the sweep."""
         place = self.place if self.place.digest is not None else located(self.place.folder)
         with progress(quiet) as view:
-            done = replay(place, self.store, view)
-        digests = [run.replayed.digest for run in done.runs]
-        return sweep_digest(dict(zip(place.jobs or (), digests, strict=True)))
+            return replay(place, self.store, view).digest
 
     def collection(self, reference: str | None = None) -> SweepCollection:
         """As records: its runs, the archive that measures them, their comparison with the reference.
@@ -127,10 +127,6 @@ class Sweep:
             store = place.store if place.digest is not None else None if self.store is None else Path(self.store)
             self._collected[reference] = collect_sweep(place.folder, store, reference)
         return self._collected[reference]
-
-    @cached_property
-    def _collected(self) -> dict[str | None, SweepCollection]:
-        return {}
 
     def __repr__(self) -> str:
         return f"<sweep {self.name}: {len(self._record.jobs)} jobs of {len(self.arms)} arms>"

@@ -16,7 +16,6 @@ from tacevo.reproduce.replay import replay as replay_search
 from tacevo.reproduce.retrain import describe, retrain
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
-from tacevo.storage.sweep_directory import sweep_digest
 from tacevo.text import printable
 
 #: How many draws there are: more than an author can prepare for, and few digits to type again.
@@ -76,7 +75,7 @@ def _replay(options: argparse.Namespace) -> int:
         if done.verified is not None:
             beside = [_in_bundle(done.verified), f"bundle digest: {found.digest}"]
         trained = [] if options.retrain is None else [_retrain(runs, options, view)]
-    for text in [*_told(found, runs), *beside, *trained, f"digest: {_digest(found, runs)}"]:
+    for text in [*_told(found, runs), *beside, *trained, f"digest: {done.digest}"]:
         print(printable(text))
     return DONE
 
@@ -121,12 +120,6 @@ def _told(found: Opened, runs: Sequence[Rerun]) -> list[str]:
             "classification, accuracy and macro-F1 follow from the confusion; other metrics were not computed again"
         )
     return told
-
-
-def _digest(found: Opened, runs: Sequence[Rerun]) -> str:
-    """Return the digest of a run, or of a sweep."""
-    digests = [run.replayed.digest for run in runs]
-    return digests[0] if found.jobs is None else sweep_digest(dict(zip(found.jobs, digests, strict=True)))
 
 
 def _diff(options: argparse.Namespace) -> int:

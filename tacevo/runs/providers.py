@@ -158,13 +158,16 @@ def _price(llm: LLMConfig, prices: PriceTable) -> Price:
     """Price the model that a budget is for."""
     price = prices.price(llm.name, llm.delivery)
     if price is None:
-        lacking, own = f"{llm.name} without a price in {llm.prices}", "name your own by llm.prices=FILE"
-        elsewhere = asks_elsewhere(llm)
+        got, remedy = f"{llm.name} without a price in {llm.prices}", "name your own by llm.prices=FILE"
+        if asks_elsewhere(llm):
+            got += ", which is not about other servers"
+        else:
+            remedy = f"add the model to that table, {remedy}"
         raise ConfigError(
-            f"{lacking}, which is not about other servers" if elsewhere else lacking,
+            got,
             place="llm.budget_usd",
             expected="a model of known price",
-            remedy=f"{own if elsewhere else f'add the model to that table, {own}'}, or set llm.budget_usd=null",
+            remedy=f"{remedy}, or set llm.budget_usd=null",
         )
     return price
 

@@ -5,7 +5,6 @@ Only entries import this module. It needs torch, and the code that it runs may b
 
 import builtins
 import hashlib
-import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -108,8 +107,7 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     made = module.__dict__.get(contract.class_name)
     if not (isinstance(made, type) and issubclass(made, nn.Module)):
         raise TypeError(f"expected a class {contract.class_name} that extends nn.Module; got {type(made).__name__}")
-    parameters = inspect.signature(made).parameters
-    network: nn.Module = made(**{name: value for name, value in contract.offered.items() if name in parameters})
+    network: nn.Module = contract.construct(made)
     if not issubclass(type(network), nn.Module):
         raise TypeError(f"expected {contract.class_name}() to be an nn.Module; got {type(network).__name__}")
     return network
