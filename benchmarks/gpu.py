@@ -71,13 +71,13 @@ class Work:
 
 def networks(count: int = 4) -> Iterator[tuple[str, str]]:
     """Yield name and source of the baseline, and of candidates from the fewest FLOPs to the most."""
-    with opened(PUBLISHED) as found:
-        (path,) = found.runs
-        trained = sorted(load_run(path).trained, key=lambda line: line.flops or 0)
-        chosen = [trained[round(place * (len(trained) - 1) / (count - 1))] for place in range(count)]
-        for name, line in [("baseline", None), *((line.id, line) for line in chosen)]:
-            file = "g00s00" if line is None else line.id
-            yield name, (path / "candidates" / f"{file}.py").read_text(encoding="utf-8")
+    found = opened(PUBLISHED)
+    (path,) = found.runs
+    trained = sorted(load_run(path).trained, key=lambda line: line.flops or 0)
+    chosen = [trained[round(place * (len(trained) - 1) / (count - 1))] for place in range(count)]
+    for name, line in [("baseline", None), *((line.id, line) for line in chosen)]:
+        file = "g00s00" if line is None else line.id
+        yield name, (path / "candidates" / f"{file}.py").read_text(encoding="utf-8")
 
 
 def work_of(source: str, contract: Contract) -> Work:

@@ -92,8 +92,8 @@ def rows(files: Sequence[Path]) -> Iterator[str]:
 
 
 def _runs(path: Path) -> Iterator[Run]:
-    with opened(path) as source:
-        yield from map(load_run, source.runs)
+    source = opened(path)
+    yield from map(load_run, source.runs)
 
 
 def _filled(run: Run, scale: Scale, bounds: Bounds | None) -> Filled:

@@ -142,10 +142,10 @@ def peers(
 
 def published(count: int) -> list[str]:
     """Return the first distinct sources that the first published force run trained after its baseline."""
-    with opened(FORCE_RUN) as found:
-        names = [candidate.id for candidate in load_run(found.folder).trained[1:]]
-        texts = ((found.folder / "candidates" / f"{name}.py").read_text(encoding="utf-8") for name in names)
-        return list(dict.fromkeys(texts))[:count]
+    found = opened(FORCE_RUN)
+    names = [candidate.id for candidate in load_run(found.folder).trained[1:]]
+    texts = ((found.folder / "candidates" / f"{name}.py").read_text(encoding="utf-8") for name in names)
+    return list(dict.fromkeys(texts))[:count]
 
 
 def ours(numerics: Numerics, work: Work) -> Search:

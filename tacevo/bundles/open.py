@@ -4,9 +4,8 @@ What it promises: a bundle is read in memory, and nothing of it is written; erro
 commands see runs, and not where they came from.
 """
 
-import contextlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -85,8 +84,7 @@ class Opened:
         return replace(found, packed=packed, has_predictions=self.has_predictions)
 
 
-@contextlib.contextmanager
-def opened(path: Path) -> Iterator[Opened]:
+def opened(path: Path) -> Opened:
     """Open the directory of a run or a sweep; or a bundle, compared with its manifest.
 
     `SWEEP.zip/JOB` is one run of a sweep's bundle.
@@ -96,9 +94,7 @@ def opened(path: Path) -> Iterator[Opened]:
         RunError: it is neither a run's or a sweep's directory nor a file.
     """
     if path.parent.is_file():
-        with opened(path.parent) as sweep:
-            yield sweep.job(path.name)
-        return
+        return opened(path.parent).job(path.name)
     if not path.exists():
         raise RunError(
             "a path that does not exist",
@@ -106,10 +102,7 @@ def opened(path: Path) -> Iterator[Opened]:
             expected="the directory of a run, or a bundle",
             remedy="`tacevo search` makes a run, and prints its name",
         )
-    if not path.is_file():
-        yield located(path)
-        return
-    yield _read(path)
+    return _read(path) if path.is_file() else located(path)
 
 
 def located(path: Path) -> Opened:

@@ -113,12 +113,12 @@ def _report(options: argparse.Namespace) -> int:
     store, name = existing_store(options.store), source.resolve().name
     if source.parent.is_file():
         name = f"{source.parent.name}/{name}"
-    with opened(source) as place:
-        gathered = [Run(place, place.read(run, store)) for run in place.runs]
-        if place.jobs is None:
-            page, missing = page_of_run(gathered[0], place, name)
-        else:
-            page, missing = page_of_sweep(gathered, place, name, store)
+    place = opened(source)
+    gathered = [Run(place, place.read(run, store)) for run in place.runs]
+    if place.jobs is None:
+        page, missing = page_of_run(gathered[0], place, name)
+    else:
+        page, missing = page_of_sweep(gathered, place, name, store)
     write_durably(path, as_html(page))
     say([*(remark for one in gathered if status_of(one) for remark in remarks_on(one)), *missing])
     print(f"report: {path}")
@@ -217,8 +217,8 @@ def _collected_sweep(path: Path, store: Path | None, reference: str | None) -> S
     """Read a sweep from a directory or a bundle, a bundle with its own stores unless others are named."""
     if path.is_dir():
         return collect_sweep(path, store, reference)
-    with opened(path) as published:
-        return collect_sweep(published.folder, store or published.store, reference)
+    published = opened(path)
+    return collect_sweep(published.folder, store or published.store, reference)
 
 
 def page_of_run(gathered: Run, place: Opened, name: str) -> tuple[PageContents, list[str]]:

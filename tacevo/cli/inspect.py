@@ -175,12 +175,13 @@ def add_show(parser: Parser) -> None:
 
 def _show(options: argparse.Namespace) -> int:
     path = Path(options.run)
-    with contextlib.nullcontext() if path.is_dir() else opened(path) as bundle:
+    run, store = path, None
+    if not path.is_dir():
+        bundle = opened(path)
         remedy = f"compare its arms by `tacevo ablations`, or name one of its jobs, {path}/JOB"
-        run = path if bundle is None else bundle.one_run(remedy)
-        store = None if bundle is None else bundle.store
-        text = show_run(run, store) if options.candidate is None else show_candidate(run, options.candidate)
-        print(printable(text), end="")
+        run, store = bundle.one_run(remedy), bundle.store
+    text = show_run(run, store) if options.candidate is None else show_candidate(run, options.candidate)
+    print(printable(text), end="")
     return DONE
 
 

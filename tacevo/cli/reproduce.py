@@ -65,7 +65,8 @@ def _replay(options: argparse.Namespace) -> int:
     if options.diff is not None:
         return _diff(options)
 
-    with opened(Path(options.run)) as found, Progress() as view:
+    found = opened(Path(options.run))
+    with Progress() as view:
         if options.retrain is not None:
             check_walls(found)
         beside: list[str] = []
@@ -127,10 +128,11 @@ def _diff(options: argparse.Namespace) -> int:
     if options.retrain is not None or options.store is not None:
         options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
 
-    with opened(Path(options.run)) as one, opened(Path(options.diff)) as other:
-        remedy = "name the directories of two runs, of a sweep those of two jobs (of a published one SWEEP.zip/JOB)"
-        runs = [compare.read_compared(each.one_run(remedy)) for each in (one, other)]
-        found = compare.compare(*runs)
+    one = opened(Path(options.run))
+    other = opened(Path(options.diff))
+    remedy = "name the directories of two runs, of a sweep those of two jobs (of a published one SWEEP.zip/JOB)"
+    runs = [compare.read_compared(each.one_run(remedy)) for each in (one, other)]
+    found = compare.compare(*runs)
     print(printable(compare.describe(found)))
     return DONE if found.is_equal else DIFFERENT
 
@@ -166,7 +168,8 @@ def _continue(options: argparse.Namespace) -> int:
     from tacevo.bundles.extend import continue_run  # imports Hydra, which a replay does not need
     from tacevo.cli.search import print_end
 
-    with opened(Path(options.run)) as found, Progress() as view:
+    found = opened(Path(options.run))
+    with Progress() as view:
         moved = found.digest is None and options.store is not None
         published = replace(found, store=Path(options.store)) if moved else found
         mix = options.rules is not None

@@ -295,15 +295,14 @@ def _add_kind(parser: argparse.ArgumentParser, source: str, kind: str, compared:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    with contextlib.ExitStack() as open_bundles:
-        pilot = _pilot(options.kind, [Path(name) for name in options.pilots], open_bundles)
-        wish = Wish(
-            effect=options.effect,
-            alpha=options.alpha,
-            power=options.power,
-            comparisons=options.comparisons or pilot.comparisons,
-        )
-        planned = plan(pilot, wish)
+    pilot = _pilot(options.kind, [Path(name) for name in options.pilots])
+    wish = Wish(
+        effect=options.effect,
+        alpha=options.alpha,
+        power=options.power,
+        comparisons=options.comparisons or pilot.comparisons,
+    )
+    planned = plan(pilot, wish)
     directory = output_directory(options.output)
     show([plan_table(planned)], directory)
     if planned.plan is None:
@@ -319,28 +318,28 @@ def _plan(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _pilot(kind: str, paths: Sequence[Path], open_bundles: contextlib.ExitStack) -> Pilot:
+def _pilot(kind: str, paths: Sequence[Path]) -> Pilot:
     if kind == "study":
-        return study_pilot([pair for path in paths for pair in _finished_studies(path, open_bundles)])
-    return sweep_pilot([load_sweep(_located_sweep(path, open_bundles)) for path in paths])
+        return study_pilot([pair for path in paths for pair in _finished_studies(path)])
+    return sweep_pilot([load_sweep(_located_sweep(path)) for path in paths])
 
 
-def _located_sweep(path: Path, open_bundles: contextlib.ExitStack) -> Path:
+def _located_sweep(path: Path) -> Path:
     """Return the directory of a sweep, which need not be finished, or of a bundle's."""
-    folder = path if path.is_dir() else open_bundles.enter_context(opened(path)).folder
+    folder = path if path.is_dir() else opened(path).folder
     if not SweepDirectory(folder).is_one:
         got = "a directory without sweep.json" if path.is_dir() else "the bundle of a run"
         raise RunError(got, place=str(path), expected="the directory or bundle of a sweep")
     return folder
 
 
-def _finished_studies(path: Path, open_bundles: contextlib.ExitStack) -> Iterator[tuple[Run, Study]]:
+def _finished_studies(path: Path) -> Iterator[tuple[Run, Study]]:
     """Read the finished studies of a pilot, each with its run."""
     if (path / "study.json").exists():
         yield load_run(path.resolve().parents[1]), load_study(path)
         return
     found = 0
-    for folder in open_bundles.enter_context(opened(path)).runs:
+    for folder in opened(path).runs:
         run = load_run(folder)
         for directory in studies_of(folder):
             record = directory.read()

@@ -78,8 +78,8 @@ def _paper_tables(options: argparse.Namespace) -> int:
     if options.run is None:
         tables = with_published([])
     else:
-        with opened(Path(options.run)) as place:
-            tables = with_published([load_run(place.one_run(ONE_RUN))])
+        place = opened(Path(options.run))
+        tables = with_published([load_run(place.one_run(ONE_RUN))])
     directory = None if options.output is None else output_directory(options.output)
     show(tables, directory)
     if directory is not None:

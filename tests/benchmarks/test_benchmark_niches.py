@@ -38,7 +38,7 @@ def test_documented_figures_are_what_the_command_prints() -> None:
     documented = (ROOT / "docs" / "descriptors.md").read_text(encoding="utf-8")
     assert len(adaptive) == 2
     assert [row for row in adaptive if row not in documented] == []
-    with opened(FORCE) as source:
-        recorded = load_run(source.folder).generations
+    source = opened(FORCE)
+    recorded = load_run(source.folder).generations
     cells = [cell.strip() for cell in adaptive[0].split("|")]
     assert cells[4:6] == [f"{part:.0%}" for part in (recorded[-1].coverage, max(line.coverage for line in recorded))]

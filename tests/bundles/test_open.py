@@ -24,18 +24,18 @@ from tacevo.sweeps.status import Standing, status_of
 
 def test_folder_is_opened_where_it_lies(published: Path) -> None:
     """With the stores that its run.json names; nothing is copied."""
-    with opened(published / "run") as found:
-        assert (found.folder, found.store) == (published / "run", published / "cache")
-        assert (found.root, found.digest) == (None, None)
+    found = opened(published / "run")
+    assert (found.folder, found.store) == (published / "run", published / "cache")
+    assert (found.root, found.digest) == (None, None)
 
 
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
     """With the run's own name, and the entries of its stores."""
-    with opened(published / "run.zip") as found:
-        assert found.folder.name == "run"
-        assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
-        completion = next(found.store.glob("completions/*/*.json"))
-        assert read_entry(completion) == read_entry(next((published / "cache").rglob(completion.name)))
+    found = opened(published / "run.zip")
+    assert found.folder.name == "run"
+    assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
+    completion = next(found.store.glob("completions/*/*.json"))
+    assert read_entry(completion) == read_entry(next((published / "cache").rglob(completion.name)))
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,8 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
 )
 def test_bundle_is_only_read(touch: Callable[[Path], object], published: Path, place: Path) -> None:
     """Whatever else a path can do, no member leads to the disk."""
-    with opened(published / "run.zip") as found, pytest.raises(TypeError, match="member of a bundle"):
+    found = opened(published / "run.zip")
+    with pytest.raises(TypeError, match="member of a bundle"):
         touch(found.folder)
     assert list(place.iterdir()) == []
 
@@ -88,16 +89,16 @@ def test_reading_a_bundle_writes_nothing(command: list[str], published: Path, sw
 @pytest.mark.parametrize("name", ["..", "../run", "/etc/passwd", "candidates/../../run", "missing", "run.json/x"])
 def test_no_name_leads_out_of_a_bundle(name: str, published: Path) -> None:
     """What is not a member's name is the name of nothing."""
-    with opened(published / "run.zip") as found:
-        assert not (found.folder / name).exists()
+    found = opened(published / "run.zip")
+    assert not (found.folder / name).exists()
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     """Neither a directory of something else nor a name of nothing."""
-    with refused(RunError, expected="the directory of a run"), opened(tmp_path):
-        pass
-    with refused(RunError, got="does not exist"), opened(tmp_path / "missing"):
-        pass
+    with refused(RunError, expected="the directory of a run"):
+        opened(tmp_path)
+    with refused(RunError, got="does not exist"):
+        opened(tmp_path / "missing")
 
 
 @pytest.fixture
@@ -129,12 +130,12 @@ def test_job_whose_ledger_lost_its_end_is_not_finished(failed_once: tuple[SweepD
 
 def test_errors_name_members_as_the_file_has_them(published: Path, swept: Path) -> None:
     """Not as `FILE.zip/JOB`, which is the spelling of a sweep's run."""
-    with opened(published / "run.zip") as found:
-        assert f"{found.folder / 'run.json'}" == f"{published}/run.zip, run/run.json"
-        with refused(CacheMissError, place=f"{published}/run.zip, store.jsonl.xz, probes"):
-            Store(found.store, "probes", Mode.replay).find("of another run")
-    with opened(swept / "sweep.zip") as found:
-        assert f"{found.runs[0] / 'run.json'}" == f"{swept}/sweep.zip, sweep/none-seed0/run.json"
+    found = opened(published / "run.zip")
+    assert f"{found.folder / 'run.json'}" == f"{published}/run.zip, run/run.json"
+    with refused(CacheMissError, place=f"{published}/run.zip, store.jsonl.xz, probes"):
+        Store(found.store, "probes", Mode.replay).find("of another run")
+    found = opened(swept / "sweep.zip")
+    assert f"{found.runs[0] / 'run.json'}" == f"{swept}/sweep.zip, sweep/none-seed0/run.json"
 
 
 @pytest.mark.parametrize("of", ["published", "swept"])

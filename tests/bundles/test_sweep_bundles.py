@@ -114,8 +114,8 @@ def test_retraining_draws_from_all_runs(swept: Path, place: Path, capsys: pytest
     """The best network of each run, networks of studies, and two others; each counted once, and told with its job."""
     assert main(["replay", str(swept / "sweep.zip"), "--retrain", "2"]) == 0
     said = capsys.readouterr()
-    with opened(swept / "sweep.zip") as found:
-        certain = decisive([found.read(run) for run in found.runs])
+    found = opened(swept / "sweep.zip")
+    certain = decisive([found.read(run) for run in found.runs])
     assert f"retrained: {len(certain) + 2} of" in said.out
     told = [line for line in said.err.splitlines() if ": as recorded (" in line]
     assert len(told) == len(certain) + 2
@@ -279,8 +279,8 @@ def test_edited_run_is_named_with_its_job(whole: Members, refused: Refused) -> N
 def test_packed_candidates_are_the_files_of_the_sweep(swept: Path, whole: Members) -> None:
     """Each file once, unpacked byte for byte where the directory has it, and none of them a member."""
     assert [name for name in whole if "/candidates/" in name] == []
-    with opened(swept / "sweep.zip") as place:
-        packed = {(run.name, path.name): path.read_bytes() for run in place.runs for path in run.glob("candidates/*")}
+    place = opened(swept / "sweep.zip")
+    packed = {(run.name, path.name): path.read_bytes() for run in place.runs for path in run.glob("candidates/*")}
     assert {run for run, _ in packed} == set(OWN)
     assert all(
         (swept / "sweep" / run / "candidates" / name).read_bytes() == data for (run, name), data in packed.items()

@@ -88,12 +88,12 @@ def member(members: Members, name: str) -> str:
 
 def read_texts(bundle: Path) -> None:
     """Read the run of a bundle and its studies, and compare their texts."""
-    with opened(bundle) as found:
-        studies = [
-            FinishedStudy(path=study.path, record=study.read(), scores=study.read_scores())
-            for study in studies_of(found.folder)
-        ]
-        check_texts(found.read(found.folder), studies)
+    found = opened(bundle)
+    studies = [
+        FinishedStudy(path=study.path, record=study.read(), scores=study.read_scores())
+        for study in studies_of(found.folder)
+    ]
+    check_texts(found.read(found.folder), studies)
 
 
 def place_of_refusal(members: Members, target: Path) -> str:
@@ -174,8 +174,8 @@ def test_manifest_has_one_form(whole: Members, tmp_path: Path) -> None:
     bundle = tmp_path / "x.zip"
     for other in ("".join(reversed(lines)), text.replace("\n", "\r\n"), text[:-1], text.replace("\n", "\x0b")):
         bundle.write_bytes(packed({**whole, MANIFEST: other.encode()}))
-        with refusing(BundleError, place=MANIFEST), opened(bundle):
-            pass
+        with refusing(BundleError, place=MANIFEST):
+            opened(bundle)
 
 
 @pytest.mark.parametrize(
@@ -194,15 +194,15 @@ def test_citation_has_one_form(old: str, new: str, whole: Members, tmp_path: Pat
     edited = text.replace(old, new, 1)
     assert edited != text
     bundle = resealed({**whole, "CITATION.cff": edited.encode()}, tmp_path / "x.zip")
-    with refusing(BundleError, place="CITATION.cff"), opened(bundle):
-        pass
+    with refusing(BundleError, place="CITATION.cff"):
+        opened(bundle)
 
 
 def test_long_citation_is_not_parsed(whole: Members, tmp_path: Path) -> None:
     """A reader of YAML takes a minute for what a member may hold."""
     bundle = resealed({**whole, "CITATION.cff": b"- a\n" * 1_000_000}, tmp_path / "x.zip")
-    with refusing(BundleError, place="CITATION.cff", expected="at most 100000"), opened(bundle):
-        pass
+    with refusing(BundleError, place="CITATION.cff", expected="at most 100000"):
+        opened(bundle)
 
 
 def test_candidates_file_with_other_line_ends_is_refused(whole: Members, refused: Refused) -> None:

@@ -58,7 +58,8 @@ def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
 
 def verify_at(bundle: Path) -> None:
     """Verify a bundle's searches and studies, without its tables."""
-    with opened(bundle) as found, Progress(Console(file=io.StringIO())) as view:
+    found = opened(bundle)
+    with Progress(Console(file=io.StringIO())) as view:
         verify(found, lambda run, store: {}, view)
 
 

@@ -1,6 +1,5 @@
 """Promise: a plan is kept by the study or sweep that follows it, and shown beside what was done."""
 
-import contextlib
 import json
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -123,8 +122,8 @@ def test_pilot_without_a_study_is_refused(sweep: Path, published: Path, capsys: 
     assert f"expected at least one finished study; got none; `tacevo study run={job}`" in capsys.readouterr().err
     assert main(["plan", "sweep", str(job), "--effect", "0.1"]) == 2
     assert "expected the directory or bundle of a sweep" in capsys.readouterr().err
-    with refused(RunError, place="run.zip", got="the bundle of a run"), contextlib.ExitStack() as stack:
-        _located_sweep(published / "run.zip", stack)
+    with refused(RunError, place="run.zip", got="the bundle of a run"):
+        _located_sweep(published / "run.zip")
     assert not PLAN.exists()
 
 

@@ -23,8 +23,8 @@ def unzipped(folder: Path) -> Path:
 def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: Path) -> None:
     """The page shows what was added to the run without a reload, keeps the choice, and says that nobody answers."""
     run = unzipped(tmp_path)
-    with opened(SHIPPED) as place:
-        store = place.store
+    place = opened(SHIPPED)
+    store = place.store
     whole = (run / "ledger.jsonl").read_text().splitlines(keepends=True)
     ends = [number for number, line in enumerate(whole, start=1) if '"kind":"generation"' in line]
     (run / "ledger.jsonl").write_text("".join(whole[: ends[3]]))
@@ -64,7 +64,8 @@ def test_live_page_redraws_and_outlives_its_server(browser: Browser, tmp_path: P
 def test_address_is_followed_once_the_search_has_begun(browser: Browser, tmp_path: Path) -> None:
     """Before, there is no run to choose from."""
     page = browser.new_page()
-    with opened(SHIPPED) as place, Server(LivePage(tmp_path / "run", place.store), 0) as server:
+    place = opened(SHIPPED)
+    with Server(LivePage(tmp_path / "run", place.store), 0) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         page.goto(f"{server.address}#/run/g01s06")

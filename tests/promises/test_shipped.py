@@ -71,8 +71,8 @@ def test_published_run_is_taken_up(place: Path) -> None:
     """Ten generations more stand behind lines that are the published ones, byte for byte."""
     bundle = BUNDLES / "force-grammar.zip"
     assert main(["continue", str(bundle), "search.generations=30", "run.dir=longer", "tracking=none"]) == 0
-    with opened(bundle) as published:
-        recorded = (published.folder / "ledger.jsonl").read_bytes()
+    published = opened(bundle)
+    recorded = (published.folder / "ledger.jsonl").read_bytes()
     continued = (place / "longer" / "ledger.jsonl").read_bytes()
     assert continued.startswith(recorded)
     assert continued.count(b'"kind":"generation"') == 31

@@ -21,10 +21,10 @@ HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 @pytest.mark.parametrize("name", [pytest.param("force-grammar.zip", marks=pytest.mark.slow), "grating-grammar.zip"])
 def test_archives_are_those_of_the_ledger(name: str) -> None:
     """Every generation of a published run has the elites whose hash its line has; its bounds moved many times."""
-    with opened(BUNDLES / name) as place:
-        path = place.one_run("the test reads one run")
-        found = collect(path, place.store)
-        recorded = [line.archive for line in read_ledger(RunDirectory(path)).lines if isinstance(line, GenerationLine)]
+    place = opened(BUNDLES / name)
+    path = place.one_run("the test reads one run")
+    found = collect(path, place.store)
+    recorded = [line.archive for line in read_ledger(RunDirectory(path)).lines if isinstance(line, GenerationLine)]
     archives = [archive.elites for archive in archive_history(found.run, found.niches.networks)]
     assert [content_hash({str(at): to_json(elites[at]) for at in elites}) for elites in archives] == recorded
 

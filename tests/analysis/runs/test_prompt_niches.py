@@ -74,10 +74,10 @@ def test_caption_explains_shaded_niches_where_there_are_some(centroids: list[lis
 @pytest.mark.parametrize("name", ["force-grammar.zip", "grating-grammar.zip"])
 def test_trials_of_a_search_lie_within_reach(name: str) -> None:
     """Every one that a published run recorded does, without the noise of its request; half of the niches do not."""
-    with opened(BUNDLES / name) as place:
-        path = place.one_run("the test reads one run")
-        found = collect(path, place.store)
-        _, ledger = read_finished(RunDirectory(path))
+    place = opened(BUNDLES / name)
+    path = place.one_run("the test reads one run")
+    found = collect(path, place.store)
+    _, ledger = read_finished(RunDirectory(path))
     lines = [line for line in ledger.lines if isinstance(line, CandidateLine) and line.prompt_niche is not None]
     run, centroids = found.run, found.niches.prompts
     reached = reachable_prompt_niches(run, centroids)

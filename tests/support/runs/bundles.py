@@ -51,14 +51,14 @@ def members_of(bundle: Path) -> Members:
 
 def laid_out(bundle: Path, folder: Path) -> tuple[Path, Path]:
     """Write a sweep's bundle with the candidates' files of its store; return the directories of sweep and stores."""
-    with opened(bundle) as found:
-        for pattern in ("*", "*/*", "*/*/*", "*/*/*/*"):
-            for path in found.folder.glob(pattern):
-                if path.is_file():
-                    write_durably(folder / str(path).partition(", ")[2], path.read_bytes())
-        for path in found.store.glob("*/*/*.json"):
-            entry = read_entry(path)
-            write_durably(folder / "store" / entry.place, readable(entry.sealed()))
+    found = opened(bundle)
+    for pattern in ("*", "*/*", "*/*/*", "*/*/*/*"):
+        for path in found.folder.glob(pattern):
+            if path.is_file():
+                write_durably(folder / str(path).partition(", ")[2], path.read_bytes())
+    for path in found.store.glob("*/*/*.json"):
+        entry = read_entry(path)
+        write_durably(folder / "store" / entry.place, readable(entry.sealed()))
     return folder / "sweep", folder / "store"
 
 

@@ -27,8 +27,8 @@ SHIPPED = BUNDLES / "force-grammar.zip"
 
 def page_of_shipped_run() -> PageContents:
     """Return what the page of a shipped run with a study shows, without its sample images."""
-    with opened(SHIPPED) as place:
-        return page_of(place.folder, place.store, title="force-grammar.zip")
+    place = opened(SHIPPED)
+    return page_of(place.folder, place.store, title="force-grammar.zip")
 
 
 def page_of(run: Path, store: Path, *, title: str) -> PageContents:
