@@ -1,16 +1,18 @@
 """What a run is made with: commit, package versions, machine and commands. For people; no result depends on it."""
 
+import contextlib
 import os
 import platform
 import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from tacevo.errors import TacevoError
 from tacevo.records import Json, Record
 
 #: Packages whose version may change a result or a number's meaning.
@@ -70,6 +72,18 @@ def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[
     return tuple(
         f"{name} is {here.get(name)}; the run had {was}" for name, was in recorded.items() if here.get(name) != was
     )
+
+
+@contextlib.contextmanager
+def doubting(others: Sequence[str]) -> Iterator[None]:
+    """Name the versions that are others here beside a failure of a replay."""
+    try:
+        yield
+    except TacevoError as error:
+        if others:
+            doubt = f"another version may be the reason: {', '.join(others)}"
+            error.remedy = f"{error.remedy}; {doubt}" if error.remedy else doubt
+        raise
 
 
 def machine() -> dict[str, Json]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.report.figure_list import OnDrawn, Picture, write_pictures
-from analysis.report.writing import write_tables
+from analysis.report.writing import place_of, write_tables
 from analysis.table import Table
 from analysis.tables.rendering import in_latex
 from tacevo.errors import RunError
@@ -38,10 +38,10 @@ _HEAD = r"""\documentclass[10pt]{article}
 class Illustration:
     """A figure's PDF file."""
 
-    #: Beside the document, e.g. `force/lineage.pdf`.
+    #: Beside the document, e.g. `run1/lineage.pdf`.
     file: str
     caption: str
-    #: For references, e.g. `fig:run1:lineage_force`.
+    #: For references, e.g. `fig:run1:lineage`.
     label: str
 
 
@@ -50,7 +50,7 @@ class Chapter:
     """What belongs together, on pages of its own."""
 
     title: str
-    #: Files beside the document, e.g. `force/gate_force.tex`.
+    #: Files beside the document, e.g. `run1/gate.tex`.
     tables: tuple[str, ...]
     figures: tuple[Illustration, ...] = ()
 
@@ -106,7 +106,7 @@ def write_chapter(
     write_pictures(pictures, directory, (".pdf",), on_drawn)
     return Chapter(
         title=title,
-        tables=tuple(f"{directory.name}/{table.name}.tex" for table in tables),
+        tables=tuple(f"{directory.name}/{place_of(table)}.tex" for table in tables),
         figures=tuple(
             Illustration(
                 file=f"{directory.name}/{picture.name}.pdf",

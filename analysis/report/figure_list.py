@@ -22,15 +22,15 @@ from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches
-from analysis.runs.run import Run
 from analysis.studies.comparison import of_whole
 from analysis.studies.images import ImageFindings
-from analysis.studies.scores import Study
 from analysis.table import PValue
 from analysis.tables.archives_of_arms import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind
+from tacevo.results.run import RecordedRun
+from tacevo.results.study import RecordedStudy
 from tacevo.storage.files import write_durably
 
 
@@ -64,34 +64,34 @@ def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequen
 
 
 def pictures_of(found: Collection) -> tuple[Picture, ...]:
-    """List every figure of a run and its studies; the names of a study's figures end in its own."""
+    """List every figure of a run and its studies; the names of a study's figures begin with its own."""
     pictures = list(run_pictures(found.run, found.niches))
     for compared in found.studies:
         of_study = study_pictures(compared.study, compared.comparisons, compared.images)
-        pictures += [replace(picture, name=f"{picture.name}_{compared.name}") for picture in of_study]
+        pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
     return tuple(pictures)
 
 
 def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     """List the figures of a sweep."""
-    task, note = collected.sweep.task, common_note(collected.niches_of)
+    note = common_note(collected.niches_of)
     reference = collected.found.reference
     dotted = "" if reference is None else f", the dotted line is the median of {reference}"
     return (
         Picture(
-            name=f"ablation_curves_{task}",
+            name="ablation_curves",
             caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
             draw=partial(curves, collected.found, collected.curves),
         ),
         Picture(
-            name=f"ablation_finals_{task}",
+            name="ablation_finals",
             caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds{dotted}. {note}",
             draw=partial(final_values, collected.found),
         ),
     )
 
 
-def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
+def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
     """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
@@ -131,13 +131,10 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
         drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))
     if run.elites:
         drawn += _of_elites(run)
-    return tuple(
-        Picture(name=f"{name}_{run.task}", caption=f"{words[:-1]} ({run.name}).", draw=draw)
-        for name, draw, words in drawn
-    )
+    return tuple(Picture(name=name, caption=f"{words[:-1]} ({run.name}).", draw=draw) for name, draw, words in drawn)
 
 
-def undrawn(run: Run) -> tuple[str, ...]:
+def undrawn(run: RecordedRun) -> tuple[str, ...]:
     """List the figures that a run cannot have, with the reason, a sentence each."""
     said = []
     if not run.has_niches:
@@ -149,12 +146,14 @@ def undrawn(run: Run) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _has_map(run: Run) -> bool:
+def _has_map(run: RecordedRun) -> bool:
     """Return whether the network archive is a map: has niches, over two axes."""
     return run.has_niches and len(run.config.archive.axes) == 2
 
 
-def study_pictures(study: Study, comparisons: pd.DataFrame | None, images: ImageFindings | None) -> tuple[Picture, ...]:
+def study_pictures(
+    study: RecordedStudy, comparisons: pd.DataFrame | None, images: ImageFindings | None
+) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     verdicts = {
         found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in of_whole(comparisons).itertuples()
@@ -164,7 +163,7 @@ def study_pictures(study: Study, comparisons: pd.DataFrame | None, images: Image
         f"Test results of {study.seeds} training seeds of each network ({_data_of(study)}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
-    pictures = [Picture(name=f"seed_boxes_{study.task}", caption=words, draw=partial(seed_boxes, study, verdicts))]
+    pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
     if study.kind is Kind.classification:
         words = (
             "Test images of each network by true and predicted class: counts, and below them per cent of the true "
@@ -172,22 +171,22 @@ def study_pictures(study: Study, comparisons: pd.DataFrame | None, images: Image
             "median: the lower one of two in the middle, and the first where several seeds have it."
         )
         draw = partial(confusion_matrices, study)
-        pictures.append(Picture(name=f"confusion_matrices_{study.task}", caption=words, draw=draw))
+        pictures.append(Picture(name="confusion_matrices", caption=words, draw=draw))
     if images is not None and images.calibrations:
         words = (
             "How often each network is right against how sure it is, on the test images: points are bins of confidence "
             "of the ensemble of its seeds, larger with more images; the dotted line is perfect calibration."
         )
         draw = partial(reliability, images.calibrations)
-        pictures.append(Picture(name=f"reliability_{study.task}", caption=words, draw=draw))
+        pictures.append(Picture(name="reliability", caption=words, draw=draw))
     return tuple(pictures)
 
 
-def _data_of(study: Study) -> str:
+def _data_of(study: RecordedStudy) -> str:
     return f"{study.task}, on other data: {study.where}" if study.where else study.task
 
 
-def _of_elites(run: Run) -> list[tuple[str, Callable[[], Figure], str]]:
+def _of_elites(run: RecordedRun) -> list[tuple[str, Callable[[], Figure], str]]:
     """List the figures of the best networks."""
     first = run.ranked()[0].id
     networks = [run.baseline, *run.best()]

@@ -1,4 +1,4 @@
-"""Tables as files, each written whole, and the removal of what is outdated."""
+"""Tables as files, those that a paper needs first; the page that says which question each answers."""
 
 import re
 from collections.abc import Collection, Iterable
@@ -6,38 +6,124 @@ from pathlib import Path
 
 from analysis.table import Table
 from analysis.tables.rendering import table_texts
+from tacevo.results.study_directory import NAME
 from tacevo.storage.files import write_durably
-from tacevo.studies.directory import NAME
+
+#: The tables that a paper needs, by name, with the question that each answers.
+PAPER = {
+    "ablation": "How good are the arms, in every metric?",
+    "gate": "How many answers became networks, and why were the others rejected?",
+    "outcome": "What did this study find, in short?",
+    "verdicts": "Which networks are better than the baseline, and which are as good?",
+    "noise": "What were the recorded fitnesses worth: losses under other training seeds?",
+    "beside_published": "How does this compare with the published searches?",
+}
+
+#: The further ones, which lie in the directory `more`.
+FURTHER = {
+    "ablation_settings": "In which settings do the arms differ?",
+    "ablation_runs": "What did every job reach?",
+    "ablation_corrected": "How do the arms compare by re-estimated fitness?",
+    "ablation_planned": "Was the sweep run as it was planned?",
+    "anatomies": "What are the best networks made of?",
+    "corrected": "Which elites would the archive hold by their re-estimated fitness?",
+    "costs": "What did the answers cost?",
+    "effects": "How large is every difference from the baseline, with its interval?",
+    "ensembles": "How good are the seeds of a network together, on the same test images?",
+    "generations": "How did the search go, generation by generation?",
+    "health": "Did the search work as it should?",
+    "image_outputs": "How good is each output, on the same test images?",
+    "improvement": "How much of the improvement is luck?",
+    "lineage": "How did the best network come about?",
+    "metrics": "What are all test metrics of every network?",
+    "motifs": "Which structures do good networks have in common?",
+    "niches": "How full are the niches?",
+    "outputs": "How good is each output of the networks?",
+    "planned": "Was the study run as it was planned?",
+    "prompts": "Which instructions were productive?",
+    "ranking": "Does the search rank its elites as other training seeds do?",
+    "scores": "What did every network score with every seed?",
+    "searches": "Which of these searches found better networks?",
+    "temperatures": "Which temperatures were productive?",
+    "transfer": "Do the networks keep their advantage on other data?",
+    "transfer_counts": "How many networks keep their advantage on other data?",
+}
+
+#: The file that lists them.
+INDEX = "index.md"
+
+
+def is_for_paper(table: Table) -> bool:
+    """Return whether a paper needs a table; it needs the arms in every metric, and the published ones."""
+    name = table.name.rpartition("/")[2]
+    return name in PAPER or (name.startswith(("ablation_", "published_")) and name not in FURTHER)
+
+
+def place_of(table: Table) -> str:
+    """Return the place of a table's files, without ending: `gate`, `STUDY/verdicts`, or below `more`."""
+    return table.name if is_for_paper(table) else f"more/{table.name}"
+
+
+def table_files(tables: Iterable[Table], *, prefix: str = "") -> dict[str, str]:
+    """Return every table in every format by its place, and the index of them all.
+
+    The prefix is that of their labels in LaTeX, so that tables of several runs may stand in one document.
+    """
+    known = list(tables)
+    files = {
+        f"{place_of(table)}{ending}": text
+        for table in known
+        for ending, text in table_texts(table, prefix=prefix).items()
+    }
+    return {INDEX: index_of(known), **files}
+
+
+def index_of(tables: Iterable[Table]) -> str:
+    """Write the page that says which question each table answers, those that a paper needs first."""
+    lines: dict[bool, list[str]] = {True: [], False: []}
+    for table in tables:
+        line = f"- [{table.name}]({place_of(table)}.md): {_question(table)}"
+        lines[is_for_paper(table)].append(line)
+    parts = ["# Tables", *lines[True], *(["", "## More", ""] if lines[False] else []), *lines[False]]
+    return "\n".join([parts[0], "", *parts[1:], "", "Each is there as .md, .tex and .csv; .csv is unrounded.", ""])
+
+
+def _question(table: Table) -> str:
+    name = table.name.rpartition("/")[2]
+    return PAPER.get(name) or FURTHER.get(name) or table.caption
 
 
 def write_tables(tables: Iterable[Table], directory: Path, *, prefix: str = "") -> None:
-    """Write tables in every format, each file whole; older ones of the same names are replaced.
-
-    The prefix is that of their labels in LaTeX.
+    """Write tables in every format with their index, each file whole; older ones of the same names are replaced.
 
     Raises:
         StoreError: a file cannot be written.
     """
-    for table in tables:
-        for name, text in table_texts(table, prefix=prefix).items():
-            write_durably(directory / name, text)
+    for name, text in table_files(tables, prefix=prefix).items():
+        write_durably(directory / name, text)
 
 
-def remove_outdated(directory: Path, names: Collection[str], *, task: str, endings: Collection[str]) -> list[str]:
+def remove_outdated(directory: Path, places: Collection[str], endings: Collection[str]) -> list[str]:
     """Remove what an earlier command wrote there of studies that are missing or rejected now.
 
     Args:
         directory: of tables or of figures.
-        names: of those that are current; other files than those of a study of this task are left alone.
-        task: the run's.
+        places: of those that are current, without ending; other files than those of a study are left alone.
         endings: of the files that the command writes.
 
     Returns:
         A remark on each removed file.
     """
-    pattern = re.compile(rf".+_{re.escape(task)}_{NAME}")
-    found = [path for path in sorted(directory.iterdir()) if path.suffix in endings and pattern.fullmatch(path.stem)]
-    gone = [path for path in found if path.stem not in names]
+    of_study = re.compile(rf"(more/)?{NAME}/[^/]+")
+    found = {path: path.relative_to(directory).with_suffix("").as_posix() for path in sorted(directory.rglob("*.*"))}
+    gone = [
+        path
+        for path, place in found.items()
+        if path.suffix in endings and of_study.fullmatch(place) and place not in places
+    ]
     for path in gone:
         path.unlink()
-    return [f"removed {path.name}: its study is missing or left out" for path in gone]
+    for folder in {path.parent for path in gone}:
+        if not any(folder.iterdir()):
+            folder.rmdir()
+    return [f"removed {path.relative_to(directory)}: its study is missing or left out" for path in gone]

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
-from analysis.runs.run import Run
 from tacevo.config.schema import ArchiveConfig
 from tacevo.errors import RunError, StoreError
 from tacevo.evolution.archive import find_centroids
+from tacevo.results.run import RecordedRun
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Store
 from tacevo.typed import convert
@@ -31,7 +31,7 @@ class Niches:
     prompts: NDArray[np.float64]
 
 
-def load_niches(run: Run, store: Path | None = None) -> Niches:
+def load_niches(run: RecordedRun, store: Path | None = None) -> Niches:
     """Find the centroids that a run was searched with; where its store has none, they are computed as they were.
 
     Args:
@@ -46,11 +46,11 @@ def load_niches(run: Run, store: Path | None = None) -> Niches:
     archive = run.config.archive
     networks = _centroids(root, archive, archive.niches, len(archive.axes)) if run.has_niches else []
     prompts = _centroids(root, archive, archive.prompt_niches, 2)
-    if content_hash([networks, prompts]) != run.centroids:
+    if content_hash([networks, prompts]) != run.header.centroids:
         raise RunError(
             "centroids of another hash, in the store and computed on this machine",
             place=str(root),
-            expected=f"the niches that {run.path} was searched with, of hash {run.centroids[:12]}",
+            expected=f"the niches that {run.path} was searched with, of hash {run.header.centroids[:12]}",
             remedy="name the run's own stores with --store",
         )
     return Niches(networks=np.array(networks).reshape(-1, len(archive.axes)), prompts=np.array(prompts))

@@ -9,7 +9,7 @@ from analysis.table import Cell, Percent, Table
 from analysis.tables.comparison import between
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
-from tacevo.studies.lines import Network
+from tacevo.results.study_lines import Network
 from tacevo.text import counted, drawn
 
 
@@ -23,7 +23,7 @@ def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
     """Show the recorded fitness of each network beside what other training seeds give, and the trivial loss."""
     seeds = counted(found.noise.seeds, "other training seed")
     return Table(
-        name=f"noise_{task}",
+        name="noise",
         caption=f"What the recorded fitnesses of {task} are worth: the same networks under {seeds}.",
         columns=(
             *("network", "candidate", "recorded fitness", "re-estimated, median", "least", "most"),
@@ -63,7 +63,7 @@ def corrected_table(found: Corrected, again: Reestimates, task: str) -> Table:
     seeds = counted(again.noise.seeds, "other training seed")
     lost = f"Their niches are empty, because a training failed: {', '.join(found.lost)}." if found.lost else ""
     return Table(
-        name=f"corrected_{task}",
+        name="corrected",
         caption=f"The archive of {task} as recorded, and filled again by the medians of {seeds} (corrected).",
         columns=("figure", "as recorded", "corrected"),
         rows=(
@@ -87,7 +87,7 @@ def ranking_table(found: Reestimates, task: str) -> Table:
     last = len(found.rankings)
     doubled = {2**power for power in range(last.bit_length())}
     return Table(
-        name=f"ranking_{task}",
+        name="ranking",
         caption=f"How a fitness after so many epochs ranks the networks of {task}, beside their test scores "
         "(weights of the best validation epoch).",
         columns=("epochs", "tau, one seed", "tau, median of the seeds"),

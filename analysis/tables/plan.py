@@ -40,7 +40,7 @@ def plan_table(planned: Planned) -> Table:
 def planned_table(task: str, plan: SeedPlan, done: Iterable[tuple[str, Cell, Cell]]) -> Table:
     """Show what was planned beside what was done: a name, the planned value and the one that came."""
     return Table(
-        name=f"planned_{task}",
+        name="planned",
         caption=f"What was planned, and what was done ({task}).",
         columns=("what", "planned", "done"),
         rows=tuple(done),

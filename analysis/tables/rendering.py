@@ -92,7 +92,7 @@ WRITERS: dict[str, Callable[[Table], str]] = {".md": as_markdown, ".tex": as_lat
 
 
 def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
-    """Write a table in every format, by the name of its file.
+    """Write a table in every format, by the ending of its file.
 
     The prefix is that of its label in LaTeX, so that tables of several runs may stand in one document.
 
@@ -100,7 +100,7 @@ def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
         ValueError: a cell is NaN or infinite.
     """
     writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
-    return {f"{table.name}{ending}": write(table) for ending, write in writers.items()}
+    return {ending: write(table) for ending, write in writers.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

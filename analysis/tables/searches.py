@@ -6,10 +6,10 @@ import pandas as pd
 
 from analysis.statistics.effects import LEVEL, RESAMPLES
 from analysis.studies.metrics import SHARES, metric_name
-from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.studies.searches import StudiedSearch, best_by_reestimates
 from analysis.table import Between, PercentBetween, PValue, Table
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled, unit_of
+from tacevo.results.study import LOWER_IS_BETTER
 from tacevo.text import counted
 
 
@@ -30,7 +30,7 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
         | {f"test {metric}": (shape, "tested", "tested_low", "tested_high")}
         | {difference: scaled("difference", 100 if is_share else 1), "A12": EFFECTS_LAYOUT["A12"]}
         | {"p, Holm": (PValue, "p_holm")},
-        name=f"searches_{study.task}" + (f"_{study.fingerprint[:8]}" if study.other_data else ""),
+        name="searches" + (f"_{study.fingerprint[:8]}" if study.other_data else ""),
         caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
         f"{first.name}.{elsewhere}",
         notes=(

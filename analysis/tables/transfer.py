@@ -7,8 +7,8 @@ from analysis.rounding import shown
 from analysis.studies.comparison import Verdict
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.transfer import OnData, Result, Transfer
-from analysis.studies.trivial import trivial_score
 from analysis.table import Cell, Percent, PValue, Table
+from tacevo.results.trivial import trivial_score
 from tacevo.rounding import rounded
 from tacevo.text import counted
 
@@ -23,7 +23,7 @@ def transfer_table(found: Transfer) -> Table:
     first = found.data[0].study
     is_share = first.primary in SHARES
     return Table(
-        name=f"transfer_{first.task}",
+        name="transfer",
         caption=f"The networks of {first.task} on {counted(len(found.data), 'data set')}, test "
         f"{metric_name(first.primary)}.",
         columns=("data", "test images", "network", "median", "rank", "p, Holm", "verdict"),
@@ -58,7 +58,7 @@ def counts_table(found: Transfer) -> Table:
     """Show each network's ranks over the data sets, and how often each verdict was given to it."""
     first = found.data[0]
     return Table(
-        name=f"transfer_counts_{first.study.task}",
+        name="transfer_counts",
         caption=f"The networks of {first.study.task} over {counted(len(found.data), 'data set')}.",
         columns=("network", "mean rank", "best rank", "worst rank", *(verdict.value for verdict in Verdict)),
         rows=tuple(_counts(found, name) for name in first.results),

@@ -27,9 +27,9 @@ def open(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | None =
     """
     place, named = Path(path), None if store is None else str(store)
     if SweepDirectory(place).is_one:  # of a directory, what is finished is shown, and the rest is told
-        return Sweep(place.resolve().name, Opened(folder=place, store=place, jobs=()), named)
+        return Sweep(place.resolve().name, Opened(folder=place, jobs=()), named)
     found = opened(place)
-    return Run(found, found.read(found.folder, named)) if found.jobs is None else Sweep(place.stem, found, None)
+    return Run(found, found.read(found.folder, named)) if found.jobs is None else Sweep(place.stem, found, named)
 
 
 def open_run(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | None = None) -> Run:

@@ -5,13 +5,12 @@ from pathlib import Path
 
 from analysis.report.collection import Collection, collection_of, compared_studies, tables_of
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
-from analysis.runs.run import Run, finished_run
+from analysis.report.writing import table_files as files_of
 from analysis.table import Table
 from analysis.tables.published import beside_published
-from analysis.tables.rendering import table_texts
 from tacevo.bundles.verify import Rerun
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import IncomparableError
+from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 
@@ -45,9 +44,9 @@ def pages(
     return tables, {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
 
 
-def _shown(run: RecordedRun) -> Run:
+def _shown(run: RecordedRun) -> RecordedRun:
     """Return a run as the analysis sees it."""
-    return finished_run(run.directory, run.record, run.ledger)
+    return run
 
 
 def _collected(done: Rerun) -> Collection:
@@ -72,4 +71,4 @@ def _of_sweep(
 
 
 def _files(tables: Iterable[Table]) -> dict[str, bytes]:
-    return {name: text.encode() for table in tables for name, text in table_texts(table).items()}
+    return {name: text.encode() for name, text in files_of(tables).items()}

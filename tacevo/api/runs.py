@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import cached_property
@@ -10,21 +11,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
-from analysis.runs.run import Run as Record
-from analysis.runs.run import finished_run
 from analysis.table import Table as Rows
 from tacevo.api import frames, network
 from tacevo.api.replaying import replay
 from tacevo.api.studies import Study
-from tacevo.api.tables import Named, Table, short_names
+from tacevo.api.tables import Named, Table, with_plain_names
 from tacevo.bundles.open import Opened
-from tacevo.config.recorded import RecordedRun
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
+from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
-from tacevo.text import nearest
+from tacevo.text import as_override, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,56 +43,55 @@ class Run:
         self.place = place
         #: As records: run.json, the ledger, settings for this machine.
         self.recorded = recorded
-        self._run: Record = finished_run(recorded.directory, recorded.record, recorded.ledger)
 
     @property
     def path(self) -> Path:
         """Its directory."""
-        return self._run.path
+        return self.recorded.path
 
     @property
     def name(self) -> str:
         """Of its directory."""
-        return self._run.name
+        return self.recorded.name
 
     @property
     def digest(self) -> str:
         """The last hash of its ledger, which stands for every decision of the search; 64 hexadecimal digits."""
-        return self._run.digest
+        return self.recorded.digest
 
     @property
     def config(self) -> RunConfig:
         """Its settings as they were recorded, such as `run.config.search.generations`."""
-        return self._run.config
+        return self.recorded.config
 
     @property
     def versions(self) -> Mapping[str, str]:
         """Of Python and the packages that made it, by name."""
-        return self._run.versions
+        return self.recorded.record.versions
 
     @property
     def candidates(self) -> pd.DataFrame:
         """A row a candidate in the order of the ledger, by id; columns: docs/python.md."""
-        known, elites = self._run.fitness, {elite.id for elite in self._run.elites}
-        rows = (self._candidate(line, known, elites) for line in self._run.candidates)
+        known, elites = self.recorded.fitness, {elite.id for elite in self.recorded.elites}
+        rows = (self._candidate(line, known, elites) for line in self.recorded.candidates)
         return frames.frame(rows, frames.CANDIDATES, index="id")
 
     @property
     def generations(self) -> pd.DataFrame:
         """A row a generation, from 0 (the baseline and the initial networks); columns: docs/python.md."""
-        return frames.frame(map(asdict, self._run.generations), frames.GENERATIONS, index="generation")
+        return frames.frame(map(asdict, self.recorded.generations), frames.GENERATIONS, index="generation")
 
     @property
     def elites(self) -> pd.DataFrame:
         """The network archive by niche, the best fitness first; columns: docs/python.md."""
-        lines = {line.id: line for line in self._run.candidates}
-        rows = ({**asdict(lines[elite.id]), **asdict(elite)} for elite in self._run.ranked())
+        lines = {line.id: line for line in self.recorded.candidates}
+        rows = ({**asdict(lines[elite.id]), **asdict(elite)} for elite in self.recorded.ranked())
         return frames.frame(rows, frames.ELITES, index="niche")
 
     @property
     def prompts(self) -> pd.DataFrame:
         """The prompt archive by niche; without rows where the search kept none; columns: docs/python.md."""
-        return frames.frame(map(asdict, self._run.prompt_trials), frames.PROMPTS, index="niche")
+        return frames.frame(map(asdict, self.recorded.prompt_trials), frames.PROMPTS, index="niche")
 
     def source(self, candidate: str) -> str:
         """Return the source of an admitted candidate, with the imports that the sandbox gave it: it runs as a file.
@@ -173,21 +171,22 @@ class Run:
             return replay(self.place, self.recorded.config.store.root, view).digest
 
     def all_tables(self) -> tuple[tuple[Rows, ...], list[str]]:
-        """Return its tables under the names of their files; and why there are none of motifs, if there are none."""
+        """Return its tables, and why there are none of motifs, if there are none."""
         try:
             return tables_of(self.collection, recall_profiles(self.recorded)), []
         except (CacheMissError, RunError) as error:
             return tables_of(self.collection, None), [f"no tables of motifs: {error}"]
 
     def __repr__(self) -> str:
-        return f"<run {self.name}: {self._run.task}, {len(self._run.candidates)} candidates, digest {self.digest[:12]}>"
+        count = len(self.recorded.candidates)
+        return f"<run {self.name}: {self.recorded.task}, {count} candidates, digest {self.digest[:12]}>"
 
     def _repr_html_(self) -> str:
         facts = {
-            "task": self._run.task,
-            "answers by": self._run.model,
-            "candidates": f"{len(self._run.candidates)}, {len(self._run.trained)} trained",
-            "elites": f"{len(self._run.elites)} of {self._run.places}",
+            "task": self.recorded.task,
+            "answers by": self.recorded.model,
+            "candidates": f"{len(self.recorded.candidates)}, {len(self.recorded.trained)} trained",
+            "elites": f"{len(self.recorded.elites)} of {self.recorded.places}",
             "digest": self.digest,
         }
         rows = "".join(f"<tr><th>{name}</th><td>{html.escape(str(value))}</td></tr>" for name, value in facts.items())
@@ -197,18 +196,18 @@ class Run:
     def collection(self) -> Collection:
         """As records: the run with its studies and what their test images say."""
         stores = self.recorded.stores
-        return collection_of(self._run, read_studies(self._run, stores), stores)
+        return collection_of(self.recorded, read_studies(self.recorded, stores), stores)
 
     def _named(self, values: Mapping[str, T], what: str) -> Named[T]:
-        return Named(short_names(values, self._run.task, tuple(study.name for study in self.studies)), what)
+        return Named(with_plain_names(values, [study.name for study in self.studies]), what)
 
     def _pages_of(self, study: str) -> tuple[Mapping[str, Table], Mapping[str, Draw]]:
         return _below(study, self.tables, "study.tables"), _below(study, self.figures, "study.figures")
 
     def _read_source(self, candidate: str) -> str:
-        sources = {line.id: line.source for line in self._run.candidates if line.source is not None}
+        sources = {line.id: line.source for line in self.recorded.candidates if line.source is not None}
         if candidate not in sources:
-            is_there = any(line.id == candidate for line in self._run.candidates)
+            is_there = any(line.id == candidate for line in self.recorded.candidates)
             raise ConfigError(
                 f"{candidate!r}, which the gate rejected" if is_there else repr(candidate),
                 place="candidate",
@@ -218,10 +217,10 @@ class Run:
         return self.recorded.directory.read_source(candidate, str(sources[candidate]))
 
     def _candidate(self, line: CandidateLine, known: Mapping[str, float], elites: set[str]) -> dict[str, Any]:
-        spent = self._run.spent.get(line.id)
+        spent = self.recorded.spent.get(line.id)
         return {
             **asdict(line),
-            "instruction": None if line.prompt is None else self._run.instructions[line.prompt],
+            "instruction": None if line.prompt is None else self.recorded.instructions[line.prompt],
             "temperature": line.sent_temperature,
             "outcome": _outcome(line),
             "repairs": len(line.repairs),
@@ -229,8 +228,20 @@ class Run:
             "recorded_fitness": line.fitness,
             "is_elite": line.id in elites,
             "usd": None if spent is None or spent.unpriced else spent.usd,
-            "cpu_seconds": self._run.cpu_seconds.get(line.id),
+            "cpu_seconds": self.recorded.cpu_seconds.get(line.id),
         }
+
+
+def remarks_on(run: Run) -> list[str]:
+    """List the settings that were not sent, the studies that were left out, and how to make a first one."""
+    found = run.collection
+    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.left_out), *found.remarks]
+    if not found.studies and not found.left_out:
+        named = shlex.quote(as_override("run", str(run.path)))
+        make = f"`tacevo study {named}` makes one, with its tables and figures"
+        is_bundle = run.place.digest is not None
+        remarks.append("no study: it was published without one" if is_bundle else f"no finished study yet: {make}")
+    return remarks
 
 
 def _below(study: str, named: Mapping[str, T], what: str) -> Named[T]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.sweeps.metrics import Metric
+from analysis.table import Table as Rows
 from tacevo.api import frames
 from tacevo.api.replaying import replay
 from tacevo.api.runs import Draw, Run, progress
@@ -92,22 +93,34 @@ class Sweep:
         place = self.place.job(job) if self.place.digest is not None else located(self.place.folder / job)
         return Run(place, place.read(place.folder, self.store))
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Which jobs have no result or no test score, and why, a sentence each."""
+        sweep = self.collection().sweep
+        missing = (f"missing: {one.job.name}: {one.reason}" for one in sweep.missing)
+        return (*missing, *(f"without a test score: {one.job.name}: {one.reason}" for one in sweep.untested))
+
+    def all_tables(self, reference: str | None = None) -> tuple[tuple[Rows, ...], list[str]]:
+        """Return its tables, compared with an arm or the sweep's own reference; and what is missing of them: nothing.
+
+        Raises:
+            ConfigError: the reference is not an arm.
+            RunError, IncomparableError: as `collection`.
+        """
+        return sweep_tables(self.collection(reference)), []
+
     @cached_property
     def tables(self) -> Mapping[str, Table]:
         """Every table of `tacevo ablations` by name."""
-        collected = self.collection()
-        made = {_short(table.name, collected.sweep.task): Table(table) for table in sweep_tables(collected)}
-        return Named(made, "sweep.tables")
+        return Named({table.name: Table(table) for table in self.all_tables()[0]}, "sweep.tables")
 
     @cached_property
     def figures(self) -> Mapping[str, Draw]:
         """Every figure of `tacevo ablations` by name; each is a function that draws a Matplotlib figure."""
         from analysis.report.figure_list import sweep_pictures  # Matplotlib takes a second to import
 
-        collected = self.collection()
-        task, pictures = collected.sweep.task, sweep_pictures(collected)
-        drawn: dict[str, Callable[[], Any]] = {_short(picture.name, task): picture.draw for picture in pictures}
-        return Named(drawn, "sweep.figures")
+        pictures = sweep_pictures(self.collection())
+        return Named({picture.name: picture.draw for picture in pictures}, "sweep.figures")
 
     def replay(self, *, quiet: bool = False) -> str:
         """Run every search and study again, as `Run.replay`; return the digest of the sweep."""
@@ -124,7 +137,8 @@ class Sweep:
         """
         if reference not in self._collected:
             place = self.place
-            store = place.store if place.digest is not None else None if self.store is None else Path(self.store)
+            own = place.store if place.digest is not None else None
+            store = own if self.store is None else Path(self.store)
             self._collected[reference] = collect_sweep(place.folder, store, reference)
         return self._collected[reference]
 
@@ -134,7 +148,3 @@ class Sweep:
     def _repr_html_(self) -> str:
         title = f"sweep {self.name}: {len(self._record.jobs)} jobs of {len(self.arms)} arms"
         return f"<p>{title}</p>{self.jobs.to_html(na_rep='')}"
-
-
-def _short(name: str, task: str) -> str:
-    return name.removesuffix(f"_{task}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -87,26 +87,16 @@ class Named(Mapping[str, T]):
         return [name for name in self._values if "/" not in name]
 
 
-def short_names(values: Mapping[str, T], task: str, studies: Iterator[str] | tuple[str, ...]) -> dict[str, T]:
-    """Name what belongs to a run and its studies: `gate`, `verdicts`, `STUDY/verdicts`.
-
-    A plain name is that of the run or of the first study that has one; every study's own begins with the study.
+def with_plain_names(values: Mapping[str, T], studies: Iterable[str]) -> dict[str, T]:
+    """Add the plain names of a study's: `verdicts` beside `STUDY/verdicts`, of the first study that has one.
 
     Args:
-        values: by the names of files, as `gate_force` and `verdicts_force_STUDY`.
-        task: the name of the task.
+        values: by name.
         studies: in the order in which they are taken for a plain name.
     """
-    own: dict[str, T] = {}
-    of_studies: dict[str, dict[str, T]] = {study: {} for study in studies}
-    for name, value in values.items():
-        study = next((study for study in of_studies if name.endswith(f"_{study}")), None)
-        if study is None:
-            own[name.removesuffix(f"_{task}")] = value
-        else:
-            of_studies[study][name.removesuffix(f"_{study}").removesuffix(f"_{task}")] = value
-    for study, named in of_studies.items():
-        for name, value in named.items():
-            own.setdefault(name, value)
-            own[f"{study}/{name}"] = value
-    return own
+    named = dict(values)
+    for study in studies:
+        for name, value in values.items():
+            if name.startswith(f"{study}/"):
+                named.setdefault(name.removeprefix(f"{study}/"), value)
+    return named

@@ -60,8 +60,8 @@ _PLACES = re.compile(
     + "|".join(map(re.escape, RUN_FILES))
     + rf"|candidates/{_CANDIDATE}"
     + rf"|studies/{_WORD}/(study\.json|scores\.jsonl))"
-    + rf"|tables/{_WORD}\.(csv|md|tex)"
-    + rf"|figures/{_WORD}\.pdf"
+    + rf"|tables/(more/)?({_WORD}/)?{_WORD}\.(csv|md|tex)"
+    + rf"|figures/({_WORD}/)?{_WORD}\.pdf"
 )
 
 _OF_A_JOB = re.compile(rf"{SWEEP}/(?P<job>{_WORD})/candidates/(?P<name>{_CANDIDATE})")

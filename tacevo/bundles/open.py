@@ -12,9 +12,10 @@ from typing import TypeVar
 
 from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
-from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.errors import BundleError, RunError
 from tacevo.evolution.files import finished_digest
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.settings import settings_of
 from tacevo.storage.arrays import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
@@ -33,8 +34,8 @@ class Opened:
 
     #: Its directory.
     folder: Path
-    #: The directory of its stores.
-    store: Path
+    #: The directory of the stores of a bundle or of a sweep; None where one run's record names them.
+    entries: Path | None = None
     #: Names of a sweep's jobs and of their directories; None for one run.
     jobs: tuple[str, ...] | None = None
     #: All members of a bundle; None if it is not a bundle.
@@ -43,6 +44,11 @@ class Opened:
     digest: str | None = None
     #: Whether its stores keep the test predictions of studies: the bundle of a sweep leaves them out.
     has_predictions: bool = True
+
+    @property
+    def store(self) -> Path:
+        """The directory of its stores."""
+        return _store_of(self) if self.entries is None else self.entries
 
     @property
     def runs(self) -> tuple[Path, ...]:
@@ -77,10 +83,11 @@ class Opened:
         Those of a bundle are its own entries; images of its data set are then made and kept in `cache`.
 
         Raises:
-            TacevoError: as `read_recorded`.
+            TacevoError: as `read_run`.
         """
-        packed = self.store if store is None and self.digest is not None else None
-        found = read_recorded(run, store or (str(self.store) if packed is None else HERE))
+        packed = self.entries if store is None and self.digest is not None else None
+        own = None if self.entries is None else str(self.entries)
+        found = read_run(run, store or (own if packed is None else HERE))
         return replace(found, packed=packed, has_predictions=self.has_predictions)
 
 
@@ -116,8 +123,8 @@ def located(path: Path) -> Opened:
         sweep = _read_sweep(path)
         jobs = tuple(job.name for job in sweep.jobs)
         _check_finished(directory, sweep.jobs)
-    found = Opened(folder=path, store=path, jobs=jobs)
-    return replace(found, store=_store_of(found))
+    found = Opened(folder=path, jobs=jobs)
+    return found if jobs is None else replace(found, entries=_store_of(found))
 
 
 def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
@@ -135,7 +142,7 @@ def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], obje
 def _read(source: Path) -> Opened:
     """Read and verify a bundle; find what is in it."""
     root, store, digest = read_bundle(source)
-    found = Opened(folder=root / SWEEP, store=store, root=root, digest=digest)
+    found = Opened(folder=root / SWEEP, entries=store, root=root, digest=digest)
     if not (root / JOBS).exists():
         run = root / "run"
         return replace(found, folder=run.called(_name(run)))  # tables and figures bear the name of the run
@@ -182,7 +189,7 @@ def _store_of(found: Opened) -> Path:
     """Read which stores the runs have."""
     roots = set()
     for run in found.runs:
-        config, _, _ = read_run(RunDirectory(run))
+        config = settings_of(RunDirectory(run))
         roots.add(Path(config.store.root))
     if len(roots) > 1:
         raise RunError(
@@ -211,7 +218,7 @@ def check_walls(found: Opened) -> None:
         return
     for run in found.runs:
         with refusing():
-            config, _, _ = read_run(RunDirectory(run))
+            config = settings_of(RunDirectory(run))
         if config.sandbox.require is Confinement.none:
             raise BundleError(
                 "sandbox.require=none, with which its candidates would run here without walls",

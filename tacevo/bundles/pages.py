@@ -14,9 +14,9 @@ import yaml
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
 from tacevo.choices import DataSource, Provider
-from tacevo.config.recorded import RecordedRun, answered_by
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
+from tacevo.results.run import RecordedRun, answered_by
 from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
 from tacevo.text import counted
@@ -105,7 +105,7 @@ class Subject:
         task = self.first.record.task.name
         if self.jobs:
             return f"TacEvo sweep of {counted(len(self.jobs), 'run')}: architecture searches, task {task}"
-        what = "architecture search" if self.first.searched else "given networks"
+        what = "architecture search" if self.first.answered else "given networks"
         return f"TacEvo run {self.first.record.name}: {what}, task {task}"
 
     @property
@@ -121,7 +121,7 @@ class Subject:
             seeds = ", ".join(map(str, sorted({job.seed for job in self.jobs})))
             what, which = "A sweep of finished architecture searches", f"arms {arms}, seeds {seeds}"
         else:
-            what = "A finished architecture search" if self.first.searched else "A run of given networks"
+            what = "A finished architecture search" if self.first.answered else "A run of given networks"
             which = f"seed {self.first.config.seed}"
         what += f" for tactile perception: task {self.first.record.task.name}, {which}, {sizes}."
         digest = f"The digest of {'the sweep' if self.jobs else 'its ledger'} is {self.digest}."
@@ -131,7 +131,7 @@ class Subject:
 def origin_of_answers(run: RecordedRun) -> str:
     """Say what answered the requests, and plainly where that was not a language model."""
     config = run.config
-    if not run.searched:
+    if not run.answered:
         return "No model was asked: the networks were given."
     if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."

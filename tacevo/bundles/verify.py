@@ -13,20 +13,19 @@ from pathlib import Path
 from tacevo.bundles.format import refusing
 from tacevo.bundles.open import Opened, over_runs
 from tacevo.bundles.texts import check_texts
-from tacevo.config.recorded import RecordedRun, doubting
-from tacevo.environment import deviations, versions
+from tacevo.environment import deviations, doubting, versions
 from tacevo.errors import BundleError, DivergenceError, RunError
-from tacevo.evolution.files import read_elites
 from tacevo.evolution.lines import TrainedLine
 from tacevo.reproduce.replay import Replayed, replay
+from tacevo.results.run import RecordedRun
+from tacevo.results.study_directory import FinishedStudy, study_names
+from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import FinishedStudy, study_names
 from tacevo.studies.study import replay_studies
-from tacevo.sweeps.check import check_jobs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +82,7 @@ def verify(
             compare_tables(bundle.root / "tables", made)
         else:
             outdated = _count_outdated(bundle.root / "tables", made)
-    figures = len(list(bundle.root.glob("figures/*")))
+    figures = len(_files_below(bundle.root / "figures"))
     return Verified(
         runs=runs,
         entries=len(read),
@@ -127,7 +126,7 @@ def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Reru
     with doubting(deviations(run.record.versions, versions())):  # a summary is its version's
         check_records(run, replayed)
     for study in studies.values():
-        _check_name(study, searched=run.searched)
+        _check_name(study, searched=bool(run.answered))
     return Rerun(run=run, replayed=replayed, studies=studies)
 
 
@@ -139,7 +138,7 @@ def check_sizes(run: RecordedRun) -> None:
     search, lines = run.config.search, len(run.ledger.lines)
     generations = search.generations
     # A ledger that lies about what was spent differs from its replay before the generation that it lacks is planned.
-    if search.training_flops is not None and run.spent >= search.training_flops:
+    if search.training_flops is not None and run.training_flops >= search.training_flops:
         generations = min(len(run.generations) - 1, generations)
     expected = 1 + (1 + search.initial + 1) + generations * (search.candidates + 1) + len(run.eras) - 1
     if lines != expected:
@@ -162,7 +161,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
             raise DivergenceError(f"{spent}", place=place, expected=f"what its answers cost, {computed}", remedy=remedy)
     if run.record.pages != PAGES:
         return
-    elites = [elite.id for elite in read_elites(run.directory)]
+    elites = [elite.id for elite in run.elites]
     summary = summarise(run.record, run.config, run.ledger.lines, elites, spending)
     path = path / "summary.md"
     recorded = path.read_text(encoding="utf-8") if path.exists() else ""
@@ -184,19 +183,28 @@ def _check_name(study: FinishedStudy, *, searched: bool) -> None:
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
     """Compare tables with those that were made again; the error names table, row and column of the first difference."""
-    there = {path.name for path in folder.glob("*")}
-    for name in sorted(there ^ made.keys()):
+    there = _files_below(folder)
+    for name in sorted(there.keys() ^ made.keys()):
         got = "one that does not follow from the records" if name in there else "none"
         raise DivergenceError(got, place=f"table {name}", expected="the tables of this release")
     for name, content in sorted(made.items()):
-        found = table_difference((folder / name).read_bytes(), content, is_csv=name.endswith(".csv"))
+        found = table_difference(there[name], content, is_csv=name.endswith(".csv"))
         if found is not None:
             raise DivergenceError(found, place=f"table {name}")
 
 
+def _files_below(folder: Path, place: str = "") -> dict[str, bytes]:
+    """Return the contents of the files below a directory of a bundle, by their place in it."""
+    files: dict[str, bytes] = {}
+    for path in folder.iterdir():
+        inner = f"{place}{path.name}"
+        files |= _files_below(path, f"{inner}/") if path.is_dir() else {inner: path.read_bytes()}
+    return files
+
+
 def _count_outdated(folder: Path, made: Mapping[str, bytes]) -> int:
     """Count the files of tables that this release would write otherwise, or not at all."""
-    there = {path.name: path.read_bytes() for path in folder.glob("*")}
+    there = _files_below(folder)
     return sum(there.get(name) != made.get(name) for name in there.keys() | made.keys())
 
 

@@ -13,34 +13,50 @@ from tacevo.cli.edge import Terminated, check_analysis, edge
 from tacevo.errors import BundleError, DivergenceError, TacevoError
 from tacevo.text import printable
 
-#: Each command's module, whose `add_<command>` describes it, and its line in the help. A module is imported when its
-#: command is given, so that this help is quick.
-COMMANDS = {
-    "search": ("search", "run a search, or continue one that was stopped"),
-    "replay": ("reproduce", "run a recorded search again from its stores and compare"),
-    "publish": ("publish", "write one file with which anybody can replay a run or a sweep"),
-    "continue": ("reproduce", "continue a published run from its end"),
-    "sweep": ("search", "show the status of each job of a sweep (`tacevo search -m` runs them)"),
-    "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
-    "plan": ("study", "compute how many seeds are needed to detect an effect of a given size, and the cost"),
-    "noise": ("study", "train a run's elites again with other seeds, to see how much of each fitness was luck"),
-    "tables": ("tables", "write every table of a run, in LaTeX, Markdown and CSV"),
-    "figures": ("analysis", "draw every figure of a run, for a paper"),
-    "report": ("analysis", "write one page to look into a run or a sweep"),
-    "watch": ("watch", "serve that page, live, for a search that runs"),
-    "paper": ("analysis", "write the pages of a paper: every table and figure of several runs"),
-    "ablations": ("analysis", "compare the arms of a sweep: tables and figures"),
-    "show": ("inspect", "show what a run found, or one candidate of it"),
-    "check": ("inspect", "put raw answers of a model through the gate"),
-    "track": ("search", "write the ledgers of runs into MLflow, or what is missing of them there"),
-    "init": ("init", "write a task of your own, copied from another one, to be edited"),
-    "data": ("data", "look at a data set, or write a simulated one as files"),
-    "cache": ("cache", "look into the stores of answers, and move what a run needs"),
-    "doctor": ("inspect", "check whether this machine has what a run needs"),
+#: By group, each command's module, whose `add_<command>` describes it, and its line in the help. A module is imported
+#: when its command is given, so that this help is quick.
+GROUPS = {
+    "search": {
+        "search": ("search", "run a search or a sweep, or continue one that was stopped"),
+        "continue": ("reproduce", "continue a published run from its end"),
+        "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
+        "noise": ("study", "train a run's elites again with other seeds, to see how much of each fitness was luck"),
+        "plan": ("study", "compute how many seeds are needed to detect an effect of a given size, and the cost"),
+    },
+    "reproduce": {
+        "replay": ("reproduce", "run a recorded search again from its stores and compare"),
+        "publish": ("publish", "write one file with which anybody can replay a run or a sweep"),
+        "cache": ("cache", "look into the stores of answers, and move what a run needs"),
+    },
+    "analyse": {
+        "show": ("show", "show what a run found, one candidate of it, or how far the jobs of a sweep are"),
+        "tables": ("tables", "write every table of runs and sweeps, those that a paper needs first"),
+        "figures": ("figures", "draw every figure of runs and sweeps, for a paper"),
+        "report": ("report", "write one page to look into a run or a sweep, or a LaTeX document of several"),
+        "ablations": ("figures", "compare the arms of a sweep: tables and figures"),
+    },
+    "tools": {
+        "init": ("init", "write a task of your own, copied from another one, to be edited"),
+        "data": ("data", "look at a data set, or write a simulated one as files"),
+        "check": ("inspect", "put raw answers of a model through the gate"),
+        "track": ("search", "write the ledgers of runs into MLflow, or what is missing of them there"),
+        "doctor": ("inspect", "check whether this machine has what a run needs"),
+    },
+}
+
+COMMANDS = {name: described for group in GROUPS.values() for name, described in group.items()}
+
+#: What replaced commands of the last release.
+_REPLACED = {
+    "paper": "tacevo report RUN... --latex",
+    "sweep": "tacevo show SWEEP",
+    "watch": "tacevo report RUN --follow",
 }
 
 #: The modules whose commands do not need our package `analysis`.
 WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache"})
+
+_DESCRIPTION = "Architecture search for vision-based tactile sensors that can be replayed bit for bit."
 
 _EPILOG = """\
 examples:
@@ -108,20 +124,33 @@ def _parser(command: str | None) -> Parser:
     """Describe the command line: all commands in a line each, and the given one in full."""
     parser = Parser(
         prog="tacevo",
-        description="Architecture search for vision-based tactile sensors that can be replayed bit for bit.",
+        description=f"{_DESCRIPTION}\n\n{_listed()}",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
     parser.set_defaults(interrupted="nothing was finished, and the same command begins again")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    if command in _REPLACED:
+        parser.error(f"{command} is no command of this release: use `{_REPLACED[command]}`")
+    commands = parser.add_subparsers(
+        required=True, metavar="COMMAND", help="one of those above; each has its own --help"
+    )
     for name, (module, line) in COMMANDS.items():
-        described = commands.add_parser(name, help=line, description=f"{line[0].upper()}{line[1:]}.")
+        described = commands.add_parser(name, description=f"{line[0].upper()}{line[1:]}.")
         if name == command:
             if module not in WITHOUT_ANALYSIS:
                 check_analysis()
             getattr(importlib.import_module(f"tacevo.cli.{module}"), f"add_{name}")(described)
     return parser
+
+
+def _listed() -> str:
+    """List all commands, a line each, by group: argparse has no groups of them."""
+    width = max(map(len, COMMANDS))
+    lines = []
+    for title, group in GROUPS.items():
+        lines += [f"{title}:", *(f"  {name.ljust(width)}  {line}" for name, (_, line) in group.items()), ""]
+    return "\n".join(lines).rstrip()
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
-"""The commands `tacevo check` (the gate on raw answers), `tacevo show` and `tacevo doctor`."""
+"""The commands `tacevo check` (the gate on raw answers) and `tacevo doctor`."""
 
 import argparse
 import contextlib
 import json
-import math
 import os
 import shutil
 import sys
@@ -12,35 +11,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from textwrap import fill
 
-from analysis.report.collection import outcomes, read_studies
-from analysis.runs.run import load_run
-from analysis.tables.rendering import as_markdown
-from tacevo.bundles.open import opened
-from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, RUN, Parser
+from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, Parser
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
-from tacevo.config.recorded import read_config
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
-from tacevo.errors import ConfigError, RunError, SandboxError, TacevoError
-from tacevo.evolution.files import Line, check_references, read_elites, read_ledger
-from tacevo.evolution.lines import TEMPERATURE, CandidateLine
-from tacevo.evolution.prompts import SAMPLING
-from tacevo.evolution.reevaluation import estimates_of
+from tacevo.errors import ConfigError, SandboxError, TacevoError
 from tacevo.profile import Admitted
-from tacevo.records import Completion, Json, Mode, Operator, Rejection, Task, to_json, written
+from tacevo.records import Completion, Json, Mode, Rejection, Task, to_json
 from tacevo.rules import CURRENT
-from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench
 from tacevo.sandbox.confinement import report
-from tacevo.storage.ledger import Sealed
-from tacevo.storage.notes import HEADING, read_note
-from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.studies.directory import studies_of
-from tacevo.text import listed, printable, table
+from tacevo.text import listed, printable
 from tacevo.typed import parse
 
 #: The verdict on a file that is not an answer.
@@ -164,142 +148,6 @@ def _words(verdict: dict[str, Json]) -> str:
     if verdict["verdict"] == "admitted":
         return f"{verdict['file']}: admitted, {verdict['parameters']:,} parameters"
     return f"{verdict['file']}: rejected at {verdict['stage']}: {verdict['reason']}: {verdict['detail']}"
-
-
-def add_show(parser: Parser) -> None:
-    """Describe `tacevo show`."""
-    parser.add_argument("run", metavar="RUN", help=RUN)
-    parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
-    parser.set_defaults(command=_show)
-
-
-def _show(options: argparse.Namespace) -> int:
-    path = Path(options.run)
-    run, store = path, None
-    if not path.is_dir():
-        bundle = opened(path)
-        remedy = f"compare its arms by `tacevo ablations`, or name one of its jobs, {path}/JOB"
-        run, store = bundle.one_run(remedy), bundle.store
-    text = show_run(run, store) if options.candidate is None else show_candidate(run, options.candidate)
-    print(printable(text), end="")
-    return DONE
-
-
-#: Stands above a source whose hash is not the ledger's.
-_EDITED = "EDITED: this is not the source that the run admitted. Its hash is not the ledger's."
-
-#: Ledger fields of a candidate that are shown elsewhere, or not at all.
-_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
-
-
-def show_run(path: Path, store: Path | None = None) -> str:
-    """Write the summary of a run, finished or not, then what its studies and noise runs found, then its makers' note.
-
-    `store` is where its stores lie, if not where the run had them.
-
-    Raises:
-        RunError: this is not a run directory, or it is damaged.
-    """
-    directory, run, ledger = _read_begun(path)
-    finished = run.digest == ledger.digest
-    state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
-    elites = [elite.id for elite in read_elites(directory)]
-    trained = {line.id for line in ledger.lines if isinstance(line, CandidateLine) and line.fitness is not None}
-    if unknown := sorted(set(elites) - trained):
-        expected = "trained candidates of the ledger"
-        raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
-    summary = summarise(run, read_config(path, run), ledger.lines, elites, directory.read_spending())
-    paragraphs = read_note(path)
-    note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
-    return f"{summary}\n{_studied(path, store) if finished else ''}{note}{state}\n"
-
-
-def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
-    """Read a run, finished or not, and its ledger, which is begun before run.json is written."""
-    directory = RunDirectory(path)
-    run, ledger = directory.read_run(), read_ledger(directory)
-    if not ledger.lines:
-        raise RunError("nothing", place=str(directory.ledger), expected="the run's ledger", remedy="restore the file")
-    check_references(path, run, ledger.lines)
-    return directory, run, ledger
-
-
-def _studied(path: Path, store: Path | None) -> str:
-    """Write what the studies and noise runs of a finished run found; nothing without any."""
-    if not studies_of(path):
-        return ""
-    run = load_run(path)
-    found = read_studies(run, store)
-    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
-    return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])
-
-
-def show_candidate(path: Path, name: str) -> str:
-    """Write down one candidate: what was asked, what became of it, its losses and its source or answer.
-
-    Raises:
-        RunError: this is not a run directory, or it has no such candidate.
-    """
-    directory, run, ledger = _read_begun(path)
-    lines = {line.id: line for line in ledger.lines if isinstance(line, CandidateLine)}
-    line = lines.get(name)
-    if line is None:
-        last = next(reversed(lines), "none yet")
-        expected = f"the id of a candidate, such as g02s03; the last one is {last}"
-        raise RunError(repr(name), place=str(path), expected=expected)
-    parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line)]
-    if line.repairs:
-        reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
-        parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
-    losses = estimates_of(ledger.lines).losses.get(str(line.source), ())
-    if len(losses) > 1:
-        told = ", ".join(f"{loss:.6g}" if math.isfinite(loss) else "failed" for loss in losses)
-        parts.append(f"Losses of this source in the search, one for each training seed: {told}")
-    if line.train_losses is not None and line.validation_losses is not None:
-        parts.append(_losses(line.train_losses, line.validation_losses))
-    return "\n\n".join([*parts, *_kept(directory, line)]).rstrip() + "\n"
-
-
-def _kept(directory: RunDirectory, line: CandidateLine) -> list[str]:
-    """Return the source or the answer of a candidate as its file has it, below what is wrong with it."""
-    kept, is_edited = directory.read_checked(line.id, line.source)
-    if kept is None:
-        return ["Its file is missing."]
-    return [*([_EDITED] if is_edited else []), kept.decode(errors="replace")]
-
-
-def _instruction(task: Task, line: CandidateLine) -> str:
-    """Return the instruction that the candidate was asked for with."""
-    if line.operator is Operator.baseline:
-        return "none; this is the task's baseline"
-    if line.operator is Operator.sample:
-        return SAMPLING
-    if line.operator is Operator.given:
-        return f"none; this network was given, as {task.given[line.slot - 1].name}"
-    if line.prompt is None:
-        return task.crossover.strip()
-    instruction = task.instructions[line.prompt]
-    return f"{instruction.id}: {instruction.text.strip()}"
-
-
-def _fields(line: CandidateLine) -> str:
-    rows = [[key, _value(value)] for key, value in written(line).items() if key not in _HIDDEN and value is not None]
-    if line.temperature is not None and line.sent_temperature is None:
-        planned = f"not sent: the model refuses it ({_value(line.temperature)} was planned)"
-        rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]
-    return table(["field", "value"], sorted(rows))
-
-
-def _value(value: Json) -> str:
-    if isinstance(value, list):
-        return ", ".join(map(str, value)) or "none"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _losses(train: Sequence[float], validation: Sequence[float]) -> str:
-    pairs = enumerate(zip(train, validation, strict=True), 1)
-    rows = [[str(epoch), f"{of_train:.6g}", f"{of_validation:.6g}"] for epoch, (of_train, of_validation) in pairs]
-    return table(["epoch", "training loss", "validation loss"], rows)
 
 
 def add_doctor(parser: Parser) -> None:

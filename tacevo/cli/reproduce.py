@@ -171,7 +171,7 @@ def _continue(options: argparse.Namespace) -> int:
     found = opened(Path(options.run))
     with Progress() as view:
         moved = found.digest is None and options.store is not None
-        published = replace(found, store=Path(options.store)) if moved else found
+        published = replace(found, entries=Path(options.store)) if moved else found
         mix = options.rules is not None
         result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view), mix_rules=mix)
     print_end(result)

@@ -1,4 +1,4 @@
-"""The commands `tacevo search`, of one search or a sweep of them, `tacevo sweep` and `tacevo track`."""
+"""The commands `tacevo search`, of one search or a sweep of them, and `tacevo track`."""
 
 import argparse
 import shlex
@@ -19,10 +19,9 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
 from tacevo.storage.canonical import canonical, leaves
-from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.plan import plan_unasked, sweep
-from tacevo.sweeps.status import Standing, describe_jobs, status_of
-from tacevo.sweeps.terms import Asked, describe_terms, read_varied
+from tacevo.sweeps.status import Standing, describe_jobs
+from tacevo.sweeps.terms import Asked, read_varied
 from tacevo.text import counted
 from tacevo.tracking.backfill import track
 from tacevo.tracking.entries import viewing
@@ -100,28 +99,6 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     print(f"digest: {result.digest}")
 
 
-_EPILOG = """\
-examples:
-  tacevo search -m experiment=demo ablation=none,fixed_temperature seed=0,1
-  tacevo search -m experiment=demo ablation=none,stall_temperature 'seed=range(0,5)' hydra.launcher.n_jobs=4
-  tacevo search -m experiment=paper_force llm=anthropic ablation=none,no_qd seed=0,1,2 hydra/launcher=submitit_slurm
-  tacevo sweep status sweeps/NAME
-
-The command that began a sweep continues it: finished jobs are not repeated, stopped ones are resumed, failed ones are
-repeated. With more arms or seeds it adds jobs."""
-
-
-def add_sweep(parser: Parser) -> None:
-    """Describe `tacevo sweep`."""
-    parser.description = "Sweeps are begun and continued by `tacevo search -m`."
-    parser.epilog = _EPILOG
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    actions = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    status = actions.add_parser("status", help="list every job: finished, running, failed and why, stopped, not begun")
-    status.add_argument("sweep", metavar="DIR", help="the directory of a sweep")
-    status.set_defaults(command=_status)
-
-
 def add_multirun(search: argparse.ArgumentParser) -> None:
     """Describe the options of `tacevo search` for a sweep."""
     search.add_argument(
@@ -179,16 +156,6 @@ def run_sweep(options: argparse.Namespace) -> int:
     print(describe_jobs(swept.statuses))
     print(f"\nsweep: {swept.directory}")
     return DONE if all(status.standing is Standing.finished for status in swept.statuses) else DIFFERENT
-
-
-def _status(options: argparse.Namespace) -> int:
-    directory = SweepDirectory(Path(options.sweep))
-    record = directory.read()
-    statuses = [status_of(directory, job) for job in record.jobs]
-    print(f"sweep over {shlex.join(record.overrides) or 'the defaults'}: {describe_jobs(statuses)}")
-    if record.terms != UNSTATED:
-        print(f"\n{describe_terms(record.terms)}")
-    return DONE
 
 
 def add_track(parser: Parser) -> None:

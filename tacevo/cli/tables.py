@@ -1,11 +1,10 @@
-"""The command `tacevo tables`, and what it shares with the other commands that show what runs found.
+"""The command `tacevo tables`, and what it shares with the other commands that show what runs and sweeps found.
 
 A bundle has these tables and figures, too: `tacevo publish` writes them and `tacevo replay` compares them. Nothing here
 draws at import: Matplotlib takes a second.
 """
 
 import argparse
-import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -14,113 +13,136 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
 
-from analysis.report.writing import remove_outdated, write_tables
+from analysis.report.collection import side_by_side
+from analysis.report.writing import is_for_paper, place_of, remove_outdated, write_tables
 from analysis.rounding import shown
-from analysis.runs.run import Run as Record
-from analysis.runs.run import load_run
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
-from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns
-from tacevo.api.opening import ONE_RUN, open_run
-from tacevo.api.runs import Run
-from tacevo.bundles.open import opened
-from tacevo.cli.common import DIFFERENT, DONE, RUN, Parser, existing_store, output_directory, place_of_results
+from analysis.tables.rendering import WRITERS, as_latex, as_markdown, numeric_columns, table_texts
+from tacevo.api.opening import open as open_path
+from tacevo.api.runs import Run, remarks_on
+from tacevo.api.sweeps import Sweep
+from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import ConfigError
-from tacevo.text import as_override, printable
+from tacevo.storage.files import write_durably
+from tacevo.text import listed, printable
+
+#: What these commands read, in their help.
+RUNS = "the directory or bundle of a run or a sweep, or SWEEP.zip/JOB"
 
 
 def add_tables(parser: Parser) -> None:
     """Describe `tacevo tables`."""
-    parser.description = "Print every table of a finished run and its studies, and write them as .tex, .md and .csv."
-    parser.add_argument("run", metavar="RUN", nargs="?", help=f"{RUN}; optional with --paper")
-    parser.add_argument(
-        "--paper", action="store_true", help="the paper's own tables beside corrected values, and beside RUN"
+    parser.description = (
+        "Write every table of finished runs and sweeps as .tex, .md and .csv, and print those that a paper needs; "
+        "index.md says which question each answers."
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="where to write them (default for a directory: RUN/tables; with --paper nothing is written)",
-    )
-    finish(parser, _tables)
+    parser.add_argument("runs", metavar="RUN", nargs="*", help=f"{RUNS}; optional with --paper")
+    parser.add_argument("--paper", action="store_true", help="print the paper's own tables, and one beside the runs")
+    parser.add_argument("--latex", action="store_true", help="print LaTeX instead of Markdown")
+    add_places(parser, "tables")
+    parser.set_defaults(command=_tables)
 
 
-def finish(parser: Parser, command: Callable[[argparse.Namespace], int]) -> None:
+def add_places(parser: Parser, what: str) -> None:
+    """Describe where these commands read and write."""
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", help=f"where to write (default: RUN/{what}; of several runs: DIR/NAME)"
+    )
+    add_store(parser)
+
+
+def add_store(parser: Parser) -> None:
     """Describe what all these commands have in common."""
     parser.add_argument("--store", metavar="DIR", help="directory of the stores, if it was moved")
-    parser.set_defaults(
-        command=command, interrupted="every written file is complete; run the same command again for the rest"
-    )
+    parser.set_defaults(interrupted="every written file is complete; run the same command again for the rest")
 
 
 def _tables(options: argparse.Namespace) -> int:
-    if options.paper:
-        return _paper_tables(options)
-    if options.run is None:
-        raise ConfigError(
-            "neither RUN nor --paper",
-            place="tacevo tables",
-            expected="the directory or bundle of a run, or --paper for the paper's tables",
-        )
-    place = place_of(options, "tables")
-    run = gather(options.run, options.store)
+    write = as_latex if options.latex else as_markdown
+    if not options.runs and not options.paper:
+        expected = "the directory or bundle of a run or a sweep, or --paper for the paper's tables"
+        raise ConfigError("neither RUN nor --paper", place="tacevo tables", expected=expected)
+    places = places_of(options, "tables") if options.runs else []
+    opened = open_all(options.runs, options.store)
+    for one, place in zip(opened, places, strict=True):
+        _write(one, place, write)
+    runs = [one for one in opened if isinstance(one, Run)]
+    beside = list(with_published(runs)) if options.paper else []
+    if len(runs) > 1:
+        tables, alone = side_by_side([one.collection for one in runs])
+        say(alone)
+        beside += tables
+    if beside:
+        if options.output is not None:
+            write_tables(beside, output_directory(options.output))
+        print("\n".join(map(write, beside)))
+    return max(map(status_of, opened), default=DONE)
+
+
+def _write(one: Run | Sweep, place: Path, write: Callable[[Table], str]) -> None:
+    """Write the tables of a run or a sweep, and print those that a paper needs."""
+    say(remarks_of(one))
     directory = output_directory(place)
-    tables, remarks = run.all_tables()
-    show(tables, directory)
-    names = {table.name for table in tables}
-    say([*remarks, *remove_outdated(directory, names, task=run.collection.run.task, endings=WRITERS)])
-    print(f"tables: {directory}")
-    return status_of(run)
+    tables, missing = one.all_tables()
+    write_tables(tables, directory)
+    print("\n".join(map(write, filter(is_for_paper, tables))))
+    say([*missing, *remove_outdated(directory, set(map(place_of, tables)), WRITERS)])
+    print(f"tables: {directory} (index.md says which question each answers)")
 
 
-def _paper_tables(options: argparse.Namespace) -> int:
-    """Print the paper's own tables, and one that compares a run with them; studies are not read."""
-    if options.run is None:
-        tables = with_published([])
-    else:
-        place = opened(Path(options.run))
-        tables = with_published([load_run(place.one_run(ONE_RUN))])
-    directory = None if options.output is None else output_directory(options.output)
-    show(tables, directory)
-    if directory is not None:
-        print(f"tables: {directory}")
-    return DONE
+def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:
+    """Open what the user named.
+
+    Raises:
+        TacevoError: as `tacevo.open`.
+    """
+    known = existing_store(store)
+    return [open_path(name, store=known) for name in names]
 
 
-def gather(name: str, store: str | None) -> Run:
-    """Open a run, and print what is missing of its studies."""
-    run = open_run(name, store=existing_store(store))
-    say(remarks_on(run))
-    return run
+def places_of(options: argparse.Namespace, name: str) -> list[Path]:
+    """Return where the results of every run are written: of one, where `-o` says or in its directory.
+
+    Raises:
+        ConfigError: several have no place, or two have one name.
+    """
+    if len(options.runs) == 1:
+        return [place_of_results(options.output, options.runs[0], name, f"the {name} of a published run")]
+    names = check_names(options.runs)
+    if options.output is None:
+        raise ConfigError("several runs", place="-o", expected="the directory that theirs are made in")
+    return [Path(options.output) / one for one in names]
 
 
-def remarks_on(run: Run) -> list[str]:
-    """List the settings that were not sent, the studies that were left out, and how to make a first one."""
-    found = run.collection
-    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.left_out), *found.remarks]
-    if not found.studies and not found.left_out:
-        named = shlex.quote(as_override("run", str(run.path)))
-        make = f"`tacevo study {named}` makes one, with its tables and figures"
-        is_bundle = run.place.digest is not None
-        remarks.append("no study: it was published without one" if is_bundle else f"no finished study yet: {make}")
-    return remarks
+def check_names(runs: Sequence[str]) -> list[str]:
+    """Return the names of runs and sweeps, which their results bear.
+
+    Raises:
+        ConfigError: two have one name.
+    """
+    names = [Path(run).resolve().name.removesuffix(".zip") for run in runs]
+    twice = sorted({one for one in names if names.count(one) > 1})
+    if twice:
+        raise ConfigError(f"{listed(twice)} twice", place="RUN", expected="runs with different directory names")
+    return names
 
 
-def status_of(run: Run) -> int:
-    """Return the exit status: a study that was left out is a failed check."""
-    return DIFFERENT if run.collection.left_out else DONE
+def remarks_of(one: Run | Sweep) -> list[str]:
+    """List what is missing of a run or a sweep, a sentence each."""
+    return remarks_on(one) if isinstance(one, Run) else list(one.left_out)
 
 
-def place_of(options: argparse.Namespace, name: str) -> Path:
-    """Return where the results of a run are written."""
-    return place_of_results(options.output, options.run, name, f"the {name} of a published run")
+def status_of(one: Run | Sweep) -> int:
+    """Return the exit status: a study of a run that was left out is a failed check."""
+    return DIFFERENT if isinstance(one, Run) and one.collection.left_out else DONE
 
 
-def show(tables: Iterable[Table], directory: Path | None) -> None:
-    """Print tables, and write them into a directory, if there is one."""
-    print("\n".join(map(as_markdown, tables)))
-    if directory is not None:
-        write_tables(tables, directory)
+def show(table: Table, directory: Path) -> None:
+    """Print a table, and write it into a directory in every format."""
+    print(as_markdown(table))
+    for ending, text in table_texts(table).items():
+        write_durably(directory / f"{table.name}{ending}", text)
 
 
 def print_table(table: Table, console: Console) -> None:
@@ -139,9 +161,9 @@ def print_table(table: Table, console: Console) -> None:
     console.print(grid, "", *(Text(printable(note)) for note in table.notes), "", sep="\n")
 
 
-def with_published(runs: Sequence[Record]) -> tuple[Table, ...]:
+def with_published(runs: Sequence[Run]) -> tuple[Table, ...]:
     """Return the paper's own tables, and with runs the table that compares them."""
-    return (*published_tables(), beside_published(runs)) if runs else published_tables()
+    return (*published_tables(), beside_published([one.recorded for one in runs])) if runs else published_tables()
 
 
 def say(remarks: Iterable[str]) -> None:

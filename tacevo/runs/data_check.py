@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from tacevo.config.compose import compose
-from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.data.dataset import Dataset
@@ -21,12 +20,11 @@ from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
 from tacevo.data.survey import survey
 from tacevo.errors import ConfigError
-from tacevo.records import Task
+from tacevo.records import DataFacts, Task
 from tacevo.runs.data_report import Inspection
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.doubts import doubts_of, told
 from tacevo.runs.progress import Progress
-from tacevo.storage.run_directory import RunDirectory
 
 #: Stands for the choice that some experiments leave to the user: a data set is looked at without a model.
 _NO_MODEL = "llm=grammar"
@@ -72,16 +70,15 @@ def show(overrides: Sequence[str], output: str, width: str, console: Console) ->
     return path
 
 
-def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
-    """Draw the sample pictures of the data set that a run searched with.
+def samples_of_run(config: RunConfig, facts: DataFacts, console: Console) -> Figure:
+    """Draw the sample pictures of the data set that a run of these settings searched with.
 
-    What is simulated again is kept in the store, the run's own unless another one is named.
+    What is simulated again is kept in the store that the settings name.
 
     Raises:
-        DataError: the data set is missing, or is not the one that the run had.
-        TacevoError: this is not a run directory.
+        DataError: the data set is missing, or is not the one of these facts.
+        ConfigError: the settings name no data that can be read.
     """
-    config, _, facts = read_run(RunDirectory(path), store)
     catalogue = source_of(config).catalogue()
     with Progress(console) as view:
         dataset = load_same(config, facts, view, catalogue=catalogue)

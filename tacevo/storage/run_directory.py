@@ -266,6 +266,27 @@ class RunDirectory:
         return {timing.id: timing.spent for timing in self.read_timings() if timing.id is not None}
 
 
+class FinishedDirectory(RunDirectory):
+    """The directory of a finished run, to which nobody writes: a candidate's file and the timings are read once."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._kept: dict[str, bytes | None] = {}
+        self._timings: list[Timing] | None = None
+
+    def read_kept(self, name: str) -> bytes | None:
+        """Read a candidate's file, as `RunDirectory.read_kept`."""
+        if name not in self._kept:
+            self._kept[name] = super().read_kept(name)
+        return self._kept[name]
+
+    def read_timings(self) -> list[Timing]:
+        """Read timings.jsonl, as `RunDirectory.read_timings`."""
+        if self._timings is None:
+            self._timings = super().read_timings()
+        return self._timings
+
+
 def run_text(run: RunRecord) -> str:
     """Write run.json."""
     return readable(to_json(run))

@@ -1,13 +1,11 @@
 """Which networks a study is about, and what they are chosen by; pure."""
 
-import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from statistics import median
+from collections.abc import Collection, Mapping, Sequence
 
 from tacevo.errors import RunError
 from tacevo.evolution.archive import best_distinct
 from tacevo.evolution.lines import CandidateLine
-from tacevo.studies.lines import Network, Row, ScoreLine
+from tacevo.results.study_lines import Network
 
 
 def networks_of(
@@ -51,14 +49,6 @@ def given_networks(candidates: Sequence[CandidateLine], names: Sequence[str]) ->
         RunError: one of them was not trained.
     """
     return tuple(_studied(name, line) for name, line in zip(("baseline", *names), candidates, strict=False))
-
-
-def median_losses(rows: Iterable[Row]) -> dict[str, float]:
-    """Return the median validation loss of the networks of a noise run, by id; none of one whose training failed."""
-    losses: dict[str, list[float]] = {}
-    for row in rows:
-        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
-    return {name: median(found) for name, found in losses.items() if max(found) < math.inf}
 
 
 def _studied(name: str, line: CandidateLine | None) -> Network:

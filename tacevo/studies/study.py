@@ -13,27 +13,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ChosenBy
-from tacevo.config.recorded import RecordedRun, doubting, read_recorded
 from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
-from tacevo.environment import deviations, machine, versions
+from tacevo.environment import deviations, doubting, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Limits, Mode, Rejection, Training
+from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
+from tacevo.results.publishable import other_settings
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study_directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
+from tacevo.results.study_lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, Terms, fewest_seeds
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
-from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
-from tacevo.studies.directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
-from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader
 from tacevo.studies.networks import given_networks, networks_of
-from tacevo.studies.noise import estimates_of, noise_digest, noise_runs
-from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
@@ -96,7 +95,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    run = read_recorded(Path(config.run or ""), config.store.root)
+    run = read_run(Path(config.run or ""), config.store.root)
     elsewhere = None
     if data:
         from tacevo.config.compose import compose_data  # imports Hydra, which a replay does not need
@@ -114,7 +113,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    return _carry_out(plan, config.elites if run.searched else 0, config.executor, view, elsewhere)
+    return _carry_out(plan, config.elites if run.answered else 0, config.executor, view, elsewhere)
 
 
 def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
@@ -124,7 +123,7 @@ def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    run = read_recorded(Path(config.run or ""), config.store.root)
+    run = read_run(Path(config.run or ""), config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
     training = recipe_of(run.config)
     plan = _plan(
@@ -154,7 +153,7 @@ def _carry_out(
         data = load_data(run, view, catalogue=catalogue)
         plan = _moved(plan, elsewhere, data.facts)
     remove_leftovers_in_stores(Path(run.store.root))
-    directory = find_study(plan.run.directory.path, plan.header, searched=plan.run.searched)
+    directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say) as bench:
@@ -266,14 +265,13 @@ def _plan(
     """Work out which networks of a run are trained, how, and on which terms they are judged."""
     training = replace(run.config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
     config = replace(run.config, training=training)
-    archive, _ = run.read_archives()
     if given := run.record.task.given:
         networks = given_networks(run.candidates, [network.name for network in given])
     else:
         estimates = estimates_of(run.directory.path, chosen_by) if chosen_by else None
         known = fitness_by_id(run.ledger.lines)
         candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
-        networks = networks_of(candidates, [elite.id for elite in archive.elites], elites, estimates)
+        networks = networks_of(candidates, [elite.id for elite in run.elites], elites, estimates)
     header = StudyHeader(
         schema=SCHEMA,
         run=run.ledger.digest,

@@ -3,10 +3,9 @@
 docs/ablation_study.md says what each of them is for.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from tacevo.choices import DataSource, Primary, SplitRule, Varied
 from tacevo.config.ablation import NONE
@@ -122,12 +121,6 @@ def read_varied(text: str) -> tuple[Varied, ...]:
                 repr(key), place="--vary", expected=f"one or more of {', '.join(known)}, with commas between them"
             )
     return tuple(sorted(map(Varied, set(text.split(",")))))
-
-
-def varied(config: RunConfig, vary: Iterable[Varied], seed: int) -> RunConfig:
-    """Return a configuration in which the varied settings are a seed."""
-    settings: dict[str, Any] = {key.removeprefix("data."): seed for key in vary}
-    return replace(config, data=replace(config.data, **settings))
 
 
 def check_varied(config: RunConfig, vary: Collection[Varied], overrides: Sequence[str]) -> None:

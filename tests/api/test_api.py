@@ -131,7 +131,7 @@ def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixtu
     assert main(["tables", "run"]) == 0
     made = tacevo.open("run")
     assert isinstance(made, tacevo.Run)
-    written = {path.read_text() for path in (run / "tables").glob("*.tex")}
+    written = {path.read_text() for path in (run / "tables").rglob("*.tex")}
     assert {table.to_latex() for table in made.tables.values()} == written
     (study,) = made.studies
     assert study.tables["verdicts"].to_markdown() == made.tables[f"{study.name}/verdicts"].to_markdown()

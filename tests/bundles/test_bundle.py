@@ -12,11 +12,10 @@ from refusals import refused
 
 from tacevo.bundles.format import sealed
 from tacevo.bundles.verify import check_sizes, table_difference
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
-from tacevo.evolution.files import Line, RulesLine
+from tacevo.evolution.files import Line
 from tacevo.evolution.lines import SeedLine
-from tacevo.rules import FIRST
+from tacevo.results.run import RecordedRun
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 
@@ -43,11 +42,8 @@ def sized(*lines: Line, **groups: dict[str, Any]) -> RecordedRun:
     """Make a run of its lines alone, whose generations may have one candidate after the baseline."""
     search = {"generations": 1, "candidates": 1, "initial": 0} | groups.pop("search", {})
     run = RunDirectory(Path("nowhere"))
-    eras = (RulesLine(generation=0, rules=FIRST),)
     ledger: Sealed[Line] = Sealed(lines=(header(), *lines))
-    return RecordedRun(
-        directory=run, record=run_record(), config=configured(search=search, **groups), ledger=ledger, eras=eras
-    )
+    return RecordedRun(directory=run, record=run_record(), config=configured(search=search, **groups), ledger=ledger)
 
 
 def test_bound_that_was_not_reached_excuses_no_missing_generation() -> None:

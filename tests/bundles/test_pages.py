@@ -10,9 +10,9 @@ from ledger_lines import FACTS, candidate, run_record
 from refusals import refused
 
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import ConfigError
 from tacevo.evolution.files import Line
+from tacevo.results.run import RecordedRun
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 
@@ -32,7 +32,7 @@ def subject(*, provider: str, source: str) -> Subject:
         machine={"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
     )
     ledger: Sealed[Line] = Sealed(lines=(candidate("g00s00"), *(candidate("g00s01"),) * 85), hashes=("d" * 64,))
-    run = RecordedRun(directory=RunDirectory(Path("one")), record=record, config=config, ledger=ledger, eras=())
+    run = RecordedRun(directory=RunDirectory(Path("one")), record=record, config=config, ledger=ledger)
     return Subject(runs=(run,), studies=({"s": "e" * 64, "t": "f" * 64},))
 
 

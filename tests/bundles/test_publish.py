@@ -116,8 +116,8 @@ def test_bundle_holds_all_that_was_asked_for(published: Path) -> None:
     for name in ("ledger.jsonl", "archive.json", "prompts.json", "summary.md", "timings.jsonl"):
         assert members[f"run/{name}"] == (published / "run" / name).read_bytes()
     assert {entry["kind"] for entry in entries_of(members)} == set(KINDS)
-    assert {"tables/generations_force.csv", f"tables/scores_force_{study.name}.tex"} <= members.keys()
-    assert {"figures/network_map_force.pdf", f"figures/seed_boxes_force_{study.name}.pdf"} <= members.keys()
+    assert {"tables/generations.csv", f"tables/{study.name}/scores.tex"} <= members.keys()
+    assert {"figures/network_map.pdf", f"figures/{study.name}/seed_boxes.pdf"} <= members.keys()
     assert {"LICENSE.txt", "CITATION.cff", "README.md", "requirements.lock"} <= members.keys()
 
 

@@ -173,7 +173,7 @@ def test_edited_answer_is_found(whole: Members, refused: Refused) -> None:
         ("run/candidates/g00s01.py", rb"\Z", b"# mine\n", "candidates/g00s01.py: expected the text that was judged"),
         ("run/candidates/g99s99.py", rb"\Z", b"class Mine: pass\n", "expected only files of the ledger; got g99s99.py"),
         ("run/summary.md", rb"Best fitness 0", b"Best fitness -0", "summary.md: line "),
-        ("tables/generations_force.tex", rb"\\toprule", rb"\\midrule", "table generations_force.tex: line "),
+        ("tables/generations.tex", rb"\\toprule", rb"\\midrule", "table generations.tex: line "),
         ("tables/wishes.csv", rb"\Z", b"a,b\r\n", "table wishes.csv: expected the tables"),
     ],
 )
@@ -187,8 +187,8 @@ def test_edited_or_added_file_is_found(edit: tuple[str, bytes, bytes, str], whol
 
 def test_missing_table_is_found(whole: Members, refused: Refused) -> None:
     """All that follow from the records are there."""
-    less = {name: data for name, data in whole.items() if name != "tables/gate_force.md"}
-    refused(less, "table gate_force.md: expected the tables of this release; got none")
+    less = {name: data for name, data in whole.items() if name != "tables/gate.md"}
+    refused(less, "table gate.md: expected the tables of this release; got none")
 
 
 def test_edited_study_is_found(whole: Members, refused: Refused) -> None:

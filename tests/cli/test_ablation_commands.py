@@ -8,13 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from run_files import contents
 from smallest import SMALLEST, UNTRACKED, Once
 from tiny_sweep import SIZES
 
-from analysis.runs.run import load_run
 from tacevo.cli.app import main
 from tacevo.config.identity import config_hash
 from tacevo.records import Json
+from tacevo.results.run import read_run
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 
 ARMS = ("none", "no_prompt_archive")
@@ -43,7 +44,7 @@ def compared(swept: Path, once: Once) -> Path:
 
 def with_hash(directory: SweepDirectory, job: Job) -> Job:
     """Return a job the hash of its run's configuration, as launching does."""
-    return replace(job, config=config_hash(load_run(directory.run(job).path).config))
+    return replace(job, config=config_hash(read_run(directory.run(job).path).config))
 
 
 @pytest.fixture
@@ -67,26 +68,28 @@ def edit_sweep(sweep: Path, **fields: Json) -> None:
 
 def rows(sweep: Path, table: str) -> list[dict[str, str]]:
     """Read a table as its CSV has it."""
-    with (sweep / "ablations" / f"{table}.csv").open(encoding="utf-8", newline="") as file:
+    (path,) = (sweep / "ablations").rglob(f"{table}.csv")
+    with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every table in three formats and printed, figures as PDF with their captions; the same bytes when given again."""
+    """Every table in three formats, printed if a paper needs it; figures as PDF with their captions; again alike."""
     assert main(["ablations", "sweep"]) == 0
     told = capsys.readouterr()
     folder = sweep / "ablations"
-    written = {path.name: path.read_bytes() for path in folder.iterdir()}
-    tables = {name.removesuffix(".md") for name in written if name.endswith(".md")}
-    assert {"ablation_force", "ablation_best_fitness_force", "ablation_cost_force", "ablation_runs_force"} <= tables
-    pictures = {"ablation_curves_force.pdf", "ablation_finals_force.pdf"}
-    assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | pictures
-    assert all(written[f"{name}.md"].decode() in told.out for name in tables)
-    assert "ablation_curves_force.pdf: The arms by generation: median over seeds, band between" in told.out
+    written = contents(folder)
+    tables = {name.removesuffix(".md") for name in written if name.endswith(".md")} - {"index"}
+    assert {"ablation", "ablation_best_fitness", "ablation_cost", "more/ablation_runs"} <= tables
+    others = {"ablation_curves.pdf", "ablation_finals.pdf", "index.md"}
+    assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | others
+    for name in tables:
+        assert (written[f"{name}.md"].decode() in told.out) is not name.startswith("more/")
+    assert "ablation_curves.pdf: The arms by generation: median over seeds, band between" in told.out
     assert told.out.endswith("tables and figures: sweep/ablations\n")
     assert told.err == ""
     assert main(["ablations", "sweep"]) == 0
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
+    assert contents(folder) == written
 
 
 def test_sweep_without_test_scores_says_what_to_type(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -101,7 +104,7 @@ def test_arm_without_prompt_archive_is_identical(sweep: Path) -> None:
     """Under uniform prompts the prompt archive only records, so both arms are one search: said so, and not tested."""
     assert main(["ablations", "sweep"]) == 0
     for metric in ("best_fitness", "qd_score", "coverage", "evaluations"):
-        none, same = rows(sweep, f"ablation_{metric}_force")
+        none, same = rows(sweep, f"ablation_{metric}")
         assert (none["arm"], none["p"]) == ("none", "")
         assert (same["arm"], same["p"], same["p, Holm"], same["A12"]) == ("no_prompt_archive", "identical", "", "")
         assert same["median"] == none["median"]
@@ -110,7 +113,7 @@ def test_arm_without_prompt_archive_is_identical(sweep: Path) -> None:
 def test_best_fitness_is_that_of_the_ledgers(sweep: Path) -> None:
     """Run by run, as the last line of each ledger has it."""
     assert main(["ablations", "sweep", "-o", str(sweep / "ablations")]) == 0
-    for row in rows(sweep, "ablation_runs_force"):
+    for row in rows(sweep, "ablation_runs"):
         last = json.loads((sweep / row["run"] / "ledger.jsonl").read_text().splitlines()[-1])
         assert float(row["best fitness"]) == last["best"]
 
@@ -130,10 +133,10 @@ def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str])
         "missing: no_prompt_archive-seed1: failed: no answer came",
     ]
     names = "none-seed1, no_prompt_archive-seed0, no_prompt_archive-seed1"
-    notes = Path("out/ablation_best_fitness_force.md").read_text()
+    notes = Path("out/ablation_best_fitness.md").read_text()
     assert f"Missing, 3 jobs: {names}." in notes
     assert "Failed, 1 job: no_prompt_archive-seed1 (arm no_prompt_archive, its search)." in notes
-    assert "Failed" not in Path("out/ablation_cost_force.md").read_text()
+    assert "Failed" not in Path("out/ablation_cost.md").read_text()
     assert not (sweep / "ablations").exists()
 
 
@@ -150,7 +153,7 @@ def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsy
         "missing: no_prompt_archive-seed0: not finished",
         "missing: no_prompt_archive-seed1: not begun: Slurm: NODE_FAIL",
     ]
-    assert "Failed" not in Path("out/ablation_best_fitness_force.md").read_text()
+    assert "Failed" not in Path("out/ablation_best_fitness.md").read_text()
 
 
 def test_sweep_without_a_finished_job_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -205,8 +208,8 @@ def test_names_of_arms_are_set_as_they_are(sweep: Path) -> None:
     changed = tuple(replace(job, arm=arms[job.arm], overrides=(arms[job.arm],)) for job in jobs)
     SweepDirectory(sweep).write(SweepRecord(overrides=(), jobs=changed))
     assert main(["ablations", "sweep"]) == 0
-    assert r"temperature=fixed\_1" in (sweep / "ablations" / "ablation_force.tex").read_text()
-    text = (sweep / "ablations" / "ablation_best_fitness_force.md").read_text()
+    assert r"temperature=fixed\_1" in (sweep / "ablations" / "ablation.tex").read_text()
+    text = (sweep / "ablations" / "ablation_best_fitness.md").read_text()
     assert r"task=a\|b & c" in text
     assert "There is no test: the sweep has no finished run of the arm none" in text
-    assert {row["p"] for row in rows(sweep, "ablation_best_fitness_force")} == {""}
+    assert {row["p"] for row in rows(sweep, "ablation_best_fitness")} == {""}

@@ -201,7 +201,7 @@ def test_help_is_complete_without_any_library() -> None:
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert "slow: []" in out
     for command in COMMANDS:
-        assert re.search(rf"^    {command}\b", out, re.MULTILINE)
+        assert re.search(rf"^  {command}\b", out, re.MULTILINE)
 
 
 def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,15 +14,43 @@ from tacevo.cli.app import main
 
 
 def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Each has its three files; those of the study are among them, and the Markdown is what is printed."""
+    """Each has its three files, and is in the index; what is printed is what a paper needs."""
     assert main(["tables", str(run)]) == 0
     printed, written = capsys.readouterr().out, contents(run / "tables")
-    names, study = {Path(name).stem for name in written}, study_in(run).name
-    of_study = {f"verdicts_force_{study}", f"scores_force_{study}"}
-    assert {"generations_force", "gate_force", "motifs_force", "health_force", *of_study} <= names
+    index = written.pop("index.md").decode()
+    names, study = {name.rpartition(".")[0] for name in written}, study_in(run).name
+    assert {
+        "gate",
+        f"{study}/verdicts",
+        "more/generations",
+        "more/motifs",
+        "more/health",
+        f"more/{study}/scores",
+    } <= names
     assert set(written) == {f"{name}{ending}" for name in names for ending in (".tex", ".md", ".csv")}
-    assert all(content.decode() in printed for name, content in written.items() if name.endswith(".md"))
-    assert printed.endswith("tables: run/tables\n")
+    for name in names:
+        assert f"]({name}.md): " in index
+        assert (written[f"{name}.md"].decode() in printed) is not name.startswith("more/")
+    assert printed.endswith("tables: run/tables (index.md says which question each answers)\n")
+
+
+def test_tables_are_printed_for_latex(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As their files have them."""
+    assert main(["tables", str(run), "--latex"]) == 0
+    assert (run / "tables" / "gate.tex").read_text() in capsys.readouterr().out
+
+
+def test_tables_of_several_runs_lie_in_a_directory_each(
+    run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Named after the runs, so two of one name are refused; where to write must be said."""
+    renamed = run.rename("renamed")
+    assert main(["tables", str(renamed), str(bundle)]) == 2
+    assert main(["tables", str(renamed), str(renamed), "-o", "out"]) == 2
+    assert not Path("out").exists()
+    assert main(["tables", str(renamed), str(bundle), "-o", "out"]) == 0
+    capsys.readouterr()
+    assert contents(Path("out/renamed")).keys() == contents(Path("out/run")).keys()
 
 
 def test_tables_of_the_paper_need_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,13 +62,10 @@ def test_tables_of_the_paper_need_no_run(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_tables_of_the_paper_stand_beside_a_run(run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With a run or a bundle, its results are set beside the published ones; its studies are not, and are not read."""
-    (study_in(run) / "scores.jsonl").write_text("damaged")
+    """With a run or a bundle, its results are set beside the published ones."""
     for recorded in (run, bundle):
-        assert main(["tables", str(recorded), "--paper"]) == 0
-        told = capsys.readouterr()
-        assert "Searches of this project beside the published ones" in told.out
-        assert told.err == ""
+        assert main(["tables", str(recorded), "--paper", "-o", "out"]) == 0
+        assert "Searches of this project beside the published ones" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("arguments", [["RUN"], ["--paper"]])
@@ -56,11 +81,11 @@ def test_tables_that_cannot_be_written_are_not_printed(
     assert Path("file").read_text() == "mine"
 
 
-@pytest.mark.parametrize("command", ["tables", "figures", "report", "paper"])
+@pytest.mark.parametrize("command", ["tables", "figures", "report", "report --latex"])
 def test_store_that_is_no_folder_is_refused(command: str, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A mistyped one would be filled with probes and images; nothing is made."""
     before = contents(Path())
-    assert main([command, str(run), "--store", "nowhere"]) == 2
+    assert main([*command.split(), str(run), "--store", "nowhere"]) == 2
     assert "--store: expected the directory of a run's stores; got nowhere" in capsys.readouterr().err
     assert contents(Path()) == before
 
@@ -70,7 +95,7 @@ def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pyte
     """The samples, the search's and the study's; drawn again, they are the same bytes."""
     assert main(["figures", str(run), "--format", "svg"]) == 0
     first = contents(run / "figures")
-    expected = ["samples_force", "network_map_force", "lineage_force", f"seed_boxes_force_{study_in(run).name}"]
+    expected = ["samples", "network_map", "lineage", f"{study_in(run).name}/seed_boxes"]
     assert {f"{name}.svg" for name in expected} <= set(first)
     assert {Path(name).suffix for name in first} == {".svg"}
     assert main(["figures", str(run), "--format", "svg"]) == 0
@@ -84,10 +109,8 @@ def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pyte
 def test_what_was_written_of_a_study_goes_with_it(
     command: str, folder: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A table of a study that is refused now would look current; the files of the user and other tasks stay."""
+    """A table of a study that is refused now would look current; the files of the user stay."""
     assert main([command, str(run)]) == 0
-    own = run / folder / f"verdicts_grating_{study_in(run).name}.md"
-    own.write_text("of another run's task")
     (run / folder / "notes_force.md").write_text("mine")
     before = set(contents(run / folder))
     assert main([command, str(run)]) == 0
@@ -97,7 +120,7 @@ def test_what_was_written_of_a_study_goes_with_it(
     assert main([command, str(run)]) == 1
     gone = before - set(contents(run / folder))
     assert gone
-    assert gone == {name for name in before if f"_force_{study_in(run).name}." in name}
+    assert gone == {name for name in before if f"{study_in(run).name}/" in name}
     told = capsys.readouterr().err
     assert all(f"removed {name}: its study is missing or left out" in told for name in gone)
 
@@ -110,8 +133,8 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     told = capsys.readouterr()
     assert "no tables of motifs: " in told.err
     assert "g00s00.py" in told.err
-    assert "The generations of run" in told.out
-    assert "Motifs of" not in told.out
+    assert (run / "tables" / "gate.md").exists()
+    assert not (run / "tables" / "more" / "motifs.md").exists()
 
 
 def test_run_without_a_study_is_told_how_to_have_one(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -132,7 +155,7 @@ def test_study_that_was_edited_is_left_out_and_told(run: Path, capsys: pytest.Ca
     assert "left out: " in told.err
     assert "scores.jsonl" in told.err
     assert "no finished study yet" not in told.err
-    assert "The generations of run" in told.out
+    assert (run / "tables" / "gate.md").exists()
 
 
 @pytest.mark.slow
@@ -156,7 +179,7 @@ def _remove(run: Path) -> None:
     (run / "run.json").unlink()
 
 
-@pytest.mark.parametrize("command", ["tables", "figures", "report", "paper"])
+@pytest.mark.parametrize("command", ["tables", "figures", "report", "report --latex"])
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [(_cut, "is not finished"), (_remove, "run.json"), (shutil.rmtree, "got a path that does not exist")],
@@ -167,7 +190,7 @@ def test_what_is_no_finished_run_is_refused(
     """In one line, with status 2, and nothing is written."""
     spoil(run)
     before = contents(Path())
-    assert main([command, str(run)]) == 2
+    assert main([*command.split(), str(run)]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert len(errors) == 1
     assert said in errors[0]
@@ -177,7 +200,10 @@ def test_what_is_no_finished_run_is_refused(
 def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """The message says what is missing."""
     assert main(["tables"]) == 2
-    assert "error: tacevo tables: expected the directory or bundle of a run, or --paper" in capsys.readouterr().err
+    assert (
+        "error: tacevo tables: expected the directory or bundle of a run or a sweep, or --paper"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(
@@ -216,4 +242,4 @@ def test_no_code_of_a_published_candidate_runs(
     stripped = resealed(with_entries(members, entries), tmp_path / "stripped.zip")
     assert main(["tables", str(stripped), "-o", str(tmp_path / "out")]) == 0
     assert "no tables of motifs" in capsys.readouterr().err
-    assert not (tmp_path / "out" / "motifs_force.md").exists()
+    assert not (tmp_path / "out" / "more" / "motifs.md").exists()

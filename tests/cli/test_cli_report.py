@@ -117,7 +117,7 @@ def test_paper_without_latex_is_a_document(
 ) -> None:
     """Everything that the document asks for lies beside it, and that there is no PDF is said."""
     monkeypatch.setenv("PATH", os.fspath(run))
-    assert main(["paper", str(run), "-o", "out"]) == 0
+    assert main(["report", "--latex", str(run), "-o", "out"]) == 0
     said = capsys.readouterr().out
     assert "no PDF: install latexmk or tectonic or pdflatex" in said
     text = Path("out/paper.tex").read_text()
@@ -135,11 +135,13 @@ def test_paper_takes_the_largest_study_of_a_run(
     monkeypatch.setenv("PATH", os.fspath(run))
     quick = study_in(run).name
     assert main(["study", f"run={run}", "elites=1", "seeds=5", "epochs=1"]) == 0
-    assert main(["paper", str(run), "-o", "out"]) == 0
-    assert f"passed over: {quick}; the paper takes the run's largest study on each data set" in capsys.readouterr().err
+    assert main(["report", "--latex", str(run), "-o", "out"]) == 0
+    assert (
+        f"passed over: {quick}; the document takes the run's largest study on each data set" in capsys.readouterr().err
+    )
     names = set(contents(Path("out")))
     assert not any(quick in name for name in names)
-    assert any("verdicts_force_elites1-seeds5-" in name for name in names)
+    assert any("elites1-seeds5-" in name and "verdicts" in name for name in names)
 
 
 @pytest.mark.slow
@@ -152,7 +154,7 @@ def test_paper_refuses_studies_that_were_made_otherwise(
     other = Path(shutil.copytree(run, "other"))
     shutil.rmtree(other / "studies")
     assert main(["study", f"run={other}", "elites=1", "seeds=5", "epochs=1"]) == 0
-    assert main(["paper", str(run), str(other), "-o", "out"]) == 2
+    assert main(["report", "--latex", str(run), str(other), "-o", "out"]) == 2
     said = capsys.readouterr().err
     assert "the studies of force, seeds: expected 4 as for baseline, variant 1 of run" in said
     assert not Path("out").exists()
@@ -160,7 +162,7 @@ def test_paper_refuses_studies_that_were_made_otherwise(
 
 def test_two_runs_of_one_name_are_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Their chapters would have one title."""
-    assert main(["paper", str(run), f"./{run}"]) == 2
+    assert main(["report", "--latex", str(run), f"./{run}"]) == 2
     assert "expected runs with different directory names; got run twice" in capsys.readouterr().err
     assert not Path("build").exists()
 
@@ -172,8 +174,8 @@ def test_data_that_cannot_be_had_cost_the_samples_only(run: Path, capsys: pytest
     (run / "run.json").write_text(json.dumps(described))
     assert main(["figures", str(run), "--format", "svg"]) == 0
     assert "no sample images: " in capsys.readouterr().err
-    assert not (run / "figures" / "samples_force.svg").exists()
-    assert (run / "figures" / "network_map_force.svg").exists()
+    assert not (run / "figures" / "samples.svg").exists()
+    assert (run / "figures" / "network_map.svg").exists()
     assert main(["report", str(run), "-o", "page.html"]) == 0
     assert any("no sample images: " in remark for remark in shown_in(Path("page.html"))["runs"][0]["remarks"])
 
@@ -182,8 +184,8 @@ def test_data_that_cannot_be_had_cost_the_samples_only(run: Path, capsys: pytest
 def test_paper_takes_published_runs(run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A directory and a bundle; two of one name are refused, and one run under two names is one search."""
     renamed = run.rename("renamed")
-    assert main(["paper", str(renamed), str(bundle), "-o", "pages"]) == 0
+    assert main(["report", "--latex", str(renamed), str(bundle), "-o", "pages"]) == 0
     assert {path.name for path in Path("pages").iterdir()} >= {"run1", "run2", "paper.tex"}
     assert f"{bundle.stem} is not beside the other runs of force: expected another search" in capsys.readouterr().err
-    assert main(["paper", str(bundle), str(bundle), "-o", "twice"]) == 2
+    assert main(["report", "--latex", str(bundle), str(bundle), "-o", "twice"]) == 2
     assert not Path("twice").exists()

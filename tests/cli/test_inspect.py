@@ -11,7 +11,8 @@ from ledger_lines import candidate, ended, header, rejected, run_record, trained
 from refusals import refused
 
 from tacevo.cli.app import main
-from tacevo.cli.inspect import _sandbox, show_run, task_without_data
+from tacevo.cli.inspect import _sandbox, task_without_data
+from tacevo.cli.show import show_run
 from tacevo.config.folder import conf_root
 from tacevo.config.plain import to_plain
 from tacevo.errors import RunError, SandboxError

@@ -12,9 +12,9 @@ from tacevo.choices import Primary
 from tacevo.cli.app import main
 from tacevo.cli.study import _located_sweep
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.study_directory import studies_of
 from tacevo.storage.plan import read_plan
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import studies_of
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -95,10 +95,10 @@ def test_sweep_states_its_plan(sweep: Path, capsys: pytest.CaptureFixture[str]) 
     stated = directory.read()
     terms = replace(stated.terms, primary=Primary.best_fitness, reference="none", plan=plan)
     directory.write(replace(stated, terms=terms))
-    assert main(["sweep", "status", str(sweep)]) == 0
+    assert main(["show", str(sweep)]) == 0
     assert f"planned: {plan.seeds} jobs of each of 2 arms, made on {plan.made}" in capsys.readouterr().out
     assert main(["ablations", str(sweep), "-o", "out"]) == 0
-    assert f"jobs of each arm,{plan.seeds},1 to 2\n" in Path("out/ablation_planned_force.csv").read_text()
+    assert f"jobs of each arm,{plan.seeds},1 to 2\n" in Path("out/more/ablation_planned.csv").read_text()
 
 
 def test_study_of_a_sweep_says_that_it_is_not_what_was_planned(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,9 +16,9 @@ from tacevo.bundles.pages import _origin
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_study
 from tacevo.errors import RunError
+from tacevo.results.noise_runs import noise_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, SweepRecord
-from tacevo.studies.noise import noise_digest
 from tacevo.text import as_override
 from tacevo.tracking.entries import viewing
 from tacevo.tracking.process import Mirror
@@ -114,6 +114,6 @@ def test_settings_of_a_sweep_are_shown_as_they_were_typed(place: Path, capsys: p
     """A value with a space is still one word."""
     overrides = ("experiment=demo", f"data.root='{HOSTILE}'")
     SweepDirectory(place).write(SweepRecord(overrides=overrides, jobs=()))
-    assert main(["sweep", "status", str(place)]) == 0
+    assert main(["show", str(place)]) == 0
     shown = capsys.readouterr().out.partition(": 0 jobs")[0]
     assert tuple(shlex.split(shown)[2:]) == overrides

@@ -11,7 +11,7 @@ from statistics import median
 
 import fakes
 import pytest
-from hand_runs import closed
+from hand_runs import altered, closed
 from hand_runs import run as hand_run
 from ledger_lines import header
 from refusals import refused
@@ -287,7 +287,7 @@ def test_archive_of_every_generation_is_rebuilt_from_the_lines() -> None:
     _, recorder = search()
     candidates = [line for line in recorder.lines if isinstance(line, CandidateLine)]
     ends = [state for line, state in zip(recorder.lines, recorder.states, strict=True) if line.kind == "generation"]
-    found = replace(
+    found = altered(
         hand_run(candidates, [closed(number) for number in range(9)], archive={"kind": "extract"}),
         reevaluations=tuple(again(recorder)),
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import fakes
 import numpy as np
-from hand_runs import closed, run, trained
+from hand_runs import altered, closed, run, trained
 from hand_sweeps import finished, run_to, sweep_of
 from ledger_lines import candidate, header, run_record
 from refusals import refused
@@ -15,8 +15,6 @@ from analysis.figures.progress import temperature
 from analysis.report.figure_list import run_pictures
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run
-from analysis.sweeps.sweep_checks import check_sweep
 from analysis.tables.dynamics import generations_table, temperatures_table
 from tacevo.config.compose import compose
 from tacevo.errors import IncomparableError
@@ -26,6 +24,8 @@ from tacevo.evolution.files import RulesLine
 from tacevo.evolution.lines import CandidateLine, SearchLine, not_sent
 from tacevo.evolution.state import Plan
 from tacevo.records import Completion, Request
+from tacevo.results.run import RecordedRun
+from tacevo.results.sweep_checks import check_sweep
 from tacevo.rules import FIRST
 from tacevo.runs.eras import run_eras
 from tacevo.runs.summary import summarise
@@ -59,7 +59,7 @@ def answered_in(lines: Sequence[SearchLine]) -> list[CandidateLine]:
     return [line for line in lines if isinstance(line, CandidateLine) and line.answer]
 
 
-def without_temperatures() -> Run:
+def without_temperatures() -> RecordedRun:
     """Make a run whose model refuses temperatures."""
     asked = [trained(1, slot, prompt=slot % 2, dropped=("temperature",)) for slot in range(3)]
     return run([trained(0, 0), *asked], [closed(0), closed(1, temperature=1.0)])
@@ -118,7 +118,7 @@ def test_summary_says_it() -> None:
 def test_health_page_says_it_instead_of_a_stuck_temperature() -> None:
     """A temperature that nobody was sent is not stuck."""
     hand = without_temperatures()
-    stuck = replace(hand, generations=tuple(closed(number, temperature=1.0) for number in range(4)))
+    stuck = altered(hand, generations=tuple(closed(number, temperature=1.0) for number in range(4)))
     found = [alarm for alarm in alarms(stuck, NICHES) if "temperature" in alarm.name]
     assert [(alarm.name, alarm.figures) for alarm in found] == [("temperature not sent", (("requests", 3),))]
     assert found[0].sentence.startswith(WORDS)
@@ -133,7 +133,7 @@ def test_figures_of_temperatures_say_it() -> None:
     captions = {
         picture.name: picture.caption for picture in run_pictures(hand, Niches(networks=NICHES, prompts=NICHES))
     }
-    assert {name for name, caption in captions.items() if WORDS in caption} == {"temperature_force", "prompt_map_force"}
+    assert {name for name, caption in captions.items() if WORDS in caption} == {"temperature", "prompt_map"}
 
 
 def test_figures_of_sent_temperatures_have_no_title() -> None:
@@ -154,7 +154,7 @@ def test_tables_of_temperatures_say_it() -> None:
 
 def test_arms_over_temperature_are_no_comparison() -> None:
     """Where one of both was not sent any; seeds of one arm, and arms over something else, still are."""
-    idle = replace(run_to(0.5, 0.4), candidates=without_temperatures().candidates)
+    idle = altered(run_to(0.5, 0.4), candidates=without_temperatures().candidates)
     others = [finished("none", 0, idle), finished("none", 1, idle), finished("no_qd", 0, idle)]
     check_sweep(sweep_of(others))
     rule = {"temperature": {"rule": "fixed"}}

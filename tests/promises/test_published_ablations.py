@@ -21,7 +21,7 @@ def test_bundle_and_folder_give_the_same_files(swept: Path, tmp_path: Path) -> N
     assert main(["ablations", str(tmp_path / "renamed"), "-o", str(tmp_path / "renamed out")]) == 0
     assert main(["ablations", str(swept / "sweep.zip"), "-o", str(tmp_path / "file")]) == 0
     files = written(tmp_path / "folder")
-    assert "ablation_force.md" in files
+    assert "ablation.md" in files
     assert written(tmp_path / "file") == files == written(tmp_path / "renamed out")
 
 

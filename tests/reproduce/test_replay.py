@@ -8,9 +8,10 @@ import pytest
 from refusals import refused
 from rich.console import Console
 
-from tacevo.config.recorded import read_recorded, read_run
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.reproduce.replay import replay
+from tacevo.results.run import read_run
+from tacevo.results.settings import settings_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 
@@ -31,7 +32,7 @@ def with_setting(run: Path, folder: Path, group: str, key: str, value: int) -> R
 
 def test_recorded_workers_are_no_more_than_there_are_cores(run: Path, tmp_path: Path) -> None:
     """A run of a large machine, or one that was made up, starts no thousand processes here."""
-    config, _, _ = read_run(with_setting(run, tmp_path, "executor", "workers", 10_000))
+    config = settings_of(with_setting(run, tmp_path, "executor", "workers", 10_000))
     assert config.executor.workers == len(os.sched_getaffinity(0))
 
 
@@ -39,19 +40,19 @@ def test_recorded_workers_are_no_more_than_there_are_cores(run: Path, tmp_path: 
 def test_images_are_those_of_the_recorded_data_set(images: int, run: Path, tmp_path: Path) -> None:
     """Nobody simulates ten million images to find that they are not those of the run."""
     with refused(RunError, place="data.images", expected="the 40 images", got=str(images)):
-        read_run(with_setting(run, tmp_path, "data", "images", images))
+        settings_of(with_setting(run, tmp_path, "data", "images", images))
 
 
 def test_pool_fits_the_recorded_library(run: Path, tmp_path: Path) -> None:
     """A made-up run cannot ask for more instructions than it has."""
     with refused(ConfigError, place="prompts.pool", expected="at most 20"):
-        read_run(with_setting(run, tmp_path, "prompts", "pool", 21))
+        settings_of(with_setting(run, tmp_path, "prompts", "pool", 21))
 
 
 def test_stores_may_lie_elsewhere(run: Path, tmp_path: Path) -> None:
     """The caller's word counts; without it the run's own."""
-    elsewhere, _, _ = read_run(RunDirectory(run), str(tmp_path))
-    own, _, _ = read_run(RunDirectory(run))
+    elsewhere = settings_of(RunDirectory(run), str(tmp_path))
+    own = settings_of(RunDirectory(run))
     assert elsewhere.store.root == str(tmp_path)
     assert own.store.root == str(run.parent / "cache")
 
@@ -62,4 +63,4 @@ def test_run_with_more_lines_than_its_settings_ask_for_is_named(folder: Path) ->
     described["config"]["search"]["generations"] = 0
     (folder / "run" / "run.json").write_text(json.dumps(described))
     with refused(DivergenceError, place="ledger.jsonl", expected="5 lines", got="9 lines"):
-        replay(read_recorded(Path("run")), Progress(Console(quiet=True)))
+        replay(read_run(Path("run")), Progress(Console(quiet=True)))

@@ -12,12 +12,12 @@ from bundles import Members, entries_of, members_of, resealed, with_entries
 from refusals import refused
 from smallest import Once
 
-from analysis.studies.study import load_study
-from analysis.studies.trivial import trivial_score
 from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
 from tacevo.config.compose import compose_study
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.study import load_study
+from tacevo.results.trivial import trivial_score
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Retraining, SweepDirectory
 from tacevo.studies.of_sweep import study_sweep
@@ -73,14 +73,14 @@ def test_each_job_has_a_study_of_its_best_elite(folder: Path) -> None:
 def test_ablations_compare_the_test_scores(folder: Path) -> None:
     """One value a job: the median of its network's scores; the metric comes first and is called primary."""
     assert main(["ablations", "sweep", "--store", "cache"]) == 0
-    with (folder / "sweep" / "ablations" / "ablation_runs_force.csv").open(encoding="utf-8", newline="") as file:
+    with (folder / "sweep" / "ablations" / "more" / "ablation_runs.csv").open(encoding="utf-8", newline="") as file:
         told = {row["run"]: float(row["test MSE"]) for row in csv.DictReader(file)}
     for job, value in told.items():
         (path,) = folder.glob(f"sweep/{job}/studies/*")
         study = load_study(path)
         best = min(study.networks, key=lambda one: one.fitness)
         assert value == pytest.approx(median(study.values(best.name, "mse")), rel=1e-8)
-    text = (folder / "sweep" / "ablations" / "ablation_test_mse_force.md").read_text()
+    text = (folder / "sweep" / "ablations" / "ablation_test_mse.md").read_text()
     assert "Primary metric: test MSE, as the sweep stated before its jobs were tested" in text
 
 
@@ -89,7 +89,7 @@ def test_job_without_its_test_is_named(folder: Path, capsys: pytest.CaptureFixtu
     shutil.rmtree(folder / "sweep" / "none-seed1" / "studies")
     assert main(["ablations", "sweep", "--store", "cache"]) == 0
     assert "without a test score: none-seed1:" in capsys.readouterr().err
-    assert "Without a test score, 1 job: none-seed1." in (folder / "sweep/ablations/ablation_force.md").read_text()
+    assert "Without a test score, 1 job: none-seed1." in (folder / "sweep/ablations/ablation.md").read_text()
 
 
 def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -163,7 +163,7 @@ def test_published_sweep_has_its_terms_and_its_tests(folder: Path, capsys: pytes
         {path.name: path.read_bytes() for path in Path(name).iterdir()} for name in ("from-directory", "from-bundle")
     )
     assert one == other
-    assert "ablation_test_mse_force.md" in one
+    assert "ablation_test_mse.md" in one
     assert main(["replay", "sweep.zip/none-seed1"]) == 0
     assert "none-seed1: digest" not in (told := capsys.readouterr().out)
     assert "every score is as recorded" in told
@@ -222,7 +222,7 @@ def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
     assert main(["noise", "sweep=sweep", "seeds=2", "store.root=cache"]) == 0
     assert "tacevo ablations sweep" in capsys.readouterr().out
     assert main(["ablations", "sweep", "--store", "cache", "-o", "all"]) == 0
-    with Path("all/ablation_corrected_force.csv").open(encoding="utf-8", newline="") as file:
+    with Path("all/more/ablation_corrected.csv").open(encoding="utf-8", newline="") as file:
         (row,) = (row for row in csv.DictReader(file) if row["arm"] == "fixed_temperature")
     (lines,) = folder.glob("sweep/fixed_temperature-seed0/studies/noise*/scores.jsonl")
     rows = [json.loads(line) for line in lines.read_text().splitlines()[1:]]
@@ -236,8 +236,8 @@ def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
     for spoil in (lambda: (noise / "study.json").write_text("damaged"), lambda: shutil.rmtree(noise)):
         spoil()
         assert main(["ablations", "sweep", "--store", "cache", "-o", "some"]) == 0
-        assert not Path("some/ablation_corrected_force.csv").exists()
-        notes = Path("some/ablation_force.md").read_text()
+        assert not Path("some/more/ablation_corrected.csv").exists()
+        notes = Path("some/ablation.md").read_text()
         assert "No corrected figures: tacevo noise has not trained all elites of none-seed1 again." in notes
 
 
@@ -250,10 +250,10 @@ def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.
 def test_trivial_predictor_stands_beside_the_arms(folder: Path) -> None:
     """With its test score, and nothing else: by the labels' variance, which the scores of a study tell."""
     assert main(["ablations", "sweep", "--store", "cache"]) == 0
-    for name in ("ablation_force", "ablation_test_mse_force", "ablation_best_fitness_force"):
+    for name in ("ablation", "ablation_test_mse", "ablation_best_fitness"):
         with (folder / "sweep" / "ablations" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
             rows = [list(row.values()) for row in csv.DictReader(file) if row["arm"] == "trivial"]
-        if name == "ablation_best_fitness_force":
+        if name == "ablation_best_fitness":
             assert rows == []
             continue
         (path,) = folder.glob("sweep/none-seed0/studies/*")

@@ -169,7 +169,7 @@ def test_failed_job_stops_no_other_and_is_repeated(
     (place / "all" / NONE).write_text("in the way")
     assert main(["search", "-m", *SWEEP, "--into", "all", ONE_BY_ONE]) == 1
     assert f"{NONE}: run.dir=all/{NONE}: expected a directory" in capsys.readouterr().out
-    assert main(["sweep", "status", "all"]) == 0
+    assert main(["show", "all"]) == 0
     assert "2 jobs: 1 finished, 1 failed" in capsys.readouterr().out
 
     (place / "all" / NONE).unlink()

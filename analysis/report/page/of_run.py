@@ -29,10 +29,8 @@ from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
-from analysis.runs.run import Run
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
-from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
 from analysis.tables.dynamics import by_seeds, reestimated
 from analysis.tables.rendering import numeric_columns
@@ -42,7 +40,9 @@ from tacevo.evolution.files import eras_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
 from tacevo.records import Kind, Stage
-from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.results.run import RecordedRun
+from tacevo.results.study import LOWER_IS_BETTER
+from tacevo.storage.run_directory import RunRecord
 from tacevo.text import counted
 
 #: Decimals of a cell's corners: a thousandth of a pixel.
@@ -60,21 +60,16 @@ class Recorded:
     edited: tuple[str, ...] = ()
 
 
-def read_texts(run: Run) -> Recorded:
-    """Read run.json and the candidates' files; a source that is not the ledger's is left out.
-
-    Raises:
-        RunError: run.json is damaged.
-    """
-    directory = RunDirectory(run.path)
+def read_texts(run: RecordedRun) -> Recorded:
+    """Read the candidates' files; a source that is not the ledger's is left out."""
     texts, edited = {}, []
     for line in run.candidates:
-        kept, is_edited = directory.read_checked(line.id, line.source)
+        kept, is_edited = run.directory.read_checked(line.id, line.source)
         if is_edited:
             edited.append(line.id)
         elif kept is not None:
             texts[line.id] = kept.decode(errors="replace")
-    return Recorded(record=directory.read_run(), texts=texts, edited=tuple(edited))
+    return Recorded(record=run.record, texts=texts, edited=tuple(edited))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +129,7 @@ def run_contents(given: RunMaterial) -> RunContents:
     )
 
 
-def run_sources(run: Run, texts: Mapping[str, str]) -> dict[str, Source]:
+def run_sources(run: RecordedRun, texts: Mapping[str, str]) -> dict[str, Source]:
     """Return the sources of a run's candidates by their hash."""
     return {line.source: marked(texts[line.id]) for line in run.candidates if line.source and line.id in texts}
 
@@ -153,12 +148,12 @@ def table_contents(table: Table) -> TableContents:
 def _headlines(found: Collection) -> tuple[str, str, str]:
     """Say what was searched, with which model and data, and what it rests on."""
     run, config, best = found.run, found.run.config, found.run.generations[-1].best
-    losses = f"; best validation loss {shown(best)} ({run.record})" if best is not None else ""
+    losses = f"; best validation loss {shown(best)} ({run.fitness_in_words})" if best is not None else ""
     baseline = run.fitness.get(run.baseline.id)
     if losses and baseline is not None:
-        losses += f", the baseline's {shown(baseline)} ({run.record})"
-    if losses and run.trivial is not None:
-        losses += f", the trivial loss {shown(run.trivial)}"
+        losses += f", the baseline's {shown(baseline)} ({run.fitness_in_words})"
+    if losses and run.record.trivial is not None:
+        losses += f", the trivial loss {shown(run.record.trivial)}"
     again = reestimated(run, found.reestimates)
     if again is not None:
         words, reference, median = again
@@ -239,7 +234,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
     )
 
 
-def _generations(run: Run, centroids: NDArray[np.float64]) -> tuple[Generation, ...]:
+def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Generation, ...]:
     medians, archives = archive_medians(run, centroids), archive_history(run, centroids)
     entries = zip(progress(run).itertuples(), run.generations, medians, archives, strict=True)
     raw = descriptors(run)
@@ -322,12 +317,12 @@ def _relation(value: float) -> str:
     return f"< {text[1:]}" if text.startswith("<") else f"= {text}"
 
 
-def _model(run: Run) -> dict[str, str]:
+def _model(run: RecordedRun) -> dict[str, str]:
     """Name the model that was asked, and who provides it; neither where none was."""
     return {"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}
 
 
-def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:
+def _provenance(run: RecordedRun, record: RunRecord) -> tuple[tuple[str, str], ...]:
     train, validation, test = run.facts.counts
     code = record.code
     commit = "not known" if code is None else f"{code.commit}{' and changes since' if code.dirty else ''}"
@@ -347,7 +342,7 @@ def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:
         "numerics": str(run.config.numerics.kind),
         "rules": eras_in_words(run.eras),
         "commit": commit,
-        **{f"version of {name}": number for name, number in run.versions.items()},
+        **{f"version of {name}": number for name, number in run.record.versions.items()},
         **{f"machine: {name}": "none" if value is None else str(value) for name, value in record.machine.items()},
         **walls,
     }

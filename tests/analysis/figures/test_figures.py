@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawings import CALIBRATED, CENTROIDS, ELITES, FORCES, MEDIANS, RUN, SLOTS, confused, of_networks
-from hand_runs import bounds_of, closed, run, trained
+from hand_runs import altered, bounds_of, closed, run, trained
 from kept import gratings
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -69,7 +69,7 @@ def test_colours_say_where_they_are_logarithmic() -> None:
 def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
     """Its niche is the one at the edge; nothing of the map, the star included, vanishes, and the legend says why."""
     slots = [replace(slot, eff_ratio=25.0) if slot.id == "g01s00" else slot for slot in SLOTS]
-    drawn = network_map(replace(RUN, candidates=tuple(slots)), CENTROIDS)
+    drawn = network_map(altered(RUN, candidates=tuple(slots)), CENTROIDS)
     axes, _ = drawn.axes
     assert points(axes, "X") == points(axes, "*") == [(0.4, 20.0)]
     assert points(axes, "o") == [(0.2, 11.0)]
@@ -81,7 +81,7 @@ def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
 def test_losses_have_one_rule_for_their_axis(losses: tuple[float, float], scale: str) -> None:
     """Logarithmic from a factor of 10 on, else from 0 up, in the curves as in the evolution."""
     high, low = trained(0, 0, losses[1]), trained(1, 0, losses[0])
-    told = replace(RUN, generations=tuple(closed(place, loss) for place, loss in enumerate(losses)))
+    told = altered(RUN, generations=tuple(closed(place, loss) for place, loss in enumerate(losses)))
     for drawn in (training_curves([high, low]), fitness_evolution(told, losses)):
         (axes,) = drawn.axes
         assert axes.get_yscale() == scale
@@ -90,10 +90,10 @@ def test_losses_have_one_rule_for_their_axis(losses: tuple[float, float], scale:
 
 def test_map_of_one_value_and_of_nothing_can_be_drawn() -> None:
     """A single elite, an axis without extent, a loss of 0, an empty archive."""
-    one = replace(RUN, elites=(replace(ELITES[0], fitness=0.0),), bounds=bounds_of((0.3, 0.3), (10.0, 20.0)))
+    one = altered(RUN, elites=(replace(ELITES[0], fitness=0.0),), bounds=bounds_of((0.3, 0.3), (10.0, 20.0)))
     axes, _ = network_map(one, CENTROIDS).axes
     assert axes.get_xlim() == pytest.approx((-0.2, 0.8))
-    (axes,) = network_map(replace(RUN, elites=(), bounds=None), CENTROIDS).axes
+    (axes,) = network_map(altered(RUN, elites=(), bounds=None), CENTROIDS).axes
     assert cells_of(axes, "empty") == 9
 
 
@@ -141,7 +141,7 @@ def test_bars_add_up_to_the_answers() -> None:
 
 def test_growth_shows_both_archives() -> None:
     """Coverage in per cent above, of the prompt archive among the niches that could be reached; QD-score below."""
-    run = replace(RUN, generations=(replace(RUN.generations[0], prompt_coverage=0.25),))
+    run = altered(RUN, generations=(replace(RUN.generations[0], prompt_coverage=0.25),))
     upper, lower = growth(run, 8, 4).axes
     assert line(upper, "networks") == [25.0]
     assert line(upper, "prompts (of reachable niches)") == [50.0]
@@ -156,7 +156,7 @@ def test_every_request_has_its_temperature() -> None:
 
 def test_instruction_without_a_trial_has_a_line_and_no_point() -> None:
     """The counts stand beside every instruction, so that 0 of 0 is not taken for 0."""
-    drawn = prompt_productivity(by_prompt(replace(RUN, instructions=("refine", "widen", "never"))))
+    drawn = prompt_productivity(by_prompt(altered(RUN, instructions=("refine", "widen", "never"))))
     (axes,) = drawn.axes
     assert [label.get_text() for label in axes.get_yticklabels()] == ["refine", "widen", "never"]
     assert points(axes, "o") == [(0.5, 0.0), (0.0, 1.0)]
@@ -173,7 +173,7 @@ def test_lineage_names_what_made_each_ancestor() -> None:
 def test_names_of_users_are_no_formulas() -> None:
     """An instruction or a class whose name Matplotlib would read as broken mathematics is written as it is."""
     name = r"50$ or $\nonsense$"
-    named = replace(RUN, instructions=(name, name))
+    named = altered(RUN, instructions=(name, name))
     study = confused()
     study = replace(study, data=replace(study.data, names=(name, "b", "c")))
     for drawn in (

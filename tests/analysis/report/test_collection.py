@@ -6,23 +6,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_runs import closed, configured, elite, run, trained
+from hand_runs import altered, closed, configured, elite, run, trained
 from ledger_lines import score, study_header
 from studies import study_of
 
 from analysis.report.collection import Collection, Compared, read_studies, tables_of, with_largest_studies
 from analysis.report.figure_list import pictures_of
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import compare
 from tacevo.records import Kind
-from tacevo.studies.directory import StudyDirectory, studies_of
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study_directory import StudyDirectory, studies_of
 
 NICHES = Niches(networks=np.array([[0.3, 0.5], [0.7, 0.5]]), prompts=np.array([[0.5, 0.5]]))
 SCORES = {"baseline": [0.9, 0.91, 0.92, 0.93], "variant 1": [0.95, 0.96, 0.97, 0.98]}
 
 
-def searched() -> Run:
+def searched() -> RecordedRun:
     """Return a run with two elites, one a child of the other."""
     elites = [
         elite("g00s00", niche=0, fitness=0.5),
@@ -32,7 +32,7 @@ def searched() -> Run:
     return run(slots, [closed(0, 0.5), closed(1, 0.4, candidates=2, trained=2)], elites=elites)
 
 
-def collection(*kinds: Kind, searched: Run) -> Collection:
+def collection(*kinds: Kind, searched: RecordedRun) -> Collection:
     """Return a run with a study of each kind."""
     studies = [study_of(SCORES, kind=kind) for kind in kinds]
     compared = [
@@ -51,9 +51,9 @@ def test_run_has_every_picture() -> None:
     """Those of the search first, those of the study last."""
     found = pictures_of(collection(Kind.classification, searched=searched()))
     assert [picture.name for picture in found] == [
-        "fitness_force", "trainable_force", "archive_growth_force", "temperature_force", "network_map_force",
-        "prompt_map_force", "prompt_productivity_force", "lineage_force", "training_curves_force",
-        "seed_boxes_grating_study1", "confusion_matrices_grating_study1"
+        "fitness", "trainable", "archive_growth", "temperature", "network_map",
+        "prompt_map", "prompt_productivity", "lineage", "training_curves",
+        "study1/seed_boxes", "study1/confusion_matrices"
     ]  # fmt: skip
     assert all(picture.caption.endswith(".") for picture in found)
 
@@ -67,19 +67,18 @@ def test_caption_states_the_rule_of_the_confusion() -> None:
 
 def test_what_a_run_never_had_is_not_drawn() -> None:
     """No prompt archive, no instruction, no trained network: no figure of it."""
-    bare = replace(searched(), elites=(), instructions=(), candidates=())
+    bare = altered(searched(), elites=(), instructions=(), candidates=())
     bare = replace(bare, config=configured(prompts={"policy": "none"}))
     found = [picture.name for picture in pictures_of(collection(searched=bare))]
-    expected = ["fitness", "trainable", "archive_growth", "temperature", "network_map"]
-    assert found == [f"{name}_force" for name in expected]
+    assert found == ["fitness", "trainable", "archive_growth", "temperature", "network_map"]
 
 
 def test_files_of_several_studies_do_not_overwrite_each_other() -> None:
-    """Each name ends in its study's, of one study as of two, and none comes twice."""
-    assert "seed_boxes_force_study1" in names(collection(Kind.regression, searched=searched()))
+    """Each name begins with its study's, of one study as of two, and none comes twice."""
+    assert "study1/seed_boxes" in names(collection(Kind.regression, searched=searched()))
     both = collection(Kind.regression, Kind.regression, searched=searched())
     found = [picture.name for picture in pictures_of(both)]
-    assert {"seed_boxes_force_study1", "seed_boxes_force_study2"} <= set(found)
+    assert {"study1/seed_boxes", "study2/seed_boxes"} <= set(found)
     assert len(found) == len(set(found))
     tables = [table.name for table in tables_of(both, None)]
     assert len(tables) == len(set(tables))
@@ -88,7 +87,7 @@ def test_files_of_several_studies_do_not_overwrite_each_other() -> None:
 def test_words_above_the_boxes_are_those_of_the_comparison() -> None:
     """The verdict and Holm's p stand above each variant."""
     found = collection(Kind.regression, searched=searched())
-    (boxes,) = (picture for picture in pictures_of(found) if picture.name == "seed_boxes_force_study1")
+    (boxes,) = (picture for picture in pictures_of(found) if picture.name == "study1/seed_boxes")
     (axes,) = boxes.draw().axes
     assert [text.get_text() for text in axes.texts] == ["", "worse\nHolm's p\n= 0.029"]
 
@@ -115,10 +114,10 @@ def test_study_without_a_comparison_keeps_its_scores_and_boxes() -> None:
     """Too few seeds to compare are enough to be shown; the caption speaks of no p."""
     found = collection(Kind.regression, searched=searched())
     alone = replace(found, studies=tuple(replace(compared, comparisons=None) for compared in found.studies))
-    kinds = {name.partition("_")[0] for name in names(alone)}
+    kinds = {name.rpartition("/")[2] for name in names(alone)}
     assert {"scores", "metrics"} <= kinds
     assert not {"verdicts", "effects"} & kinds
-    (boxes,) = (picture for picture in pictures_of(alone) if picture.name.startswith("seed_boxes"))
+    (boxes,) = (picture for picture in pictures_of(alone) if picture.name.endswith("/seed_boxes"))
     assert boxes.caption.endswith("the baseline's median.")
     assert boxes.draw().axes
 
@@ -128,7 +127,7 @@ def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Pat
     (study,) = studies_of(folder / "run")
     described = json.loads((study.path / "study.json").read_text())
     (study.path / "study.json").write_text(json.dumps({**described, "run": "0" * 64}))
-    found = read_studies(load_run(folder / "run"))
+    found = read_studies(read_run(folder / "run"))
     assert (found.studies, found.reestimates) == ((), ())
     (told,) = found.left_out
     assert ", before it was continued; study it again" in told
@@ -137,12 +136,12 @@ def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Pat
 @pytest.mark.parametrize(("networks", "told"), [(1, ""), (2, "the comparison of ")])
 def test_study_that_cannot_be_compared_keeps_its_scores(networks: int, told: str, published: Path, place: Path) -> None:
     """With one seed the reason is told; a baseline alone was asked for, and lacks nothing."""
-    found = load_run(published / "run")
+    found = read_run(published / "run")
     header = study_header(run=found.digest, seeds=1, networks=study_header().networks[:networks])
     directory = StudyDirectory(place / "studies" / "small")
     directory.begin(header, scale=(), units=(), versions={}, machine={})
     directory.finish(header, [score(network.name, 0, 0.1) for network in header.networks])
-    read = read_studies(replace(found, path=place))
+    read = read_studies(altered(found, path=place))
     assert [len(one.study.scores) for one in read.studies] == [networks]
     assert read.studies[0].comparisons is None
     assert [reason.startswith(told) for reason in read.left_out] == [True] * bool(told)

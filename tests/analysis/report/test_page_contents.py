@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hand_runs import closed, elite, rejected, run, trained
+from hand_runs import altered, closed, elite, rejected, run, trained
 from ledger_lines import run_record
 
 from analysis.report.collection import Collection, collect, tables_of
@@ -17,11 +17,11 @@ from analysis.report.page.sources import kept_lines, marked
 from analysis.report.sweep_collection import collect_sweep
 from analysis.rounding import shown
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run
 from analysis.sweeps.ablation import compare_arms
 from analysis.tables.dynamics import reestimated
 from tacevo.evolution.archive import AddStatus, find_centroids
 from tacevo.evolution.lines import ReevaluationLine
+from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job
 
 #: Of a run by hand, which has four niches.
@@ -31,7 +31,7 @@ NICHES = Niches(
 )
 
 
-def contents(given: Run, texts: dict[str, str] | None = None) -> RunContents:
+def contents(given: RecordedRun, texts: dict[str, str] | None = None) -> RunContents:
     """Return the contents of a run by hand."""
     found = Collection(run=given, niches=NICHES, studies=(), reestimates=(), left_out=())
     return run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts=texts or {})))
@@ -48,7 +48,7 @@ def whole(published: Path) -> tuple[Collection, RunContents]:
 def test_page_says_what_was_not_learned() -> None:
     """Above all else; the trivial loss stands beside the best and the baseline's in the first line."""
     given = run([trained(0, 0, 0.5), trained(1, 0, 0.4)], [closed(0, 0.5), closed(1, 0.4)], elites=[])
-    at_chance, better = (contents(replace(given, trivial=trivial)) for trivial in (0.41, 0.6))
+    at_chance, better = (contents(altered(given, trivial=trivial)) for trivial in (0.41, 0.6))
     assert "the trivial loss 0.410" in at_chance.headlines[0]
     assert at_chance.remarks[0].startswith("At chance: ")
     assert not any("chance" in one for one in better.remarks)
@@ -250,6 +250,6 @@ def test_candidate_is_shown_as_the_search_knew_it_at_its_end() -> None:
         ReevaluationLine(generation=1, slot=2, id="g01s00", source="g01s00", evaluation="b"),
     )
     given = run([trained(0, 0, 0.5), trained(1, 0, 0.1)], [closed(0), closed(1)])
-    baseline, failed = contents(replace(given, reevaluations=again)).candidates
+    baseline, failed = contents(altered(given, reevaluations=again)).candidates
     assert (baseline.fitness, baseline.first_loss, baseline.seed_losses) == (0.65, 0.5, (0.5, 0.8))
     assert (failed.fitness, failed.first_loss, failed.seed_losses) == (None, 0.1, (0.1, None))

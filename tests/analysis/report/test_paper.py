@@ -16,7 +16,7 @@ from tacevo.errors import RunError
 
 CHAPTER = Chapter(
     title="force_1 & more",
-    tables=("run1/gate_force.tex",),
+    tables=("run1/gate.tex",),
     figures=(
         Illustration(file="run1/lineage.pdf", caption="100 % of g01", label="fig:run1:lineage"),
         Illustration(file="run1/samples.pdf", caption="Samples.", label="fig:run1:samples"),
@@ -45,7 +45,7 @@ def test_document_holds_everything() -> None:
     assert r"\begin{figure}[htbp]\centering\includegraphics{run1/lineage.pdf}\caption{100 \% of g01}" in text
     assert r"\label{fig:run1:lineage}" in text
     assert r"\begin{figure}[htbp]\centering\includegraphics{run1/samples.pdf}" in text
-    assert r"\input{run1/gate_force.tex}" in text
+    assert r"\input{run1/gate.tex}" in text
     assert re.findall(r"\\begin\{(.*?)\}", text) == ["document", "figure", "figure"]
     assert sorted(re.findall(r"\\end\{(.*?)\}", text)) == ["document", "figure", "figure"]
 

@@ -1,10 +1,8 @@
 """The dynamics of a search are the counts that a person would make from its ledger."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from hand_runs import closed, rejected, run, trained
+from hand_runs import altered, closed, rejected, run, trained
 
 from analysis.runs.dynamics import (
     GENERATIONS,
@@ -16,7 +14,6 @@ from analysis.runs.dynamics import (
     progress,
     repeats,
 )
-from analysis.runs.run import Run
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import (
     costs_table,
@@ -30,11 +27,12 @@ from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import ReevaluationLine, gate_stages
 from tacevo.records import Reason, Stage
+from tacevo.results.run import RecordedRun
 
 PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 
 
-def two_generations() -> Run:
+def two_generations() -> RecordedRun:
     """Return a run whose every figure can be counted on one hand."""
     return run(
         [
@@ -228,7 +226,7 @@ def test_improvement_over_generation_0_is_of_the_medians_that_the_search_ended_w
         ReevaluationLine(generation=1, slot=at, id="g00s00", source="s", evaluation="e", fitness=at / 2)
         for at in (1, 2)
     ]
-    found = improvement(replace(run([trained(0, 0, 0.1, source="s")], lines), reevaluations=tuple(again)))
+    found = improvement(altered(run([trained(0, 0, 0.1, source="s")], lines), reevaluations=tuple(again)))
     assert found is not None
     assert (found.first, found.last, found.over_first) == pytest.approx((0.5, 0.2, 0.6))
     assert found.settled == 3

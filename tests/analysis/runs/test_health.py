@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, configured, elite, prompt_trial, rejected, run, trained
+from hand_runs import altered, closed, configured, elite, prompt_trial, rejected, run, trained
 from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run
 from analysis.table import Percent
 from analysis.tables.health import health_table, niches_table
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Reason, Stage
+from tacevo.results.run import RecordedRun
 
 #: Four niches, one in each quarter of the unit square.
 QUARTERS = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
@@ -32,13 +32,13 @@ def spread(*points: tuple[float, float], generation: int = 0) -> list[CandidateL
     return [trained(generation, slot, descriptors=point) for slot, point in enumerate(points)]
 
 
-def well() -> Run:
+def well() -> RecordedRun:
     """Return a run in which nothing is wrong."""
     later = [trained(1, slot, prompt=slot, descriptors=(0.2 + slot / 2, 0.5)) for slot in (0, 1)]
     return run([*spread(*CORNERS), *later], [closed(0), closed(1)])
 
 
-def rung(hand: Run, centroids: NDArray[np.float64] = QUARTERS) -> list[str]:
+def rung(hand: RecordedRun, centroids: NDArray[np.float64] = QUARTERS) -> list[str]:
     """Name the alarms of a run."""
     return [alarm.name for alarm in alarms(hand, centroids)]
 
@@ -144,7 +144,7 @@ def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[Can
     return spread(*(point if axis == 1 else point[::-1] for point in points))
 
 
-def concentrated(hand: Run) -> dict[str, tuple[str, dict[str, float]]]:
+def concentrated(hand: RecordedRun) -> dict[str, tuple[str, dict[str, float]]]:
     """Return the sentences and figures of the alarms of concentration, by their names."""
     found = (alarm for alarm in alarms(hand, HUNDRED) if alarm.name.startswith("concentrated"))
     return {alarm.name: (alarm.sentence, dict(alarm.figures)) for alarm in found}
@@ -291,7 +291,7 @@ def test_processor_time_that_operations_do_not_explain_is_told(seconds: tuple[fl
     """A candidate that trains more than it was asked to takes that time; few trainings show nothing usual."""
     lines = [trained(0, slot, descriptors=CORNERS[slot % 4]) for slot in range(len(seconds))]
     lines = [replace(line, flops=1_000_000) for line in lines]
-    hand = replace(run(lines, [closed(0)]), cpu_seconds={f"g00s{i:02}": taken for i, taken in enumerate(seconds)})
+    hand = altered(run(lines, [closed(0)]), cpu_seconds={f"g00s{i:02}": taken for i, taken in enumerate(seconds)})
     told = [alarm for alarm in alarms(hand, QUARTERS) if alarm.name == "unexplained processor time"]
     assert bool(told) is rings
     if rings:
@@ -303,4 +303,4 @@ def test_large_network_may_take_long() -> None:
     lines = [replace(trained(0, slot, descriptors=CORNERS[slot % 4]), flops=1_000_000) for slot in range(6)]
     lines[5] = replace(lines[5], extra_flops=9_000_000)
     taken = {line.id: 10.0 for line in lines} | {lines[5].id: 100.0}
-    assert "unexplained processor time" not in rung(replace(run(lines, [closed(0)]), cpu_seconds=taken))
+    assert "unexplained processor time" not in rung(altered(run(lines, [closed(0)]), cpu_seconds=taken))

@@ -1,20 +1,18 @@
 """The lineage of a network is every network it was made from, once, in the order of the search."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from hand_runs import closed, run, trained
+from hand_runs import altered, closed, run, trained
 from refusals import refused
 
 from analysis.runs.lineage import LINEAGE, ancestors, lineage
-from analysis.runs.run import Run
 from analysis.tables.dynamics import lineage_table
 from tacevo.errors import RunError
 from tacevo.evolution.lines import ReevaluationLine
+from tacevo.results.run import RecordedRun
 
 
-def family() -> Run:
+def family() -> RecordedRun:
     """Return a run in which two children of the baseline are crossed, and a fourth network stands apart."""
     slots = [
         trained(0, 0, 0.8),
@@ -61,7 +59,7 @@ def test_lineage_shows_what_the_search_knew_at_its_end() -> None:
         ReevaluationLine(generation=2, slot=2 + at, id=name, source=lines[name].source, evaluation="e", fitness=loss)
         for at, (name, loss) in enumerate([("g01s00", 0.9), ("g01s00", 0.8), ("g01s01", None)])
     ]
-    steps = lineage(replace(family(), reevaluations=tuple(again)), "g02s00")
+    steps = lineage(altered(family(), reevaluations=tuple(again)), "g02s00")
     assert steps.fitness.tolist() == pytest.approx([0.8, 0.8, np.nan, 0.5], nan_ok=True)
     assert steps.gain.tolist() == pytest.approx([np.nan, 0.0, np.nan, 0.3], nan_ok=True)
-    assert [row[4] for row in lineage_table(replace(family(), reevaluations=tuple(again)), "g02s00").rows][2] is None
+    assert [row[4] for row in lineage_table(altered(family(), reevaluations=tuple(again)), "g02s00").rows][2] is None

@@ -148,7 +148,7 @@ def test_runs_that_searched_alike_stand_in_one_table() -> None:
     """Another task would have a table of its own; of a run that is alone in its task nothing is said."""
     force = studied("force", {"baseline": HIGH}, {"baseline": HIGH}, Kind.regression)
     (table,), alone = side_by_side([collected(one) for one in (FIRST, SECOND, force)])
-    assert (table.name, alone) == ("searches_grating", [])
+    assert (table.name, alone) == ("searches", [])
 
 
 @pytest.mark.parametrize(
@@ -194,10 +194,10 @@ def test_studies_on_other_data_stand_in_a_table_of_their_own() -> None:
     """A search without such a study is beside the others once."""
     found = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
     (own, other), alone = side_by_side(found)
-    assert (own.name, other.name, alone) == ("searches_grating", "searches_grating_eeeeeeee", [])
+    assert (own.name, other.name, alone) == ("searches", "searches_eeeeeeee", [])
     assert other.caption.endswith("Tested on other data than the runs': a=1.")
     (only,), alone = side_by_side([found[0], collected(SECOND)])
-    assert (only.name, alone) == ("searches_grating", [])
+    assert (only.name, alone) == ("searches", [])
 
 
 def test_re_estimates_of_the_study_on_the_runs_data_choose() -> None:
@@ -226,7 +226,7 @@ def test_tables_of_one_name_are_numbered() -> None:
     found = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
     found += [collected(one, elsewhere(one, epochs=90)) for one in (third, fourth)]
     names = [table.name for table in side_by_side(found)[0]]
-    assert names == ["searches_grating", "searches_grating_eeeeeeee", "searches_grating_eeeeeeee_2"]
+    assert names == ["searches", "searches_eeeeeeee", "searches_eeeeeeee_2"]
 
 
 def test_error_of_a_regression_is_in_its_own_unit() -> None:

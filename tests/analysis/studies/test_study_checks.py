@@ -1,20 +1,19 @@
 """Promise: a study that is not whole is refused, and every faulty row is named."""
 
-import math
 from dataclasses import replace
 
 import pytest
 from refusals import refused
 from studies import network, score, study_of
 
-from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
+from tacevo.results.study import check_study
 
 WHOLE = study_of({"baseline": [0.1, 0.2, 0.3], "variant 1": [0.1, 0.2, 0.4]})
 
 
 def test_whole_study_is_let_through() -> None:
-    """Every network, every seed, once, finite."""
+    """Every network, every seed, once."""
     check_study(WHOLE)
 
 
@@ -33,14 +32,6 @@ def test_seeds_that_are_there_twice_or_too_many_are_named() -> None:
     more_than_one = "variant 1 has more than one score for seeds [1]"
     with refused(RunError, got=f"{more_than_one}; variant 1 has scores beyond the 3 seeds of the study, for seeds [7]"):
         check_study(replace(WHOLE, scores=(*WHOLE.scores, *more)))
-
-
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_values_that_are_not_finite_are_named(value: float) -> None:
-    """With their metric and seed, however the scores are ordered."""
-    broken = study_of({"baseline": [0.1, 0.2, 0.3], "variant 1": [0.1, 0.2, value]})
-    with refused(RunError, got="1 fault: variant 1 has a mse that is not finite for seeds [2]"):
-        check_study(replace(broken, scores=broken.scores[::-1]))
 
 
 def test_missing_metric_is_named() -> None:

@@ -11,7 +11,6 @@ from studies import around, study_of
 from analysis.report.collection import Collection, Compared, tables_of, with_largest_studies
 from analysis.runs.niches import Niches
 from analysis.studies.comparison import Verdict, compare
-from analysis.studies.scores import Study
 from analysis.studies.transfer import OWN, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
@@ -19,6 +18,7 @@ from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
 from analysis.tables.transfer import counts_table, transfer_table, transfer_tables
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
 
 NICHES = np.array([[0.3, 0.5], [0.7, 0.5]])
 
@@ -31,19 +31,19 @@ ONE = {
 OTHER = {"baseline": ONE["baseline"], "a": ONE["b"], "b": ONE["a"]}
 
 
-def elsewhere(values: Mapping[str, Sequence[float]], split: int, **changes: Any) -> Study:
+def elsewhere(values: Mapping[str, Sequence[float]], split: int, **changes: Any) -> RecordedStudy:
     """Make a study on another split than the run's."""
     study = study_of(values)
     data = replace(study.data, fingerprint=f"{split:064d}")
     return replace(study, data=data, other_data=(("split_seed", split),), **changes)
 
 
-def both() -> list[tuple[Study, None]]:
+def both() -> list[tuple[RecordedStudy, None]]:
     """Return the study of a run's data and one of another split, the other one first."""
     return [(elsewhere(OTHER, 7), None), (study_of(ONE), None)]
 
 
-def collection(*studies: Study) -> Collection:
+def collection(*studies: RecordedStudy) -> Collection:
     """Return a run with these studies."""
     compared = [
         Compared(name=f"study{number}", study=study, comparisons=compare(study))
@@ -119,16 +119,16 @@ def test_studies_that_differ_otherwise_are_not_set_beside_each_other() -> None:
 def test_warning_of_one_split_goes_with_a_second_one() -> None:
     """It stands in scores and verdicts of each study whose networks have one data set only."""
     warned = {table.name for table in tables_of(collection(study_of(ONE)), None) if ONE_SPLIT in table.notes}
-    assert warned == {"scores_force_study1", "verdicts_force_study1"}
+    assert warned == {"study1/scores", "study1/verdicts"}
     tables = tables_of(collection(study_of(ONE), elsewhere(OTHER, 7)), None)
     assert not [table.name for table in tables if ONE_SPLIT in table.notes]
-    assert {"transfer_force_study1", "transfer_counts_force_study1"} <= {table.name for table in tables}
+    assert {"study1/transfer", "study1/transfer_counts"} <= {table.name for table in tables}
 
 
 def test_study_on_other_data_says_so() -> None:
     """In the notes of its scores and metrics."""
     tables = {table.name: table for table in tables_of(collection(elsewhere(ONE, 7)), None)}
-    for name in ("scores_force_study1", "metrics_force_study1"):
+    for name in ("study1/scores", "study1/metrics"):
         assert "On other data than the run's: split_seed=7." in " ".join(tables[name].notes)
 
 
@@ -146,7 +146,7 @@ def test_paper_warns_of_one_split_only_where_there_is_one() -> None:
     for studies, warned in (([study_of(ONE)], True), ([study_of(ONE), elsewhere(OTHER, 7), longer], False)):
         tables = tables_of(with_largest_studies(collection(*studies)), None)
         assert not any(table.name.startswith("transfer") for table in tables)
-        assert any(ONE_SPLIT in table.notes for table in tables if table.name == "scores_force_study1") is warned
+        assert any(ONE_SPLIT in table.notes for table in tables if table.name == "study1/scores") is warned
 
 
 def test_study_that_follows_a_plan_is_compared_with_one_elsewhere() -> None:

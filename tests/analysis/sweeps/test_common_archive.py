@@ -4,26 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import bounds_of, closed, configured, rejected, run, trained
+from hand_runs import altered, bounds_of, closed, configured, rejected, run, trained
 from hand_sweeps import run_of, run_to
 from ribs.archives import CVTArchive
 
-from analysis.runs.run import Run, descriptors_of
 from analysis.sweeps.common_archive import CommonArchive, common_archive, extents, filled
 from tacevo.choices import Scale
 from tacevo.evolution.archive import find_centroids
 from tacevo.randomness import stream
+from tacevo.results.run import RecordedRun, descriptors_of
 
 #: A left and a right niche.
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 
 
-def with_archive(one: Run, **archive: object) -> Run:
+def with_archive(one: RecordedRun, **archive: object) -> RecordedRun:
     """Return a run other settings of its archive."""
     return replace(one, config=configured(archive=archive))
 
 
-def reference(*others: Run, **archive: object) -> CommonArchive:
+def reference(*others: RecordedRun, **archive: object) -> CommonArchive:
     """Make the common archive of runs, the first of which is the reference."""
     first = with_archive(others[0], **archive)
     return common_archive([first, *others[1:]], first, HALVES)
@@ -70,7 +70,7 @@ def test_what_was_rejected_fills_no_niche() -> None:
 
 def test_fixed_bounds_of_the_reference_are_common() -> None:
     """They measured its own search, too; what lies outside is clipped."""
-    one = replace(run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 1.0)]), bounds=bounds_of((0.0, 0.2), (0.0, 1.0)))
+    one = altered(run_to(0.5, 0.5, descriptors=[(0.0, 1.0), (0.1, 1.0)]), bounds=bounds_of((0.0, 0.2), (0.0, 1.0)))
     assert reference(one, bounds="fixed").bounds.high == (0.2, 1.0)
     assert reference(one).bounds.high == (0.1, 1.0)
 
@@ -85,7 +85,7 @@ def test_scale_is_that_of_the_reference() -> None:
 def test_outlier_that_decides_the_bounds_is_named() -> None:
     """One efficiency ratio of 100 leaves 9 of 10 candidates in the first tenth of the axis."""
     crowd = run_to(*[0.5] * 9, descriptors=[(number / 9, 1.0) for number in range(9)])
-    outlier = replace(run_to(0.5, descriptors=[(1.0, 100.0)]), name="far")
+    outlier = altered(run_to(0.5, descriptors=[(1.0, 100.0)]), name="far")
     diversity, ratio = extents([crowd, outlier], reference(crowd, outlier))
     assert (ratio.low, ratio.high, len(ratio.lowest), ratio.highest) == (1.0, 100.0, 9, ("far/g00s00",))
     assert (ratio.fullest, diversity.fullest) == (0.9, 0.1)

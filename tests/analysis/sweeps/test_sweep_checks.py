@@ -5,15 +5,16 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from hand_runs import altered
 from hand_sweeps import VERSIONS, finished, run_to, sweep_of
 from refusals import refused
 
-from analysis.sweeps.sweep import Finished
-from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
-from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.choices import Varied
 from tacevo.errors import IncomparableError
 from tacevo.evolution.files import RulesLine
+from tacevo.results.sweep import Finished
+from tacevo.results.sweep_checks import VERSIONS as CHECKED
+from tacevo.results.sweep_checks import check_sweep
 from tacevo.rules import FIRST
 from tacevo.storage.sweep_directory import SweepTerms
 
@@ -30,7 +31,7 @@ def beside(other: Finished) -> None:
 
 def test_data_of_two_seeds_may_differ_where_the_sweep_takes_them_from_the_seed() -> None:
     """And only then; data of one seed are the same in all arms, or a difference between arms would be one of data."""
-    other = replace(RUN, facts=replace(RUN.facts, fingerprint="other"))
+    other = altered(RUN, facts=replace(RUN.facts, fingerprint="other"))
     jobs = [finished(arm, seed, run) for arm in ("none", "a") for seed, run in enumerate((RUN, other))]
     varied = SweepTerms(vary=(Varied.splitting,))
     check_sweep(replace(sweep_of(jobs), terms=varied))
@@ -84,7 +85,7 @@ def test_other_settings_are_refused(
 
 def test_other_data_are_refused() -> None:
     """By their fingerprint, wherever they lie."""
-    other = replace(RUN, facts=replace(RUN.facts, fingerprint="cd"))
+    other = altered(RUN, facts=replace(RUN.facts, fingerprint="cd"))
     with refused(IncomparableError, place="fingerprint of the data", got='"ab" in none-seed0 and "cd" in a-seed0'):
         beside(finished("a", 0, other))
 
@@ -92,7 +93,7 @@ def test_other_data_are_refused() -> None:
 def test_another_baseline_is_refused() -> None:
     """An improvement over another network would be another number."""
     first, *rest = RUN.candidates
-    other = replace(RUN, candidates=(replace(first, source="another"), *rest))
+    other = altered(RUN, candidates=(replace(first, source="another"), *rest))
     with refused(IncomparableError, place="hash of the baseline's source", got='"g00s00" in none-seed0 and "another"'):
         beside(finished("a", 0, other))
 
@@ -117,8 +118,8 @@ def test_runs_that_one_budget_ended_may_differ_in_their_generations() -> None:
 @pytest.mark.parametrize("package", CHECKED)
 def test_other_versions_are_refused(package: str) -> None:
     """Of all that can change a result; a mirror of another version decides nothing."""
-    beside(finished("a", 0, replace(RUN, versions={**VERSIONS, "mlflow": "9.9"})))
-    other = finished("a", 0, replace(RUN, versions={**VERSIONS, package: "2.0"}))
+    beside(finished("a", 0, altered(RUN, versions={**VERSIONS, "mlflow": "9.9"})))
+    other = finished("a", 0, altered(RUN, versions={**VERSIONS, package: "2.0"}))
     values = '"1.0" in none-seed0 and "2.0" in a-seed0'
     with refused(IncomparableError, place=f"version of {package}", got=values, remedy="store.root"):
         beside(other)
@@ -139,7 +140,7 @@ def test_other_rules_are_refused(eras: Sequence[RulesLine], words: str) -> None:
     """As the ledgers have them: one package version may have had several, and a continued run has two."""
     first = '"static 1, probe 4, training 1, core 1" in none-seed0'
     with refused(IncomparableError, place="rules", got=f'{first} and "{words}" in a-seed0'):
-        beside(finished("a", 0, replace(RUN, eras=tuple(eras))))
+        beside(finished("a", 0, altered(RUN, eras=tuple(eras))))
 
 
 def test_arm_of_two_configurations_is_refused() -> None:

@@ -3,18 +3,19 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from hand_runs import altered
 from hand_sweeps import NONE, PLAN, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms
 from analysis.sweeps.common_archive import Extent
 from analysis.sweeps.metrics import TESTS, Metric
-from analysis.sweeps.sweep import Finished, Missing, Sweep
-from analysis.sweeps.tested import JobScore
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
 from analysis.tables.archives_of_arms import common_note, extents_note
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
+from tacevo.results.sweep import Finished, Missing, RecordedSweep
+from tacevo.results.tested import JobScore
 from tacevo.storage.plan import Measure
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
@@ -22,7 +23,7 @@ ARCHIVE = common_note("none-seed0")
 SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of("worse", WORSE))
 
 
-def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
+def best(sweep: RecordedSweep = SWEEP, found: Ablation = FOUND) -> Table:
     """Return the table of the best fitness."""
     return metric_table(sweep, found, Metric.best_fitness, ARCHIVE)
 
@@ -30,8 +31,8 @@ def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
 def test_every_metric_has_a_table() -> None:
     """Named after it, beside that of all arms and that of all runs."""
     names = [table.name for table in ablation_tables(SWEEP, FOUND, ARCHIVE)]
-    metrics = [f"ablation_{metric.name}_force" for metric in Metric if metric not in TESTS.values()]
-    assert names == ["ablation_force", "ablation_settings_force", *metrics, "ablation_runs_force"]
+    metrics = [f"ablation_{metric.name}" for metric in Metric if metric not in TESTS.values()]
+    assert names == ["ablation", "ablation_settings", *metrics, "ablation_runs"]
 
 
 def test_arms_have_a_median_and_its_interval() -> None:
@@ -199,10 +200,10 @@ def test_common_archive_is_told() -> None:
     """Wherever coverage and QD-score stand, with the job whose niches it has."""
     named = [table for table in ablation_tables(SWEEP, FOUND, ARCHIVE) if "niches of none-seed0" in str(table)]
     assert [table.name for table in named] == [
-        "ablation_force",
-        "ablation_qd_score_force",
-        "ablation_coverage_force",
-        "ablation_runs_force",
+        "ablation",
+        "ablation_qd_score",
+        "ablation_coverage",
+        "ablation_runs",
     ]
 
 
@@ -250,8 +251,8 @@ def test_jobs_at_chance_are_counted_and_named() -> None:
     jobs = list(SWEEP.finished)
     for at in (1, 4):
         best_loss = jobs[at].run.generations[-1].best
-        jobs[at] = replace(jobs[at], run=replace(jobs[at].run, trivial=best_loss))
-    jobs[2] = replace(jobs[2], run=replace(jobs[2].run, trivial=100.0))
+        jobs[at] = replace(jobs[at], run=altered(jobs[at].run, trivial=best_loss))
+    jobs[2] = replace(jobs[2], run=altered(jobs[2].run, trivial=100.0))
     (note,) = [one for one in arms_table(replace(SWEEP, finished=tuple(jobs)), FOUND, "n").notes if "At chance" in one]
     assert [one.job.name for one in jobs if one.job.name in note] == [jobs[1].job.name, jobs[4].job.name]
     assert f"2 of {len(jobs)}" in note
@@ -269,7 +270,7 @@ def test_missing_jobs_are_told() -> None:
     """Below every table: their runs are in no figure of it."""
     job = Job(name="worse-seed5", arm="worse", seed=5, overrides=(), config="")
     sweep = replace(SWEEP, missing=(Missing(job=job, reason="not begun"),))
-    tables = [table for table in ablation_tables(sweep, FOUND, ARCHIVE) if table.name != "ablation_settings_force"]
+    tables = [table for table in ablation_tables(sweep, FOUND, ARCHIVE) if table.name != "ablation_settings"]
     for table in tables:
         assert any(note.startswith("Missing, 1 job: worse-seed5.") for note in table.notes)
 
@@ -296,6 +297,6 @@ def test_spread_of_single_jobs_is_an_empty_cell_beside_the_plan() -> None:
     for bests, known in (([0.5], False), ([0.5, 0.6], True)):
         sweep, found = compared(*jobs_of("none", bests), *jobs_of("other", bests))
         tables = ablation_tables(replace(sweep, terms=SweepTerms(plan=written)), found, ARCHIVE)
-        (planned,) = (table for table in tables if table.name == "ablation_planned_force")
+        (planned,) = (table for table in tables if table.name == "ablation_planned")
         (row,) = (row for row in planned.rows if row[0] == "spread")
         assert (row[1], row[2] is not None) == (0.5, known)

@@ -59,7 +59,7 @@ def test_accuracy_has_one_face() -> None:
 def test_study_that_cannot_be_compared_keeps_its_scores() -> None:
     """Three seeds are too few for any test, not for a median."""
     few = study_of({name: values[:3] for name, values in FOUR.items()})
-    assert [table.name for table in study_tables(few, None)] == ["scores_force", "metrics_force"]
+    assert [table.name for table in study_tables(few, None)] == ["scores", "metrics"]
 
 
 def test_margin_below_a_test_image_is_told() -> None:
@@ -98,7 +98,7 @@ def test_outputs_have_a_table() -> None:
     assert "corrected after Holm over all 2 pairs of output and variant" in table.notes[1]
     assert study_tables(study, found)[-1] == table
     assert any("mean over the outputs" in note for note in verdicts_table(study, found).notes)
-    assert "outputs_force" not in [table.name for table in study_tables(STUDY, compare(STUDY))]
+    assert "outputs" not in [table.name for table in study_tables(STUDY, compare(STUDY))]
 
 
 def test_errors_of_outputs_are_in_recorded_units() -> None:

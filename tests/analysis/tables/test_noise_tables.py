@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hand_runs import closed, elite, run, trained
+from hand_runs import altered, closed, elite, run, trained
 from studies import network
 
-from analysis.runs.run import Run
 from analysis.statistics.noise import Draws, noise, rankings
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import ONE_DRAW, improvement_table
 from analysis.tables.noise import noise_table, noise_tables
+from tacevo.results.run import RecordedRun
 
 #: A baseline and a winner whose record is the lowest of all: 0.4, which no other seed gives.
 DRAWS = Draws(recorded=np.array([0.5, 0.4]), estimates=np.array([[0.6, 0.5, 0.7], [0.7, 0.8, 0.9]]))
@@ -31,7 +31,7 @@ def reestimates(draws: Draws = DRAWS, *, name: str = "noise1-seeds3-epochs5-0000
     )
 
 
-def searched() -> Run:
+def searched() -> RecordedRun:
     """Return a run that found the winner: 20 % below its baseline."""
     elites = [elite("g01s00", niche=0, fitness=0.4)]
     return run([trained(0, 0, 0.5), trained(1, 0, 0.4)], [closed(0, 0.5), closed(1, 0.4)], elites=elites)
@@ -69,7 +69,7 @@ def test_ranking_shows_the_search_s_epoch_and_the_last() -> None:
 def test_improvement_stands_beside_the_trivial_loss() -> None:
     """In the first row; a search at chance is said to be one in the first note."""
     for trivial, is_chance in ((0.41, True), (0.6, False), (None, False)):
-        table = improvement_table(replace(searched(), trivial=trivial))
+        table = improvement_table(altered(searched(), trivial=trivial))
         assert (table.rows[0] == ("trivial loss", trivial)) == (trivial is not None)
         assert table.notes[0].startswith("At chance: ") == is_chance
 

@@ -98,7 +98,7 @@ def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path
 @pytest.mark.parametrize("ending", [".md", ".tex", ".csv"])
 def test_written_tables_are_the_golden_ones(ending: str) -> None:
     """The three files of one table, byte for byte."""
-    assert table_texts(TABLE)[f"study_force{ending}"].encode() == (GOLDEN / f"study_force{ending}").read_bytes()
+    assert table_texts(TABLE)[ending].encode() == (GOLDEN / f"study_force{ending}").read_bytes()
 
 
 def test_latex_special_characters_are_escaped() -> None:
@@ -179,7 +179,8 @@ def test_older_table_is_replaced_and_a_failed_one_stays(tmp_path: Path) -> None:
     """A second writing leaves just the new files; a directory in the way is named."""
     for _ in range(2):
         write_tables([TABLE], tmp_path)
-        assert {path.name for path in tmp_path.iterdir()} == table_texts(TABLE).keys()
+        there = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
+        assert there == {"index.md", *(f"more/study_force{ending}" for ending in table_texts(TABLE))}
     (tmp_path / "in_the_way").write_text("")
     with refused(StoreError, place="in_the_way"):
         write_tables([TABLE], tmp_path / "in_the_way")

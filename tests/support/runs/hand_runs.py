@@ -1,22 +1,25 @@
 """Finished runs made by hand, for tests of the analysis: few slots, where a test names only what it is about."""
 
+import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ledger_lines import candidate, ended
+from ledger_lines import candidate, ended, header, run_record
 
-from analysis.runs.run import Run
 from tacevo.config.compose import compose
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, Bounds
-from tacevo.evolution.files import EliteEntry, RulesLine, TrialEntry
+from tacevo.evolution.files import EliteEntry, TrialEntry
 from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
-from tacevo.records import DataFacts, Kind, Operator, Reason, Stage
-from tacevo.rules import FIRST
+from tacevo.records import DataFacts, Instruction, Kind, Operator, Reason, Stage
+from tacevo.results.run import RecordedRun
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.typed import convert
 
 FACTS = DataFacts(
@@ -129,28 +132,53 @@ def run(
     archive: Mapping[str, Any] | None = None,
     bounds: tuple[tuple[float, float], ...] | None = ((0.0, 1.0), (0.0, 1.0)),
     spent: Mapping[str, Spending] | None = None,
-) -> Run:
+) -> RecordedRun:
     """Make a run; `archive` holds settings of its archive that are not the default ones."""
-    return Run(
-        path=Path("runs/hand"),
-        name="hand",
-        digest="0" * 64,
+    made = RecordedRun(
+        directory=RunDirectory(Path("runs/hand")),
+        record=run_record(data=FACTS),
         config=configured(archive=archive or {}),
-        facts=FACTS,
-        centroids="",
-        instructions=tuple(instructions),
-        candidates=tuple(candidates),
-        generations=tuple(generations),
+        ledger=Sealed((header(data=FACTS, centroids=""), *candidates, *generations), ("0" * 64,)),
         elites=tuple(elites),
-        bounds=None if bounds is None else bounds_of(*bounds),
         prompt_trials=(),
-        eras=(RulesLine(generation=0, rules=FIRST),),
-        versions={},
-        spent=spent or {},
-        cpu_seconds={},
-        trivial=None,
-        model="a model",
     )
+    bounded = None if bounds is None else bounds_of(*bounds)
+    return altered(made, instructions=instructions, bounds=bounded, spent=spent or {}, cpu_seconds={})
+
+
+def altered(run: RecordedRun, **changes: Any) -> RecordedRun:
+    """Return a run with other values of what it has: of its fields, of its lines, of its header or of run.json."""
+    taken = {name: changes.pop(name) for name in tuple(changes) if name in _ALTERED}
+    lines = {name: taken.get(name, getattr(run, name)) for name in ("candidates", "reevaluations", "generations")}
+    if "bounds" in taken and lines["generations"]:
+        lines["generations"] = (*lines["generations"][:-1], replace(lines["generations"][-1], bounds=taken["bounds"]))
+    of_header = {_ALTERED[name]: taken[name] for name in ("facts", "centroids") if name in taken}
+    of_record: dict[str, Any] = {name: taken[name] for name in ("versions", "trivial", "elsewhere") if name in taken}
+    if "instructions" in taken:
+        named = tuple(Instruction(id=name, text=name) for name in taken["instructions"])
+        of_record["task"] = replace(run.record.task, instructions=named)
+    path = run.path.with_name(taken["name"]) if "name" in taken else taken.get("path", run.path)
+    first, *later = taken.get("eras", run.eras)  # the first era begins with the header
+    begin = replace(run.header, rules=first.rules, **of_header)
+    every = (begin, *later, *itertools.chain(*lines.values()))
+    made = replace(
+        run,
+        directory=RunDirectory(path),
+        record=replace(run.record, **of_record),
+        ledger=Sealed(every, (taken.get("digest", run.digest),)),
+        **changes,
+    )
+    made.__dict__.update({name: taken.get(name, getattr(run, name)) for name in ("spent", "cpu_seconds")})
+    return made
+
+
+#: What `altered` takes beyond the fields, and where that stands if it has another name there.
+_ALTERED = {
+    **{name: name for name in ("candidates", "reevaluations", "generations", "bounds", "eras", "instructions")},
+    **{name: name for name in ("centroids", "versions", "trivial", "elsewhere", "name", "path", "digest", "spent")},
+    "facts": "data",
+    "cpu_seconds": "cpu_seconds",
+}
 
 
 def prompt_trial(*, niche: int, prompt: int, temperature: float, inserted: bool, curiosity: float) -> TrialEntry:

@@ -6,8 +6,8 @@ from pathlib import Path
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.config.identity import config_hash
-from tacevo.config.recorded import read_run
 from tacevo.records import Json
+from tacevo.results.settings import settings_of
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 
 #: What all jobs share.
@@ -34,7 +34,7 @@ def run_sweep(folder: Path, store: Path) -> None:
 
 def _job(directory: SweepDirectory, name: str) -> Job:
     job = Job(name=name, arm=name_arm(OWN[name]), seed=int(name[-1]), overrides=OWN[name], config="")
-    config, _, _ = read_run(directory.run(job))
+    config = settings_of(directory.run(job))
     return Job(name=name, arm=job.arm, seed=job.seed, overrides=job.overrides, config=config_hash(config))
 
 

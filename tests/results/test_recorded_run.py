@@ -9,8 +9,8 @@ from refusals import refused
 
 from tacevo.config.compose import compose
 from tacevo.config.plain import to_plain
-from tacevo.config.recorded import read_settings
 from tacevo.errors import RunError
+from tacevo.results.settings import read_settings
 from tacevo.storage.run_directory import RunDirectory
 
 DIRECTORY = RunDirectory(Path("run"))

@@ -6,18 +6,20 @@ more. What an arm is follows from the recorded configurations (`analysis.tables.
 label.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import Any
 
+from tacevo.choices import Varied
 from tacevo.config.identity import config_hash, decisive
 from tacevo.config.plain import from_plain, to_plain
-from tacevo.config.recorded import read_run
+from tacevo.config.schema import RunConfig
 from tacevo.errors import DivergenceError
 from tacevo.records import Json
-from tacevo.runs.publishable import published_config
+from tacevo.results.publishable import published_config
+from tacevo.results.settings import settings_of
 from tacevo.storage.canonical import content_hash, differences, shown
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.terms import varied
 from tacevo.text import listed
 
 #: How many settings that differ a message names.
@@ -35,7 +37,7 @@ def check_jobs(directory: SweepDirectory) -> None:
     jobs, vary = sweep.jobs, sweep.terms.vary
     settings = []
     for job in jobs:
-        config, _, _ = read_run(directory.run(job))
+        config = settings_of(directory.run(job))
         for field, stated, recorded in (("seed", job.seed, config.seed), ("config", job.config, config_hash(config))):
             if stated != recorded:
                 raise DivergenceError(
@@ -81,3 +83,9 @@ def _check_arms(jobs: Sequence[Job], settings: Sequence[Json]) -> None:
             raise DivergenceError(
                 "the same, apart from the seed", place=f"arms {other!r} and {job.arm!r}", expected="different settings"
             )
+
+
+def varied(config: RunConfig, vary: Iterable[Varied], seed: int) -> RunConfig:
+    """Return a configuration in which the varied settings are a seed."""
+    settings: dict[str, Any] = {key.removeprefix("data."): seed for key in vary}
+    return replace(config, data=replace(config.data, **settings))

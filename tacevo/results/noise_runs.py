@@ -1,13 +1,15 @@
 """The finished noise runs of a run: which one elites are chosen by, and what it says of them."""
 
+import math
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
+from statistics import median
 
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
-from tacevo.studies.directory import studies_of
-from tacevo.studies.lines import StudyRecord
-from tacevo.studies.networks import median_losses
+from tacevo.results.run import RecordedRun
+from tacevo.results.study_directory import studies_of
+from tacevo.results.study_lines import Row, ScoreLine, StudyRecord
 from tacevo.text import listed
 
 
@@ -56,3 +58,11 @@ def estimates_of(run: Path, digest: str) -> dict[str, float]:
         expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
         remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
     )
+
+
+def median_losses(rows: Iterable[Row]) -> dict[str, float]:
+    """Return the median validation loss of the networks of a noise run, by id; none of one whose training failed."""
+    losses: dict[str, list[float]] = {}
+    for row in rows:
+        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
+    return {name: median(found) for name, found in losses.items() if max(found) < math.inf}

@@ -3,22 +3,35 @@
 A line's field without a default is in every line; one with a default only where it differs from it.
 """
 
+import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from annotated_types import Ge
+from annotated_types import Ge, Gt, Lt
 
 from tacevo.choices import Device, Numerics
+from tacevo.config.study import Margin
 from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
+from tacevo.rounding import rounded
 from tacevo.rules import FIRST_STUDY
 from tacevo.storage.plan import SeedPlan
-from tacevo.studies.terms import Terms
 from tacevo.training.full import Kept
 from tacevo.typed import FreeJson
 
 #: Layout of both files.
 SCHEMA: Final = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Terms(Record):
+    """How a study is judged."""
+
+    #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
+    alpha: Annotated[float, Gt(0), Lt(1)]
+    #: Of equivalence, in the study's primary metric.
+    margin: Margin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,3 +150,11 @@ def study_line_kind(entry: Mapping[str, Json]) -> type[StudyHeader | ScoreLine |
     if entry.get("kind") == "study":
         return StudyHeader
     return FailedLine if "reason" in entry else ScoreLine
+
+
+def fewest_seeds(alpha: float) -> int:
+    """Return the least S for which a two-sided rank test of S values against S can be significant at a level alpha.
+
+    Of the C(2S, S) orders, which are equally likely without a difference, the two extreme ones have the smallest p.
+    """
+    return next(seeds for seeds in itertools.count(1) if rounded(2 / math.comb(2 * seeds, seeds)) <= alpha)

@@ -1,0 +1,106 @@
+"""The command `tacevo report`: a page to look into a run or a sweep, or a LaTeX document of several runs."""
+
+import argparse
+import shutil
+from pathlib import Path
+
+from analysis.report.collection import side_by_side, with_largest_studies
+from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
+from analysis.report.page.html import as_html
+from tacevo.api.report import page_of_run, page_of_sweep
+from tacevo.api.runs import Run, remarks_on
+from tacevo.api.sweeps import Sweep
+from tacevo.bundles.open import opened
+from tacevo.cli.common import Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.figures import drawable, progress_of
+from tacevo.cli.tables import RUNS, add_store, check_names, open_all, say, status_of, with_published
+from tacevo.errors import ConfigError
+from tacevo.results.study import check_alike
+from tacevo.storage.files import write_durably
+
+
+def add_report(parser: Parser) -> None:
+    """Describe `tacevo report`."""
+    parser.description = (
+        "Write one HTML file with which a finished run and its studies, or a finished sweep, can be looked into; or "
+        "with --latex every table and figure of several, in a LaTeX document, and its PDF where LaTeX is installed."
+    )
+    parser.add_argument("runs", metavar="RUN", nargs="+", help=RUNS)
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="PLACE",
+        help="file to write (default for a directory: RUN/report.html), or with --latex directory (build/paper)",
+    )
+    parser.add_argument(
+        "--latex", action="store_true", help="write a LaTeX document of all, with their tables and figures"
+    )
+    add_store(parser)
+    parser.set_defaults(command=_report)
+
+
+def _report(options: argparse.Namespace) -> int:
+    if options.latex:
+        return _document(options)
+    if len(options.runs) > 1:
+        expected = "one run or sweep for a page; with --latex, a document of several"
+        raise ConfigError(f"{len(options.runs)} runs", place="tacevo report", expected=expected)
+    (named,) = options.runs
+    path, source = place_of_results(options.output, named, "report.html", "the report of a published run"), Path(named)
+    store, name = existing_store(options.store), source.resolve().name
+    if source.parent.is_file():
+        name = f"{source.parent.name}/{name}"
+    place = opened(source)
+    runs = [Run(place, place.read(run, store)) for run in place.runs]
+    if place.jobs is None:
+        page, missing = page_of_run(runs[0], place, name)
+    else:
+        page, missing = page_of_sweep(runs, place, name, store)
+    write_durably(path, as_html(page))
+    say([*(remark for one in runs if status_of(one) for remark in remarks_on(one)), *missing])
+    print(f"report: {path}")
+    return max(map(status_of, runs))
+
+
+def _document(options: argparse.Namespace) -> int:
+    """Write the LaTeX document of runs and sweeps: the paper beside the runs, these beside each other, then each."""
+    check_names(options.runs)
+    shown = open_all(options.runs, options.store)
+    runs = [_with_largest(one) for one in shown if isinstance(one, Run)]
+    found = [one.collection for one in runs]
+    check_alike([compared.study for one in found for compared in one.studies])
+    directory = output_directory(options.output or "build/paper")
+    chapters = [write_chapter("The paper beside these runs", with_published(runs), [], directory / "published")]
+    beside, alone = side_by_side(found)
+    say(alone)
+    if beside:
+        chapters.append(write_chapter("These searches beside each other", beside, [], directory / "searches"))
+    # LaTeX reads no file whose name holds certain characters, so runs are numbered.
+    chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(shown, start=1)]
+    document = write_document(chapters, directory)
+    print(f"document: {document}")
+    pdf = make_pdf(document, shutil.which)
+    engines = " or ".join(command[0] for command, _ in ENGINES)
+    print(f"PDF: {pdf}" if pdf else f"no PDF: install {engines}, and run the same command again")
+    return max(map(status_of, shown))
+
+
+def _with_largest(run: Run) -> Run:
+    """Keep one study of a run on each data set, and print which are passed over."""
+    chosen = run.collection = with_largest_studies(run.collection)
+    say(
+        f"passed over: {compared.name}; the document takes the run's largest study on each data set"
+        for compared in chosen.passed_over
+    )
+    return run
+
+
+def _chapter(one: Run | Sweep, directory: Path) -> Chapter:
+    """Write the tables and figures of a run or a sweep into a directory."""
+    say(remarks_on(one) if isinstance(one, Run) else one.left_out)
+    tables, missing = one.all_tables()
+    pictures, undrawn = drawable(one)
+    with progress_of(one.name, len(pictures)) as on_drawn:
+        chapter = write_chapter(one.name, tables, pictures, directory, on_drawn)
+    say([*missing, *undrawn])
+    return chapter

@@ -1,0 +1,186 @@
+"""The command `tacevo show`: a run, one candidate of it, or how far the jobs of a sweep are."""
+
+import argparse
+import math
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+
+from analysis.report.collection import outcomes, read_studies
+from analysis.tables.rendering import as_markdown
+from tacevo.bundles.open import opened
+from tacevo.cli.common import DONE, Parser
+from tacevo.errors import RunError
+from tacevo.evolution.files import Line, check_references, read_elites, read_ledger
+from tacevo.evolution.lines import TEMPERATURE, CandidateLine
+from tacevo.evolution.prompts import SAMPLING
+from tacevo.evolution.reevaluation import estimates_of
+from tacevo.records import Json, Operator, Task, written
+from tacevo.results.run import RecordedRun, finished_run
+from tacevo.results.settings import read_config
+from tacevo.results.study_directory import studies_of
+from tacevo.runs.summary import summarise
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.notes import HEADING, read_note
+from tacevo.storage.run_directory import RunDirectory, RunRecord
+from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
+from tacevo.sweeps.status import describe_jobs, status_of
+from tacevo.sweeps.terms import describe_terms
+from tacevo.text import printable, table
+
+
+def add_show(parser: Parser) -> None:
+    """Describe `tacevo show`."""
+    parser.add_argument("run", metavar="RUN", help="the directory or bundle of a run or a sweep, or SWEEP.zip/JOB")
+    parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
+    parser.set_defaults(command=_show)
+
+
+def _show(options: argparse.Namespace) -> int:
+    path = Path(options.run)
+    if SweepDirectory(path).is_one:
+        text = show_sweep(SweepDirectory(path))
+    elif path.is_dir():
+        text = _text(path, None, options.candidate)
+    else:
+        bundle = opened(path)
+        if bundle.jobs is None:
+            text = _text(bundle.folder, bundle.store, options.candidate)
+        else:
+            text = show_sweep(SweepDirectory(bundle.folder))
+    print(printable(text), end="")
+    return DONE
+
+
+def _text(run: Path, store: Path | None, candidate: str | None) -> str:
+    return show_run(run, store) if candidate is None else show_candidate(run, candidate)
+
+
+def show_sweep(directory: SweepDirectory) -> str:
+    """List every job of a sweep: finished, running, failed and why, stopped, not begun; then its terms.
+
+    Raises:
+        RunError: sweep.json is damaged.
+    """
+    record = directory.read()
+    jobs = describe_jobs([status_of(directory, job) for job in record.jobs])
+    text = f"sweep over {shlex.join(record.overrides) or 'the defaults'}: {jobs}\n"
+    return text if record.terms == UNSTATED else f"{text}\n{describe_terms(record.terms)}\n"
+
+
+#: Stands above a source whose hash is not the ledger's.
+_EDITED = "EDITED: this is not the source that the run admitted. Its hash is not the ledger's."
+
+#: Ledger fields of a candidate that are shown elsewhere, or not at all.
+_HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs", "seeds"}
+
+
+def show_run(path: Path, store: Path | None = None) -> str:
+    """Write the summary of a run, finished or not, then what its studies and noise runs found, then its makers' note.
+
+    `store` is where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: this is not a run directory, or it is damaged.
+    """
+    directory, run, ledger = _read_begun(path)
+    finished = run.digest == ledger.digest
+    state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
+    known = finished_run(directory, run, ledger) if finished else None
+    elites = [elite.id for elite in (known.elites if known else read_elites(directory))]
+    trained = {line.id for line in ledger.lines if isinstance(line, CandidateLine) and line.fitness is not None}
+    if unknown := sorted(set(elites) - trained):
+        expected = "trained candidates of the ledger"
+        raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
+    summary = summarise(run, read_config(path, run), ledger.lines, elites, directory.read_spending())
+    paragraphs = read_note(path)
+    note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
+    return f"{summary}\n{_studied(known, store) if known else ''}{note}{state}\n"
+
+
+def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
+    """Read a run, finished or not, and its ledger, which is begun before run.json is written."""
+    directory = RunDirectory(path)
+    run, ledger = directory.read_run(), read_ledger(directory)
+    if not ledger.lines:
+        raise RunError("nothing", place=str(directory.ledger), expected="the run's ledger", remedy="restore the file")
+    check_references(path, run, ledger.lines)
+    return directory, run, ledger
+
+
+def _studied(run: RecordedRun, store: Path | None) -> str:
+    """Write what the studies and noise runs of a finished run found; nothing without any."""
+    if not studies_of(run.path):
+        return ""
+    found = read_studies(run, store)
+    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
+    return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])
+
+
+def show_candidate(path: Path, name: str) -> str:
+    """Write down one candidate: what was asked, what became of it, its losses and its source or answer.
+
+    Raises:
+        RunError: this is not a run directory, or it has no such candidate.
+    """
+    directory, run, ledger = _read_begun(path)
+    lines = {line.id: line for line in ledger.lines if isinstance(line, CandidateLine)}
+    line = lines.get(name)
+    if line is None:
+        last = next(reversed(lines), "none yet")
+        expected = f"the id of a candidate, such as g02s03; the last one is {last}"
+        raise RunError(repr(name), place=str(path), expected=expected)
+    parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line)]
+    if line.repairs:
+        reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
+        parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
+    losses = estimates_of(ledger.lines).losses.get(str(line.source), ())
+    if len(losses) > 1:
+        told = ", ".join(f"{loss:.6g}" if math.isfinite(loss) else "failed" for loss in losses)
+        parts.append(f"Losses of this source in the search, one for each training seed: {told}")
+    if line.train_losses is not None and line.validation_losses is not None:
+        parts.append(_losses(line.train_losses, line.validation_losses))
+    return "\n\n".join([*parts, *_kept(directory, line)]).rstrip() + "\n"
+
+
+def _kept(directory: RunDirectory, line: CandidateLine) -> list[str]:
+    """Return the source or the answer of a candidate as its file has it, below what is wrong with it."""
+    kept, is_edited = directory.read_checked(line.id, line.source)
+    if kept is None:
+        return ["Its file is missing."]
+    return [*([_EDITED] if is_edited else []), kept.decode(errors="replace")]
+
+
+def _instruction(task: Task, line: CandidateLine) -> str:
+    """Return the instruction that the candidate was asked for with."""
+    if line.operator is Operator.baseline:
+        return "none; this is the task's baseline"
+    if line.operator is Operator.sample:
+        return SAMPLING
+    if line.operator is Operator.given:
+        return f"none; this network was given, as {task.given[line.slot - 1].name}"
+    if line.prompt is None:
+        return task.crossover.strip()
+    instruction = task.instructions[line.prompt]
+    return f"{instruction.id}: {instruction.text.strip()}"
+
+
+def _fields(line: CandidateLine) -> str:
+    rows = [[key, _value(value)] for key, value in written(line).items() if key not in _HIDDEN and value is not None]
+    if line.temperature is not None and line.sent_temperature is None:
+        planned = f"not sent: the model refuses it ({_value(line.temperature)} was planned)"
+        rows = [[key, planned if key == TEMPERATURE else value] for key, value in rows]
+    return table(["field", "value"], sorted(rows))
+
+
+def _value(value: Json) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _losses(train: Sequence[float], validation: Sequence[float]) -> str:
+    pairs = enumerate(zip(train, validation, strict=True), 1)
+    rows = [[str(epoch), f"{of_train:.6g}", f"{of_validation:.6g}"] for epoch, (of_train, of_validation) in pairs]
+    return table(["epoch", "training loss", "validation loss"], rows)

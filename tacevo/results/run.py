@@ -1,0 +1,313 @@
+"""A finished run as it was recorded, read and checked once: for commands, replays, studies, tables and pages.
+
+The ledger's chain and the run's digest are checked first, then the texts and settings of run.json against the ledger's
+first line, then both archives against its last generation. Nothing is computed here beyond what the files hold.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
+from tacevo.config.identity import identity, task_hash
+from tacevo.config.schema import LLMConfig, RunConfig, StoreConfig
+from tacevo.costs import Spending
+from tacevo.errors import RunError
+from tacevo.evolution.archive import Bounds, best_distinct
+from tacevo.evolution.chance import shortfall
+from tacevo.evolution.descriptors import on_axis
+from tacevo.evolution.files import (
+    EliteEntry,
+    Line,
+    NetworkArchiveFile,
+    PromptFile,
+    RulesLine,
+    RunLine,
+    TrialEntry,
+    check_references,
+    eras_of,
+    read_archives,
+    read_finished,
+)
+from tacevo.evolution.lines import (
+    CandidateLine,
+    GenerationLine,
+    ReevaluationLine,
+    not_sent,
+    trained_networks,
+    training_flops,
+)
+from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.records import DataFacts, Task, to_json
+from tacevo.results.settings import read_settings
+from tacevo.storage.canonical import differences, shown
+from tacevo.storage.ledger import Sealed
+from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRecord
+from tacevo.text import drawn, listed
+
+#: How many of the best networks tables and figures look at, as the paper does.
+TOP = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedRun:
+    """A finished run; what is read of its files beyond these fields is read when it is first asked for."""
+
+    directory: RunDirectory
+    #: What run.json holds.
+    record: RunRecord
+    #: As this machine may use it, see `tacevo.results.settings`.
+    config: RunConfig
+    #: Checked, with at least one generation, and nothing after the last one.
+    ledger: Sealed[Line]
+    #: Its files, as they were read; None where the archives followed from the ledger.
+    archives: tuple[NetworkArchiveFile, PromptFile] | None = None
+    #: Of the network archive.
+    elites: tuple[EliteEntry, ...] = ()
+    #: Of the prompt archive.
+    prompt_trials: tuple[TrialEntry, ...] = ()
+    #: Whether its stores keep the test predictions of its studies; those of a published sweep do not.
+    has_predictions: bool = True
+    #: The entries of its bundle; None where its stores are the directory that the configuration names.
+    packed: Path | None = None
+
+    @property
+    def path(self) -> Path:
+        """Its directory."""
+        return self.directory.path
+
+    @cached_property
+    def name(self) -> str:
+        """The name of its directory."""
+        return self.path.resolve().name
+
+    @property
+    def digest(self) -> str:
+        """The last hash of its ledger."""
+        return self.ledger.digest
+
+    @property
+    def stores(self) -> Path:
+        """Where its recorded answers are."""
+        return self.packed or Path(self.config.store.root)
+
+    @property
+    def task(self) -> str:
+        """The task's name."""
+        return self.config.task.name
+
+    @cached_property
+    def header(self) -> RunLine:
+        """The first line of its ledger."""
+        return next(line for line in self.ledger.lines if isinstance(line, RunLine))
+
+    @property
+    def facts(self) -> DataFacts:
+        """Its data set's."""
+        return self.header.data
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """Ids of the instructions, in the order of the prompt indices."""
+        return tuple(instruction.id for instruction in self.record.task.instructions)
+
+    @cached_property
+    def candidates(self) -> tuple[CandidateLine, ...]:
+        """The candidates' lines, in order; the baseline's first."""
+        return tuple(line for line in self.ledger.lines if isinstance(line, CandidateLine))
+
+    @cached_property
+    def generations(self) -> tuple[GenerationLine, ...]:
+        """The generations' lines, one at least."""
+        return tuple(line for line in self.ledger.lines if isinstance(line, GenerationLine))
+
+    @cached_property
+    def reevaluations(self) -> tuple[ReevaluationLine, ...]:
+        """The further trainings of elites, in order; none unless the search trained elites again."""
+        return tuple(line for line in self.ledger.lines if isinstance(line, ReevaluationLine))
+
+    @cached_property
+    def eras(self) -> tuple[RulesLine, ...]:
+        """The rules that it was made under, from which generation on; at least one."""
+        return eras_of(self.ledger.lines)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """What the archive ended with; None where nothing was trained, or there are no niches."""
+        return self.generations[-1].bounds
+
+    @property
+    def baseline(self) -> CandidateLine:
+        """The network that the search began with."""
+        return self.candidates[0]
+
+    @cached_property
+    def trained(self) -> tuple[CandidateLine, ...]:
+        """The candidates that were trained, in order."""
+        return tuple(candidate for candidate in self.candidates if candidate.fitness is not None)
+
+    @cached_property
+    def answered(self) -> tuple[CandidateLine, ...]:
+        """The candidates that a model was asked for: all but the baseline and given networks."""
+        return tuple(candidate for candidate in self.candidates if candidate.request is not None)
+
+    @cached_property
+    def fitness(self) -> Mapping[str, float]:
+        """What the search knew of each trained candidate's fitness at its end, by id (`fitness_by_id`)."""
+        return fitness_by_id((*self.candidates, *self.reevaluations))
+
+    @cached_property
+    def spent(self) -> Mapping[str, Spending]:
+        """What the answers of a candidate cost, by its id, as far as timings.jsonl has it."""
+        return self.directory.read_spending()
+
+    @cached_property
+    def cpu_seconds(self) -> Mapping[str, float]:
+        """The processor time of a candidate's trainings in seconds, by its id, as far as timings.jsonl has it."""
+        return {one.id: one.cpu_seconds for one in self.directory.read_timings() if one.id and one.cpu_seconds}
+
+    @property
+    def training_flops(self) -> int:
+        """What its trainings took in FLOPs, as its budget counts them (`tacevo.evolution.lines.training_flops`)."""
+        images, training = self.record.data.counts[0], self.config.training
+        trained = trained_networks(self.candidates)
+        return training_flops(trained, images=images, epochs=training.epochs, seeds=training.seeds)
+
+    @property
+    def seeds(self) -> int:
+        """The training seeds of a candidate, whose median loss is its fitness."""
+        return self.config.training.seeds
+
+    @property
+    def fitness_in_words(self) -> str:
+        """What a recorded fitness is."""
+        return drawn(self.seeds, or_more=self.config.archive.kind is ArchiveKind.extract)
+
+    @property
+    def has_niches(self) -> bool:
+        """Whether its network archive keeps the best of every niche, and not the best of all."""
+        return self.config.archive.kind is not ArchiveKind.best
+
+    @property
+    def places(self) -> int:
+        """How many networks its archive can hold: one for each niche, or place."""
+        return self.config.archive.niches if self.has_niches else self.config.archive.kept
+
+    @property
+    def model(self) -> str:
+        """What answered, in words."""
+        return answered_by(self.record, self.config.llm)
+
+    @property
+    def shortfall(self) -> str:
+        """That it learned or found nothing, and what to raise (`tacevo.evolution.chance`); empty where it did."""
+        best, known = self.generations[-1].best, self.fitness.get(self.baseline.id)
+        if best is None:
+            return ""
+        return shortfall(
+            best=best,
+            baseline=known,
+            trivial=self.record.trivial,
+            asked=bool(self.answered),
+            usable=any(one.fitness is not None for one in self.answered),
+        )
+
+    @property
+    def not_sent(self) -> Mapping[str, str]:
+        """Words on the sampling settings that were not sent, by setting (see `tacevo.evolution.lines.not_sent`)."""
+        return not_sent([one.dropped for one in self.answered])
+
+    def ranked(self) -> tuple[EliteEntry, ...]:
+        """Return the elites, best fitness first; the earlier candidate where two are equal."""
+        return tuple(sorted(self.elites, key=lambda elite: (elite.fitness, elite.id)))
+
+    def best(self, count: int = TOP) -> tuple[CandidateLine, ...]:
+        """Return the best elites with distinct sources, at most `count`: those that a study would choose.
+
+        The rule is `tacevo.evolution.archive.best_distinct`.
+        """
+        candidates = {candidate.id: candidate for candidate in self.candidates}
+        entries = [(elite.fitness, elite.id, candidates[elite.id].source) for elite in self.elites]
+        return tuple(candidates[name] for name in best_distinct(entries, self.baseline.source)[:count])
+
+    def with_store(self, store: str) -> Self:
+        """Return the run with its stores elsewhere; of a bundle's, only where images are made and kept."""
+        return replace(self, config=replace(self.config, store=StoreConfig(root=store)))
+
+
+def read_run(path: Path, store: str | None = None) -> RecordedRun:
+    """Read the directory of a finished run; `store` is where its stores lie, if not where the run had them.
+
+    Raises:
+        RunError: it does not hold a run, is not finished, or was damaged or edited; the message names the file.
+        ConfigError: as `tacevo.results.settings.read_settings`.
+    """
+    directory = FinishedDirectory(path)
+    return finished_run(directory, *read_finished(directory), store)
+
+
+def finished_run(
+    directory: RunDirectory, record: RunRecord, ledger: Sealed[Line], store: str | None = None
+) -> RecordedRun:
+    """Return a finished run whose run.json and ledger were read, with its archives.
+
+    Raises:
+        RunError: as `without_archives`, or an archive is not what the ledger ends with.
+        ConfigError: as `read_run`.
+    """
+    run = without_archives(directory, record, ledger, store)
+    archives = read_archives(directory, run.generations[-1])
+    networks, prompts = archives
+    return replace(run, archives=archives, elites=networks.elites, prompt_trials=prompts.trials)
+
+
+def without_archives(
+    directory: RunDirectory, record: RunRecord, ledger: Sealed[Line], store: str | None = None
+) -> RecordedRun:
+    """Return a run whose run.json and ledger were read, with empty archives.
+
+    Raises:
+        RunError: candidates name others that are not there, or run.json has other settings or texts than the ledger.
+        ConfigError: as `tacevo.results.settings.read_settings`.
+    """
+    check_references(directory.path, record, ledger.lines)
+    config = read_settings(directory, record, store)
+    run = RecordedRun(directory=directory, record=record, config=config, ledger=ledger)
+    _check_description(run.path, config, record.task, run.header)
+    return run
+
+
+def answered_by(record: RunRecord, llm: LLMConfig) -> str:
+    """Name the model of a run, and say whose word that name is where another server than the provider's answered."""
+    if not record.elsewhere:
+        return llm.name
+    whose = "the name is a label" if llm.label else "under this name"
+    return f"{llm.name}, asked through another server, {whose}"
+
+
+def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[Axis] = PAPER_AXES) -> tuple[float, ...]:
+    """Return the descriptors of a trained candidate, EffRatio on a scale, shape (axes,).
+
+    Raises:
+        ValueError: the gate rejected the candidate, so nothing was measured.
+    """
+    values = [getattr(candidate, axis) for axis in axes]
+    if None in values:
+        raise ValueError(f"{candidate.id} was not measured")
+    return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, values, strict=True))
+
+
+def _check_description(path: Path, config: RunConfig, task: Task, header: RunLine) -> None:
+    """Check that run.json has the configuration and the task of the ledger's first line."""
+    differing = [shown(field) for field in differences(header.config, to_json(identity(config)))]
+    if task_hash(task) != header.task:
+        differing.append("task")
+    if differing:
+        raise RunError(
+            f"other values of {listed(differing)}",
+            place=f"{path}/run.json",
+            expected="the configuration and the task that the ledger begins with",
+            remedy="restore the file",
+        )

@@ -1,0 +1,197 @@
+"""A finished study as statistics see it: the scores of every network under every training seed, checked to be whole."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacevo.errors import RunError
+from tacevo.records import Kind
+from tacevo.results.study_directory import FinishedStudy, StudyDirectory
+from tacevo.results.study_lines import Design, FailedLine, Network, ScoreLine, Terms
+from tacevo.text import counted, listed
+
+BASELINE = "baseline"
+
+#: Rows that a message names.
+MOST = 6
+
+#: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
+PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
+
+LOWER_IS_BETTER = {"mse": True, "accuracy": False}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedStudy(Design):
+    """A finished study: what it was to find out, and its scores."""
+
+    #: A noise run, which has none, is not a study.
+    terms: Terms
+    #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
+    units: tuple[str, ...]
+    #: Units of the recording for one unit of training, one for each regressed value; () of a classification.
+    scale: tuple[float, ...]
+    #: Each is of the weights of the epoch with the lowest validation loss. Metrics are those of the test split, by
+    #: name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`, `cross_entropy`. A confusion counts
+    #: test images by (true class, predicted class).
+    scores: tuple[ScoreLine, ...]
+
+    @property
+    def kind(self) -> Kind:
+        """Of the task."""
+        return self.data.kind
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the regressed values or classes."""
+        return self.data.names
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the data set."""
+        return self.data.fingerprint
+
+    @property
+    def primary(self) -> str:
+        """The metric that networks are compared by."""
+        return PRIMARY[self.kind]
+
+    def values(self, network: str, metric: str) -> NDArray[np.float64]:
+        """Return a metric of a network, shape (S,), in the order of the seeds."""
+        return np.array([score.metrics[metric] for score in self._of(network)], dtype=np.float64)
+
+    def median_seed(self, network: str) -> int:
+        """Return the seed that stands for a network: the first one whose primary metric is the median of all.
+
+        Of an even number of seeds, the median is the lower one of the two in the middle, so that a seed has it.
+        """
+        ranked = sorted(self._of(network), key=lambda score: score.metrics[self.primary])
+        median = ranked[(len(ranked) - 1) // 2].metrics[self.primary]
+        return next(score.seed for score in self._of(network) if score.metrics[self.primary] == median)
+
+    def _of(self, network: str) -> list[ScoreLine]:
+        """List the scores of a network, in the order of the seeds."""
+        return sorted((score for score in self.scores if score.network == network), key=lambda score: score.seed)
+
+
+def load_study(path: Path) -> RecordedStudy:
+    """Read the directory of a finished study, `RUN/studies/NAME`.
+
+    Raises:
+        RunError: it does not hold a study, is not finished or was edited; or as `as_study`.
+    """
+    return as_study(StudyDirectory(path).read_finished())
+
+
+def as_study(finished: FinishedStudy) -> RecordedStudy:
+    """Return a study whose files were read.
+
+    Raises:
+        RunError: it is a noise run, or not one score for each network and seed; the message names the rows.
+    """
+    path, record, scores = finished.path, finished.record, finished.scores
+    _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
+    found, facts = scores.header, scores.header.data
+    if found.terms is None:
+        raise RunError("a noise run, which has none", place=str(path), expected="a study with test scores")
+    for name in ("units", "scale"):
+        given: tuple[object, ...] = getattr(record, name)
+        if len(given) not in {0, len(facts.names)}:
+            expected = f"one for each of {listed(facts.names)}"
+            raise RunError(listed(map(str, given)), place=f"{path}/study.json, {name}", expected=expected)
+    study = RecordedStudy(
+        **{field.name: getattr(found, field.name) for field in fields(Design)},
+        units=record.units,
+        scale=record.scale,
+        scores=tuple(row for row in scores.rows if isinstance(row, ScoreLine)),
+    )
+    check_study(study)
+    return study
+
+
+def check_alike(studies: Sequence[RecordedStudy]) -> None:
+    """Check that studies of one task, each on its run's own data, were trained alike and on the same data.
+
+    Each task is compared with itself. Studies on other data are not compared.
+
+    Raises:
+        RunError: recipe, numerics, data fingerprint or number of seeds differ; the message names the rows.
+    """
+    first: dict[str, RecordedStudy] = {}
+    for study in studies:
+        if study.other_data:
+            continue
+        other = first.setdefault(study.task, study)
+        for field in ("fingerprint", "recipe", "numerics", "seeds"):
+            ours, theirs = getattr(other, field), getattr(study, field)
+            if ours != theirs:
+                raise RunError(
+                    f"{theirs} for {_networks(study)}",
+                    place=f"the studies of {study.task}, {field}",
+                    expected=f"{ours} as for {_networks(other)}",
+                    remedy="study both runs alike",
+                )
+
+
+def _networks(study: RecordedStudy) -> str:
+    return f"{listed(network.name for network in study.networks)} of run {study.run[:12]}"
+
+
+def _check_failed(path: Path, failed: Sequence[FailedLine]) -> None:
+    """Check that no training failed."""
+    if failed:
+        rows = listed((f"{row.network} with seed {row.seed}" for row in failed), most=MOST)
+        reasons = listed(sorted({row.reason for row in failed}))
+        raise RunError(
+            f"{len(failed)} that failed ({reasons}): {rows}",
+            place=str(path),
+            expected="a training of every network with every seed, without which no statistics are right",
+            remedy="study again with more seconds= or memory_mib=, or with fewer elites=",
+        )
+
+
+def check_study(study: RecordedStudy) -> None:
+    """Check that statistics can be made of a study.
+
+    Raises:
+        RunError: the baseline is not the first network, or scores are missing, twice there, of an unknown network, or
+            of different metrics; the message names the rows.
+    """
+    place = f"the study of {study.task}"
+    names = [network.name for network in study.networks]
+    if names[:1] != [BASELINE] or len(set(names)) < len(names):
+        raise RunError(listed(names), place=place, expected="the baseline, then variants of different names")
+    unknown = sorted({score.network for score in study.scores} - set(names))
+    if unknown:
+        raise RunError(f"scores of {listed(unknown)}", place=place, expected=f"only scores of {listed(names)}")
+    metrics = {metric for score in study.scores for metric in score.metrics}
+    faults = [fault for network in study.networks for fault in _faults(study, network, sorted(metrics))]
+    if faults:
+        raise RunError(
+            f"{counted(len(faults), 'fault')}: {'; '.join(faults)}",
+            place=place,
+            expected="one score for every network and seed",
+            remedy="delete its directory; `tacevo study` writes it again from the store",
+        )
+
+
+def _faults(study: RecordedStudy, network: Network, metrics: Collection[str]) -> Iterator[str]:
+    """List the faults of a network's scores."""
+    scores = sorted((score for score in study.scores if score.network == network.name), key=lambda score: score.seed)
+    counts = Counter(score.seed for score in scores)
+    expected = range(study.seeds)
+    for words, seeds in (
+        ("no score for", [seed for seed in expected if seed not in counts]),
+        ("more than one score for", [seed for seed, times in counts.items() if times > 1]),
+        (f"scores beyond the {study.seeds} seeds of the study, for", [seed for seed in counts if seed not in expected]),
+    ):
+        if seeds:
+            yield f"{network.name} has {words} seeds {seeds}"
+    for metric in metrics:
+        without = [score.seed for score in scores if metric not in score.metrics]
+        if without:
+            yield f"{network.name} has no {metric} for seeds {without}"
