@@ -91,9 +91,9 @@ SWEEPS := cache/published/ablation-grating.zip
 endif
 
 paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR" SWEEPS="DIR", into build/paper
-	$(BIN)/tacevo paper $(RUNS) --output build/paper
-	$(if $(WINNERS),$(BIN)/tacevo paper $(WINNERS) --output build/paper/winners)
-	$(if $(VARIANTS),$(BIN)/tacevo paper $(VARIANTS) --output build/paper/variants)
+	$(BIN)/tacevo report --latex $(RUNS) --output build/paper
+	$(if $(WINNERS),$(BIN)/tacevo report --latex $(WINNERS) --output build/paper/winners)
+	$(if $(VARIANTS),$(BIN)/tacevo report --latex $(VARIANTS) --output build/paper/variants)
 	@for sweep in $(SWEEPS); do \
 		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
 

@@ -1,7 +1,8 @@
 """Is there a difference: the tests of Mann and Whitney (1947) and of a hypergeometric count, Holm's (1979) correction.
 
 Pure functions; docs/statistics.md says why these. The distribution of U is exact where it can be counted, with
-ties too; the result says how its p came about. Tests compare what is counted here with SciPy and statsmodels.
+ties too; the result says how its p came about. Tests compare what is counted here with SciPy; Holm's correction is
+that of statsmodels.
 """
 
 import math
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 from scipy.stats import hypergeom, mannwhitneyu
+from statsmodels.stats.multitest import multipletests
 
 from analysis.statistics.samples import Sample, checked
 from tacevo.rounding import rounded
@@ -85,10 +87,8 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """
     if not p_values or not all(0 <= p <= 1 for p in p_values):
         raise ValueError(f"Holm's correction needs one or more p-values in [0, 1]; got {list(p_values)}")
-    order = np.argsort(p_values)
-    corrected = np.empty(len(order))
-    corrected[order] = np.maximum.accumulate(np.asarray(p_values)[order] * np.arange(len(order), 0, -1))
-    return tuple(rounded(min(1.0, float(p))) for p in corrected)
+    _, corrected, _, _ = multipletests(p_values, method="holm")
+    return tuple(rounded(float(p)) for p in corrected)
 
 
 def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) -> float:
