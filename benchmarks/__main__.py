@@ -29,12 +29,12 @@ from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
-from tacevo.config.recorded import read_recorded
 from tacevo.data.sources.images import decode
 from tacevo.evolution.archive import Archive, Elite, Tessellation, insert
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, to_json
 from tacevo.reproduce.replay import replay
+from tacevo.results.run import read_run
 from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
@@ -120,7 +120,7 @@ def replaying(*, settings: Sequence[str] = SMALL, rounds: int = 5) -> Figure:
     with tempfile.TemporaryDirectory() as folder:
         recorded = medians({"recording": lambda: _search(Path(folder), *settings)}, rounds=1)
         run = Path(folder) / "run"
-        replayed = medians({"replay": lambda: replay(read_recorded(run), _silent())}, rounds=rounds)
+        replayed = medians({"replay": lambda: replay(read_run(run), _silent())}, rounds=rounds)
     return report("replay of a small search", {**replayed, **recorded}, unit="s")
 
 

@@ -13,9 +13,9 @@ from scipy.stats import binomtest
 
 from analysis.sweeps.ablation import ALPHA, as_jobs, compare_arms
 from analysis.sweeps.metrics import Metric
-from analysis.sweeps.sweep import REFERENCE
 from benchmarks.landscape import Landscape, Strategy, search
 from tacevo.evolution.archive import Tessellation, find_centroids
+from tacevo.results.sweep import REFERENCE
 from tacevo.storage.canonical import content_hash
 
 #: The controls, by the names of their arms.

@@ -21,12 +21,12 @@ import torch
 from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
-from analysis.runs.run import load_run
 from tacevo.bundles.open import opened
 from tacevo.choices import Precision
 from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
 from tacevo.records import Contract, Gpu, written
+from tacevo.results.run import read_run
 from tacevo.runs.pace import measure
 from tacevo.runs.wiring import recipe_of
 from tacevo.sandbox.candidate import build
@@ -73,7 +73,7 @@ def networks(count: int = 4) -> Iterator[tuple[str, str]]:
     """Yield name and source of the baseline, and of candidates from the fewest FLOPs to the most."""
     found = opened(PUBLISHED)
     (path,) = found.runs
-    trained = sorted(load_run(path).trained, key=lambda line: line.flops or 0)
+    trained = sorted(read_run(path).trained, key=lambda line: line.flops or 0)
     chosen = [trained[round(place * (len(trained) - 1) / (count - 1))] for place in range(count)]
     for name, line in [("baseline", None), *((line.id, line) for line in chosen)]:
         file = "g00s00" if line is None else line.id

@@ -18,12 +18,12 @@ from pathlib import Path
 
 from scipy.stats import entropy
 
-from analysis.runs.run import Run, descriptors_of, load_run
 from tacevo.bundles.open import opened
 from tacevo.choices import Scale
 from tacevo.config.compose import compose
 from tacevo.evolution.archive import Bounds, Elite, Individual, NetworkArchive, Point, Tessellation, find_centroids
 from tacevo.evolution.descriptors import scaled
+from tacevo.results.run import RecordedRun, descriptors_of, read_run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,12 +91,12 @@ def rows(files: Sequence[Path]) -> Iterator[str]:
                 yield f"| {name} ({len(found)}) | {scale.value} | {rule} | {figures} |"
 
 
-def _runs(path: Path) -> Iterator[Run]:
+def _runs(path: Path) -> Iterator[RecordedRun]:
     source = opened(path)
-    yield from map(load_run, source.runs)
+    yield from map(read_run, source.runs)
 
 
-def _filled(run: Run, scale: Scale, bounds: Bounds | None) -> Filled:
+def _filled(run: RecordedRun, scale: Scale, bounds: Bounds | None) -> Filled:
     """Put a run's candidates into the niches of its configuration, also where the run itself kept none."""
     settings = run.config.archive
     niches = _niches(settings.niches, settings.samples, settings.seed)

@@ -42,12 +42,12 @@ import numpy as np
 import yaml
 from rich.console import Console
 
-from analysis.runs.run import load_run
 from benchmarks.timing import Cost, Figure, children_seconds
 from tacevo.bundles.open import opened
 from tacevo.choices import Numerics
 from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
+from tacevo.results.run import read_run
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.training.numerics import environment
@@ -143,7 +143,7 @@ def peers(
 def published(count: int) -> list[str]:
     """Return the first distinct sources that the first published force run trained after its baseline."""
     found = opened(FORCE_RUN)
-    names = [candidate.id for candidate in load_run(found.folder).trained[1:]]
+    names = [candidate.id for candidate in read_run(found.folder).trained[1:]]
     texts = ((found.folder / "candidates" / f"{name}.py").read_text(encoding="utf-8") for name in names)
     return list(dict.fromkeys(texts))[:count]
 
@@ -161,7 +161,7 @@ def ours(numerics: Numerics, work: Work) -> Search:
     ]
 
     def trained() -> list[Path]:
-        return [run / "candidates" / f"{candidate.id}.py" for candidate in load_run(run).trained]
+        return [run / "candidates" / f"{candidate.id}.py" for candidate in read_run(run).trained]
 
     return Search(command=command, environment={}, trained=trained)
 

@@ -10,8 +10,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from analysis.figures.style import BLACK, GREY, PALE
-from analysis.runs.run import Run
 from tacevo.evolution.lines import TEMPERATURE
+from tacevo.results.run import RecordedRun
 
 #: The longest line of a title over a single column, in characters.
 _TITLE = 40
@@ -57,6 +57,6 @@ def on_loss_axis(axes: Axes, losses: Iterable[float | None]) -> None:
         axes.set_ylim(bottom=0)
 
 
-def title_unsent_temperatures(axes: Axes, run: Run) -> None:
+def title_unsent_temperatures(axes: Axes, run: RecordedRun) -> None:
     """Write above the axes of temperatures that they were not sent to the model, where that is so."""
     axes.set_title(textwrap.fill(run.not_sent.get(TEMPERATURE, ""), _TITLE))

@@ -16,7 +16,7 @@ from analysis.figures.axes import title_unsent_temperatures
 from analysis.figures.style import BLACK, COLOUR_MAP, DARKEST, GREY, PALE, SHADE, VERMILLION, house_style, new_figure
 from analysis.runs.coverage_map import axis_label
 from analysis.runs.niches import Polygon, cells
-from analysis.runs.run import Run, descriptors_of
+from tacevo.results.run import RecordedRun, descriptors_of
 
 #: (low, high) of both axes, in their units.
 Extent = tuple[tuple[float, float], tuple[float, float]]
@@ -28,7 +28,7 @@ _OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 
 
 @house_style()
-def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
+def network_map(run: RecordedRun, centroids: NDArray[np.float64]) -> Figure:
     """Draw the network archive over its two axes, each niche in the colour of its elite's fitness.
 
     An elite outside fixed bounds stands at their edge, where its niche was looked up, and has a mark of its own.
@@ -65,7 +65,7 @@ def network_map(run: Run, centroids: NDArray[np.float64]) -> Figure:
 
 
 @house_style()
-def prompt_map(run: Run, centroids: NDArray[np.float64], reachable: Collection[int]) -> Figure:
+def prompt_map(run: RecordedRun, centroids: NDArray[np.float64], reachable: Collection[int]) -> Figure:
     """Draw the prompt archive over instruction and temperature, each niche in the colour of its trial's curiosity.
 
     A trial whose child the network archive did not take is hatched; a niche that the run could not reach is shaded; a
@@ -131,7 +131,7 @@ def _points(axes: Axes, points: Iterable[tuple[float, float]]) -> None:
         axes.plot(*point, "o", color=BLACK, markersize=2.4, clip_on=False, **_OUTLINED)
 
 
-def _extent(run: Run) -> Extent:
+def _extent(run: RecordedRun) -> Extent:
     """Return the bounds; an axis without extent, where every network stands in the middle, becomes one unit long."""
     if run.bounds is None:
         return (0.0, 1.0), (0.0, 1.0)

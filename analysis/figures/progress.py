@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from analysis.figures.axes import count_along, on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
-from analysis.runs.run import Run
 from tacevo.records import Stage
+from tacevo.results.run import RecordedRun
 
 #: How candidates that a stage rejected are drawn: label, colour, hatching.
 _STAGES = {
@@ -24,7 +24,7 @@ _STAGES = {
 
 
 @house_style()
-def fitness_evolution(run: Run, medians: Sequence[float | None]) -> Figure:
+def fitness_evolution(run: RecordedRun, medians: Sequence[float | None]) -> Figure:
     """Draw best and median fitness of the network archive, and the median of each generation's new candidates.
 
     The medians are of the archive after each generation; None before anything was trained.
@@ -61,7 +61,7 @@ def trainable(generations: pd.DataFrame) -> Figure:
 
 
 @house_style()
-def growth(run: Run, prompt_niches: int, reachable: int) -> Figure:
+def growth(run: RecordedRun, prompt_niches: int, reachable: int) -> Figure:
     """Draw the coverage of both archives and the QD-score of the network archive.
 
     An archive without niches covers its places, and its QD-score is a sum over the best networks.
@@ -95,7 +95,7 @@ def growth(run: Run, prompt_niches: int, reachable: int) -> Figure:
 
 
 @house_style()
-def temperature(run: Run) -> Figure:
+def temperature(run: RecordedRun) -> Figure:
     """Draw T_g of each generation, and the temperature that each request around it was sent with.
 
     A title says where temperatures were not sent.

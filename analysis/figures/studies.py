@@ -13,14 +13,14 @@ from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, house_
 from analysis.rounding import shown
 from analysis.studies.images import Calibrated
 from analysis.studies.metrics import SHARES, metric_name
-from analysis.studies.scores import Study
+from tacevo.results.study import RecordedStudy
 
 #: From this many networks on, `variant 1` has two lines, since one would run into the next.
 _NARROW = 6
 
 
 @house_style()
-def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
+def seed_boxes(study: RecordedStudy, words: Mapping[str, str]) -> Figure:
     """Draw the primary metric of every network as a box of quartiles, with every seed as a point over it.
 
     Whiskers end at the furthest seed within 1.5 quartile ranges; seeds beyond are seen as points like all others.
@@ -50,7 +50,7 @@ def seed_boxes(study: Study, words: Mapping[str, str]) -> Figure:
 
 
 @house_style()
-def confusion_matrices(study: Study) -> Figure:
+def confusion_matrices(study: RecordedStudy) -> Figure:
     """Draw the test images of every network by true and predicted class: counts, and per cent of the true class.
 
     Each network is shown at its `Study.median_seed`.
@@ -74,7 +74,7 @@ def confusion_matrices(study: Study) -> Figure:
     return figure
 
 
-def _confusion(study: Study, network: str, seed: int) -> NDArray[np.int64]:
+def _confusion(study: RecordedStudy, network: str, seed: int) -> NDArray[np.int64]:
     for score in study.scores:
         if (score.network, score.seed) == (network, seed) and score.confusion is not None:
             return np.array(score.confusion)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from analysis.motifs.attention import AttentionKind
 from analysis.motifs.structure import Anatomy, read_anatomy
-from analysis.runs.run import TOP, Run
 from analysis.statistics.tests import holm, hypergeometric_p
 from tacevo.errors import RunError
 from tacevo.profile import Profile
+from tacevo.results.run import TOP, RecordedRun
 
 #: Says whether a network has a motif: the network, then the baseline.
 Rule = Callable[[Anatomy, Anatomy], bool]
@@ -124,7 +124,7 @@ def motifs_of(network: Anatomy, baseline: Anatomy) -> frozenset[str]:
     return frozenset(name for name, has in MOTIFS.items() if has(network, baseline))
 
 
-def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anatomy]:
+def read_anatomies(run: RecordedRun, profiles: Mapping[str, Profile]) -> dict[str, Anatomy]:
     """Read how every trained candidate of a run is built.
 
     Args:
@@ -146,7 +146,7 @@ def read_anatomies(run: Run, profiles: Mapping[str, Profile]) -> dict[str, Anato
     return found
 
 
-def count_motifs(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> MotifCounts:
+def count_motifs(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> MotifCounts:
     """Count the motifs of the best networks and of the archive, and test each count against all that was evaluated.
 
     The best networks are those of `Run.best`, at most `top`.

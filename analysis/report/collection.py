@@ -9,15 +9,12 @@ import pandas as pd
 
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
-from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
 from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
-from analysis.studies.scores import Study
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
-from analysis.studies.study import as_study
 from analysis.studies.transfer import transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
@@ -39,7 +36,10 @@ from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
-from tacevo.studies.directory import FinishedStudy, StudyDirectory, studies_of
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_directory import FinishedStudy, StudyDirectory, studies_of
+from tacevo.results.study_reading import as_study
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +48,7 @@ class Compared:
 
     #: Of its directory.
     name: str
-    study: Study
+    study: RecordedStudy
     #: As of `compare`; None where it cannot be compared; its scores are shown all the same.
     comparisons: pd.DataFrame | None
     #: What its test images say; None where it keeps no test predictions, or its store is elsewhere.
@@ -74,7 +74,7 @@ class Studies:
 class Collection(Studies):
     """A run with its studies."""
 
-    run: Run
+    run: RecordedRun
     niches: Niches
     #: Studies that are there, and of which nothing is shown (`with_largest_studies`).
     passed_over: tuple[Compared, ...] = ()
@@ -90,11 +90,11 @@ def collect(path: Path, store: Path | None = None) -> Collection:
     Raises:
         RunError: the run is not finished, or it was edited.
     """
-    run = load_run(path)
+    run = read_run(path)
     return collection_of(run, read_studies(run, store), store)
 
 
-def collection_of(run: Run, found: Studies, store: Path | None = None) -> Collection:
+def collection_of(run: RecordedRun, found: Studies, store: Path | None = None) -> Collection:
     """Return a run with its studies, and what their test images say; `store` as in `collect`.
 
     Raises:
@@ -112,7 +112,7 @@ def collection_of(run: Run, found: Studies, store: Path | None = None) -> Collec
     )
 
 
-def read_studies(run: Run, store: Path | None = None) -> Studies:
+def read_studies(run: RecordedRun, store: Path | None = None) -> Studies:
     """Read the finished studies of a run, without their test images.
 
     A study that is not finished or has holes is left out, and the reason is kept: the search's own results do not
@@ -129,12 +129,12 @@ def read_studies(run: Run, store: Path | None = None) -> Studies:
     return replace(found, left_out=(*left_out, *found.left_out))
 
 
-def _reason(error: TacevoError, run: Run) -> str:
+def _reason(error: TacevoError, run: RecordedRun) -> str:
     """Return an error that names files by their place in the run: where that lies is of no interest to a reader."""
     return str(error).replace(f"{run.path}/", "")
 
 
-def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | None = None) -> Studies:
+def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy], store: Path | None = None) -> Studies:
     """Return studies that were read, compared; reasons and `store` as in `read_studies`."""
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
@@ -162,7 +162,7 @@ def compared_studies(run: Run, finished: Iterable[FinishedStudy], store: Path | 
     )
 
 
-def _finished(directory: StudyDirectory, run: Run) -> FinishedStudy:
+def _finished(directory: StudyDirectory, run: RecordedRun) -> FinishedStudy:
     """Read a study of the run as it is."""
     studied = directory.read().run
     if studied != run.digest:
@@ -175,11 +175,11 @@ def _finished(directory: StudyDirectory, run: Run) -> FinishedStudy:
     return directory.read_finished()
 
 
-def _store_of(run: Run, store: Path | None) -> Path:
+def _store_of(run: RecordedRun, store: Path | None) -> Path:
     return store or Path(run.config.store.root)
 
 
-def _compared(study: Study, path: Path) -> tuple[pd.DataFrame | None, list[str]]:
+def _compared(study: RecordedStudy, path: Path) -> tuple[pd.DataFrame | None, list[str]]:
     """Compare a study; where that fails, return the reason."""
     if len(study.networks) == 1:  # a baseline alone, as was asked for
         return None, []
@@ -189,7 +189,7 @@ def _compared(study: Study, path: Path) -> tuple[pd.DataFrame | None, list[str]]
         return None, [f"the comparison of {path}: {error}"]
 
 
-def _on_images(study: Study, path: Path, store: Path) -> tuple[ImageFindings | None, list[str]]:
+def _on_images(study: RecordedStudy, path: Path, store: Path) -> tuple[ImageFindings | None, list[str]]:
     """Compare a study's networks on its test images; where it keeps them and they cannot be read, return the reason."""
     try:
         predictions = load_predictions(study, store)
@@ -261,7 +261,7 @@ def _numbered(tables: Iterable[Table]) -> list[Table]:
     return found
 
 
-def outcomes(run: Run, found: Studies) -> dict[str, Table]:
+def outcomes(run: RecordedRun, found: Studies) -> dict[str, Table]:
     """Return what each study and noise run of a run found in short, by the name of its directory."""
     again = {one.name: one for one in found.reestimates}
     everywhere = transfers((compared.study, None) for compared in found.studies)
@@ -324,7 +324,7 @@ def _of_study(table: Table, compared: Compared) -> Table:
     return replace(table, name=f"{table.name}_{compared.name}", caption=caption)
 
 
-def _corrected(run: Run, again: Reestimates) -> list[Table]:
+def _corrected(run: RecordedRun, again: Reestimates) -> list[Table]:
     """Return the table of the corrected archive, where every elite was trained again."""
     sources = {candidate.id: candidate.source for candidate in run.candidates}
     found = correct(run.elites, run.places, sources, again)

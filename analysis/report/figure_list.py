@@ -22,15 +22,15 @@ from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches
-from analysis.runs.run import Run
 from analysis.studies.comparison import of_whole
 from analysis.studies.images import ImageFindings
-from analysis.studies.scores import Study
 from analysis.table import PValue
 from analysis.tables.archives_of_arms import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind
+from tacevo.results.run import RecordedRun
+from tacevo.results.study import RecordedStudy
 from tacevo.storage.files import write_durably
 
 
@@ -91,7 +91,7 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     )
 
 
-def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
+def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
     """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
@@ -137,7 +137,7 @@ def run_pictures(run: Run, niches: Niches) -> tuple[Picture, ...]:
     )
 
 
-def undrawn(run: Run) -> tuple[str, ...]:
+def undrawn(run: RecordedRun) -> tuple[str, ...]:
     """List the figures that a run cannot have, with the reason, a sentence each."""
     said = []
     if not run.has_niches:
@@ -149,12 +149,14 @@ def undrawn(run: Run) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _has_map(run: Run) -> bool:
+def _has_map(run: RecordedRun) -> bool:
     """Return whether the network archive is a map: has niches, over two axes."""
     return run.has_niches and len(run.config.archive.axes) == 2
 
 
-def study_pictures(study: Study, comparisons: pd.DataFrame | None, images: ImageFindings | None) -> tuple[Picture, ...]:
+def study_pictures(
+    study: RecordedStudy, comparisons: pd.DataFrame | None, images: ImageFindings | None
+) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     verdicts = {
         found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in of_whole(comparisons).itertuples()
@@ -183,11 +185,11 @@ def study_pictures(study: Study, comparisons: pd.DataFrame | None, images: Image
     return tuple(pictures)
 
 
-def _data_of(study: Study) -> str:
+def _data_of(study: RecordedStudy) -> str:
     return f"{study.task}, on other data: {study.where}" if study.where else study.task
 
 
-def _of_elites(run: Run) -> list[tuple[str, Callable[[], Figure], str]]:
+def _of_elites(run: RecordedRun) -> list[tuple[str, Callable[[], Figure], str]]:
     """List the figures of the best networks."""
     first = run.ranked()[0].id
     networks = [run.baseline, *run.best()]

@@ -9,20 +9,20 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.runs.niches import load_niches
-from analysis.runs.run import Run
 from analysis.studies.corrected import Corrected
-from analysis.studies.scores import PRIMARY
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
 from analysis.sweeps.common_archive import Extent, common_archive, extents
 from analysis.sweeps.corrected import corrected_jobs
 from analysis.sweeps.metrics import TESTS, Metric
-from analysis.sweeps.sweep import REFERENCE, Finished, Sweep, load_sweep
-from analysis.sweeps.sweep_checks import check_sweep
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables
 from analysis.tables.archives_of_arms import common_note, corrected_arms_table, extents_note
 from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
+from tacevo.results.run import RecordedRun
+from tacevo.results.study import PRIMARY
+from tacevo.results.sweep import REFERENCE, Finished, RecordedSweep, load_sweep
+from tacevo.results.sweep_checks import check_sweep
 from tacevo.text import counted, listed
 
 
@@ -30,7 +30,7 @@ from tacevo.text import counted, listed
 class SweepCollection:
     """A sweep with its comparison."""
 
-    sweep: Sweep
+    sweep: RecordedSweep
     found: Ablation
     #: Of its runs, by generation (`curves_frame`).
     curves: pd.DataFrame
@@ -43,7 +43,7 @@ class SweepCollection:
 
 
 def collect_sweep(
-    path: Path, store: Path | None, reference: str | None = None, known: Mapping[str, Run] | None = None
+    path: Path, store: Path | None, reference: str | None = None, known: Mapping[str, RecordedRun] | None = None
 ) -> SweepCollection:
     """Read the finished jobs of a sweep and compare its arms.
 
@@ -78,7 +78,7 @@ def collect_sweep(
     )
 
 
-def primary_metric(sweep: Sweep) -> Metric | None:
+def primary_metric(sweep: RecordedSweep) -> Metric | None:
     """Return what the arms are compared by first; None where the sweep states nothing of it.
 
     Once it states how its jobs are tested, that is the test score, unless it stated another metric when it began.
@@ -91,7 +91,7 @@ def primary_metric(sweep: Sweep) -> Metric | None:
     return TESTS[PRIMARY[sweep.finished[0].run.facts.kind]] if stated is Primary.test_score else Metric[stated.name]
 
 
-def _check_arm(sweep: Sweep, reference: str | None) -> None:
+def _check_arm(sweep: RecordedSweep, reference: str | None) -> None:
     arms = {one.job.arm for one in sweep.finished} | {one.job.arm for one in sweep.missing}
     if reference is not None and reference not in arms:
         expected = f"one of the arms: {', '.join(map(repr, sorted(arms)))}"
@@ -99,7 +99,7 @@ def _check_arm(sweep: Sweep, reference: str | None) -> None:
 
 
 def measuring(
-    sweep: Sweep, centroids_of: Callable[[Run], NDArray[np.float64]], wanted: str = REFERENCE
+    sweep: RecordedSweep, centroids_of: Callable[[RecordedRun], NDArray[np.float64]], wanted: str = REFERENCE
 ) -> tuple[Finished, NDArray[np.float64]]:
     """Choose the job in whose niches all are measured: the first with some over both descriptors, the reference first.
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from analysis.table import Table
 from analysis.tables.rendering import table_texts
+from tacevo.results.study_directory import NAME
 from tacevo.storage.files import write_durably
-from tacevo.studies.directory import NAME
 
 
 def write_tables(tables: Iterable[Table], directory: Path, *, prefix: str = "") -> None:

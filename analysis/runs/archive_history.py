@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import descriptors
-from analysis.runs.run import Run
 from tacevo.choices import BoundsRule
 from tacevo.evolution.archive import Archive, Elite, Individual, NetworkArchive, Tessellation, TopK
 from tacevo.evolution.reevaluation import Estimates
+from tacevo.results.run import RecordedRun
 
 
-def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, ...]:
+def archive_history(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Archive, ...]:
     """Return the elites of the network archive after each generation, in order.
 
     The centroids, shape (niches, axes), in [0, 1], are not looked at where its archive has no niches.
@@ -42,13 +42,13 @@ def archive_history(run: Run, centroids: NDArray[np.float64]) -> tuple[Archive, 
     return tuple(found)
 
 
-def archive_medians(run: Run, centroids: NDArray[np.float64]) -> tuple[float | None, ...]:
+def archive_medians(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[float | None, ...]:
     """Return the median fitness of the elites after each generation; None before anything was trained."""
     fitnesses = [[-elite.objective for elite in it.elites.values()] for it in archive_history(run, centroids)]
     return tuple(statistics.median(values) if values else None for values in fitnesses)
 
 
-def _empty(run: Run) -> NetworkArchive:
+def _empty(run: RecordedRun) -> NetworkArchive:
     """Make the archive that the search began with."""
     if run.bounds is None or run.config.archive.bounds is not BoundsRule.fixed:
         return NetworkArchive()

@@ -6,15 +6,15 @@ from pathlib import Path
 from analysis.runs.archive_history import archive_history
 from analysis.runs.coverage_map import descriptors
 from analysis.runs.niches import Niches, load_niches
-from analysis.runs.run import Run, as_run
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.files import EliteEntry, TrialEntry, read_ledger
 from tacevo.evolution.lines import GenerationLine
+from tacevo.results.run import RecordedRun, as_run
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 
 
-def load_begun(path: Path, store: Path | None = None) -> tuple[Run, Niches] | None:
+def load_begun(path: Path, store: Path | None = None) -> tuple[RecordedRun, Niches] | None:
     """Read a run and its niches; None before its first generation has ended.
 
     Its digest is that of a run of so many generations. Both archives follow from the ledger, because their files may be
@@ -38,7 +38,7 @@ def load_begun(path: Path, store: Path | None = None) -> tuple[Run, Niches] | No
     return replace(run, elites=_elites(run, niches), prompt_trials=_trials(run, niches)), niches
 
 
-def _elites(run: Run, niches: Niches) -> tuple[EliteEntry, ...]:
+def _elites(run: RecordedRun, niches: Niches) -> tuple[EliteEntry, ...]:
     """Return the elites of the network archive after the last generation, niche by niche."""
     held = archive_history(run, niches.networks)[-1].elites
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
@@ -54,7 +54,7 @@ def _elites(run: Run, niches: Niches) -> tuple[EliteEntry, ...]:
     )
 
 
-def _trials(run: Run, niches: Niches) -> tuple[TrialEntry, ...]:
+def _trials(run: RecordedRun, niches: Niches) -> tuple[TrialEntry, ...]:
     """Return the occupants of the prompt archive: in each niche the last one that was let in."""
     temperatures = {line.generation: line.temperature for line in run.generations}
     found = {}

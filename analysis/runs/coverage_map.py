@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule, Scale
 from tacevo.evolution.archive import Tessellation
+from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.rounding import rounded
 
 #: Points a side of the lattice that looks for niches; 200 x 200 put 400 points into a niche of the default 100.
@@ -32,7 +32,7 @@ class CoverageMap:
     moved: tuple[int, ...]
 
 
-def coverage_map(run: Run, centroids: NDArray[np.float64]) -> CoverageMap:
+def coverage_map(run: RecordedRun, centroids: NDArray[np.float64]) -> CoverageMap:
     """Place the trained candidates of a run.
 
     The centroids are those of its network archive, shape (niches, axes), in [0, 1].
@@ -54,7 +54,7 @@ def coverage_map(run: Run, centroids: NDArray[np.float64]) -> CoverageMap:
     )
 
 
-def descriptors(run: Run) -> NDArray[np.float64]:
+def descriptors(run: RecordedRun) -> NDArray[np.float64]:
     """Return the descriptors of the trained candidates as the archive's axes have them, shape (candidates, axes)."""
     scale, axes = run.config.archive.eff_ratio_scale, run.config.archive.axes
     return np.array([descriptors_of(candidate, scale, axes) for candidate in run.trained]).reshape(-1, len(axes))
@@ -104,7 +104,7 @@ def effective_niches(found: CoverageMap) -> float:
     return rounded(2.0 ** -(shares * np.log2(shares)).sum())
 
 
-def _moves(run: Run, raw: NDArray[np.float64]) -> tuple[int, ...]:
+def _moves(run: RecordedRun, raw: NDArray[np.float64]) -> tuple[int, ...]:
     """Find the candidates outside all before them; each rebuilt the archive."""
     generations = [candidate.generation for candidate in run.trained]
     low, high = np.minimum.accumulate(raw), np.maximum.accumulate(raw)

@@ -12,11 +12,11 @@ from typing import Any
 import pandas as pd
 from scipy.stats import binomtest
 
-from analysis.runs.run import Run
 from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, trained_networks, training_flops
 from tacevo.records import Operator, Stage
+from tacevo.results.run import RecordedRun
 from tacevo.rounding import DIGITS
 
 #: Confidence of every interval here.
@@ -77,7 +77,7 @@ class Improvement:
     coverage: float
 
 
-def progress(run: Run) -> pd.DataFrame:
+def progress(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each generation (`GENERATIONS`)."""
     repeated, unchanged = repeats(run), copies(run)
     rows: list[dict[str, Any]] = []
@@ -106,7 +106,7 @@ def _costs(spent: Spending | None) -> dict[str, int | float | None]:
     return {"answers": spent.answers, "tokens": spent.tokens, **tokens, "usd": None if spent.unpriced else spent.usd}
 
 
-def repeats(run: Run) -> frozenset[str]:
+def repeats(run: RecordedRun) -> frozenset[str]:
     """Find the candidates whose evaluation an earlier slot had asked for, by id."""
     seen: set[str] = set()
     found: set[str] = set()
@@ -118,7 +118,7 @@ def repeats(run: Run) -> frozenset[str]:
     return frozenset(found)
 
 
-def copies(run: Run) -> frozenset[str]:
+def copies(run: RecordedRun) -> frozenset[str]:
     """Find the candidates whose source equals that of one of their parents, by id."""
     sources = {candidate.id: candidate.source for candidate in run.candidates}
     return frozenset(
@@ -128,7 +128,7 @@ def copies(run: Run) -> frozenset[str]:
     )
 
 
-def by_prompt(run: Run) -> pd.DataFrame:
+def by_prompt(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each instruction of the library (`PRODUCTIVITY`), tried or not, in the library's order."""
     asked = _mutations(run)
     return _productivity(
@@ -137,7 +137,7 @@ def by_prompt(run: Run) -> pd.DataFrame:
     )
 
 
-def by_temperature(run: Run) -> pd.DataFrame:
+def by_temperature(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each band of the requests' temperatures in which something was asked, rising."""
     bands: dict[int, list[CandidateLine]] = {}
     for candidate in _mutations(run):
@@ -148,7 +148,7 @@ def by_temperature(run: Run) -> pd.DataFrame:
     return _productivity((f"{band / BANDS:.1f}-{(band + 1) / BANDS:.1f}", bands[band]) for band in sorted(bands))
 
 
-def temperature_follows_age(run: Run) -> bool:
+def temperature_follows_age(run: RecordedRun) -> bool:
     """Return whether T is a strictly monotone function of the generation, so that their effects cannot be separated.
 
     Generations that stand at a limit of 0 or 1, beyond which T cannot move, do not count against it.
@@ -158,7 +158,7 @@ def temperature_follows_age(run: Run) -> bool:
     return bool(steps) and (min(steps) > 0 or max(steps) < 0)
 
 
-def improvement(run: Run) -> Improvement | None:
+def improvement(run: RecordedRun) -> Improvement | None:
     """Measure how far a run came; None where it lacks a trained baseline, as a fold of a search never does."""
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
     known = run.fitness
@@ -185,7 +185,7 @@ def improvement(run: Run) -> Improvement | None:
     )
 
 
-def _mutations(run: Run) -> list[CandidateLine]:
+def _mutations(run: RecordedRun) -> list[CandidateLine]:
     """Return the mutations that count for a prompt: not those of generation 0, which fill an empty archive."""
     return [
         candidate
@@ -212,7 +212,7 @@ def _wilson(found: int, tried: int) -> tuple[float, float]:
     return round(float(ends.low), DIGITS), round(float(ends.high), DIGITS)
 
 
-def spent_on_training(run: Run) -> int:
+def spent_on_training(run: RecordedRun) -> int:
     """Return the FLOPs of a search's trainings, as its budget counts them, and of its further trainings."""
     trained = trained_networks(run.trained)
     flops = dict(trained)
@@ -222,7 +222,7 @@ def spent_on_training(run: Run) -> int:
     return training_flops(trained, images=images, epochs=epochs, seeds=run.seeds)
 
 
-def spending(run: Run, slots: Iterable[CandidateLine]) -> Spending | None:
+def spending(run: RecordedRun, slots: Iterable[CandidateLine]) -> Spending | None:
     """Add up what the answers of some slots cost; None where one is unknown, because a sum with gaps would mislead."""
     asked = [candidate.id for candidate in slots if candidate.request is not None]
     known = [run.spent[name] for name in asked if name in run.spent]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effective_niches, fullest_tenth, reachable
 from analysis.runs.dynamics import by_prompt, copies, progress, repeats
-from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
 from tacevo.evolution.lines import TEMPERATURE, gate_stages
+from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.text import counted
 
 #: Below this part of reachable niches, coverage says more about the bounds than about the search: the paper's own runs
@@ -68,7 +68,7 @@ class Alarm:
     figures: tuple[tuple[str, float], ...]
 
 
-def alarms(run: Run, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
+def alarms(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
     """Look for everything that may be wrong with a run.
 
     Args:
@@ -105,7 +105,7 @@ def _of_niches(placed: CoverageMap, centroids: NDArray[np.float64]) -> Iterator[
         )
 
 
-def _of_descriptors(run: Run, placed: CoverageMap) -> Iterator[Alarm]:
+def _of_descriptors(run: RecordedRun, placed: CoverageMap) -> Iterator[Alarm]:
     if placed.clipped > CLIPPED:
         yield Alarm(
             name="clipped descriptors",
@@ -134,7 +134,7 @@ def _of_descriptors(run: Run, placed: CoverageMap) -> Iterator[Alarm]:
             yield from _of_axis(run, axis, values)
 
 
-def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alarm]:
+def _of_axis(run: RecordedRun, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alarm]:
     """Look at how the candidates lie along an axis; `values`, shape (candidates,), are normalised."""
     name = AXES[axis][0]
     low, high = np.quantile(values, _MIDDLE)
@@ -156,7 +156,7 @@ def _of_axis(run: Run, axis: Axis, values: NDArray[np.float64]) -> Iterator[Alar
         )
 
 
-def _remedy(run: Run, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
+def _remedy(run: RecordedRun, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
     """Return what would spread the candidates along an axis; for a logarithm, with the share that remains then."""
     settings = run.config.archive
     adaptive = settings.bounds is BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
@@ -169,7 +169,7 @@ def _remedy(run: Run, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
     return f"archive.bounds=fixed with narrower archive.{axis}_bounds would spread them", ()
 
 
-def _of_candidates(run: Run) -> Iterator[Alarm]:
+def _of_candidates(run: RecordedRun) -> Iterator[Alarm]:
     asked = run.answered
     known = (repeats(run) | copies(run)) & {candidate.id for candidate in asked}
     if asked and len(known) / len(asked) > REPEATED:
@@ -191,7 +191,7 @@ def _of_candidates(run: Run) -> Iterator[Alarm]:
     yield from _of_time(run)
 
 
-def _of_time(run: Run) -> Iterator[Alarm]:
+def _of_time(run: RecordedRun) -> Iterator[Alarm]:
     """Look for trainings that took far more processor time than the median of the run, and than their FLOPs explain."""
     flops = {one.id: (one.flops or 0) + one.extra_flops for one in run.trained}
     taken = {name: run.cpu_seconds[name] for name in flops if name in run.cpu_seconds}
@@ -212,7 +212,7 @@ def _of_time(run: Run) -> Iterator[Alarm]:
         )
 
 
-def _of_prompts(run: Run) -> Iterator[Alarm]:
+def _of_prompts(run: RecordedRun) -> Iterator[Alarm]:
     """Look at instructions, unless the run ended before any mutation of generation 1."""
     found = by_prompt(run)
     if not found.tried.any():
@@ -237,7 +237,7 @@ def _of_prompts(run: Run) -> Iterator[Alarm]:
             )
 
 
-def _of_temperature(run: Run) -> Iterator[Alarm]:
+def _of_temperature(run: RecordedRun) -> Iterator[Alarm]:
     if TEMPERATURE in run.not_sent:
         missed = sum(TEMPERATURE in candidate.dropped for candidate in run.candidates)
         yield Alarm(

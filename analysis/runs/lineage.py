@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from analysis.runs.run import Run
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
+from tacevo.results.run import RecordedRun
 
 #: The columns of a lineage, whose index is `id`, and the type of each: parents are a tuple of ids; the instruction is
 #: missing of the baseline and a crossover; the fitness is what the search knew at its end, missing where a training
@@ -15,7 +15,7 @@ LINEAGE = {"generation": "int64", "operator": "str", "instruction": "str", "pare
 LINEAGE |= {"fitness": "float64", "gain": "float64"}
 
 
-def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
+def ancestors(run: RecordedRun, name: str) -> tuple[CandidateLine, ...]:
     """Return a candidate's ancestors in the order of the search, each once, and itself last.
 
     Raises:
@@ -34,7 +34,7 @@ def ancestors(run: Run, name: str) -> tuple[CandidateLine, ...]:
     return tuple(sorted(found.values(), key=lambda candidate: (candidate.generation, candidate.slot)))
 
 
-def lineage(run: Run, name: str) -> pd.DataFrame:
+def lineage(run: RecordedRun, name: str) -> pd.DataFrame:
     """Return a candidate's ancestors with what was asked for and what it brought; raises as `ancestors` does.
 
     A row each, in the order of the search, and the candidate itself last (`LINEAGE`).

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
-from analysis.runs.run import Run
 from tacevo.config.schema import ArchiveConfig
 from tacevo.errors import RunError, StoreError
 from tacevo.evolution.archive import find_centroids
+from tacevo.results.run import RecordedRun
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Store
 from tacevo.typed import convert
@@ -31,7 +31,7 @@ class Niches:
     prompts: NDArray[np.float64]
 
 
-def load_niches(run: Run, store: Path | None = None) -> Niches:
+def load_niches(run: RecordedRun, store: Path | None = None) -> Niches:
     """Find the centroids that a run was searched with; where its store has none, they are computed as they were.
 
     Args:

@@ -3,13 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.runs.run import Run
 from tacevo.evolution.archive import Tessellation
 from tacevo.evolution.prompts import prompt_point
 from tacevo.evolution.proposals import next_temperature
+from tacevo.results.run import RecordedRun
 
 
-def reachable_temperatures(run: Run) -> frozenset[float]:
+def reachable_temperatures(run: RecordedRun) -> frozenset[float]:
     """Return every T_g that a trial of the run could have had, with any fitness that its generations found.
 
     A generation brings a better best or the same; where elites are trained again, it can also be worse. Trials begin
@@ -31,7 +31,7 @@ def reachable_temperatures(run: Run) -> frozenset[float]:
     return frozenset(found)
 
 
-def reachable_prompt_niches(run: Run, centroids: NDArray[np.float64]) -> frozenset[int]:
+def reachable_prompt_niches(run: RecordedRun, centroids: NDArray[np.float64]) -> frozenset[int]:
     """Return the niches that hold some instruction at one of `reachable_temperatures`.
 
     The centroids are those of the prompt archive, shape (niches, 2), in [0, 1].

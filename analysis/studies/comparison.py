@@ -16,13 +16,13 @@ from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
-from analysis.studies.scores import LOWER_IS_BETTER, Study
 from analysis.studies.warnings import cautions, late_share
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
+from tacevo.results.study_terms import fewest_seeds
 from tacevo.rounding import rounded
-from tacevo.studies.terms import fewest_seeds
 
 
 class Verdict(StrEnum):
@@ -50,7 +50,7 @@ COMPARISONS = (
 )
 
 
-def compare(study: Study, *, seed: int = 0) -> pd.DataFrame:
+def compare(study: RecordedStudy, *, seed: int = 0) -> pd.DataFrame:
     """Compare every variant of a study with its baseline, on the study's own terms.
 
     The seed is that of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
@@ -76,7 +76,7 @@ def of_whole(found: pd.DataFrame | None) -> pd.DataFrame:
     return pd.DataFrame(columns=list(COMPARISONS)) if found is None else found[found.output.isna()]
 
 
-def late(study: Study) -> dict[str, float]:
+def late(study: RecordedStudy) -> dict[str, float]:
     """Return, of each network, the part of its trainings whose best epoch lies in the last tenth, in [0, 1]."""
     chosen: dict[str, list[int]] = {network.name: [] for network in study.networks}
     for score in study.scores:
@@ -84,7 +84,7 @@ def late(study: Study) -> dict[str, float]:
     return {name: rounded(late_share(epochs, epochs=study.recipe.epochs)) for name, epochs in chosen.items()}
 
 
-def _outputs(study: Study) -> list[str]:
+def _outputs(study: RecordedStudy) -> list[str]:
     """Name the outputs that variants can be compared on, where the primary metric is a mean over several."""
     measured, margin, baseline = study.scores[0].metrics, study.terms.margin, study.networks[0].name
     metrics = {name: f"{study.primary}_{name}" for name in study.names}
@@ -93,7 +93,7 @@ def _outputs(study: Study) -> list[str]:
     return [name for name, metric in metrics.items() if margin.around(float(np.median(study.values(baseline, metric))))]
 
 
-def _compared(study: Study, metrics: Mapping[str | None, str], seed: int) -> list[dict[str, Any]]:
+def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int) -> list[dict[str, Any]]:
     """Compare every variant by each metric, and correct all p-values as one family of each kind."""
     rows: list[dict[str, Any]] = []
     alpha = study.terms.alpha
@@ -134,7 +134,7 @@ def _verdict(row: Mapping[str, float], *, lower: bool, differs: bool, equals: bo
     return Verdict.equivalent if equals else Verdict.undecided
 
 
-def _check_size(study: Study) -> None:
+def _check_size(study: RecordedStudy) -> None:
     """Check that some outcome of a comparison could be significant."""
     place = f"the study of {study.task}"
     if len(study.networks) < 2:

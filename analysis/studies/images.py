@@ -31,11 +31,11 @@ from analysis.statistics.images import (
 from analysis.statistics.tests import holm
 from analysis.studies.comparison import Verdict
 from analysis.studies.predictions import Predictions
-from analysis.studies.scores import LOWER_IS_BETTER, Study
 from tacevo.randomness import stream
 from tacevo.records import Kind
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
+from tacevo.results.study_terms import fewest_seeds
 from tacevo.rounding import rounded
-from tacevo.studies.terms import fewest_seeds
 
 #: The trivial predictor, among the names of networks, of which none is empty.
 _TRIVIAL = ""
@@ -124,7 +124,7 @@ class ImageFindings:
     spreads: Mapping[str, float]
 
 
-def image_findings(study: Study, predictions: Predictions, *, seed: int = 0) -> ImageFindings:
+def image_findings(study: RecordedStudy, predictions: Predictions, *, seed: int = 0) -> ImageFindings:
     """Compare the networks of a study on its test images.
 
     The seed is that of the bootstrap. All networks share the draws of the images, and each has draws of its seeds from
@@ -135,7 +135,7 @@ def image_findings(study: Study, predictions: Predictions, *, seed: int = 0) -> 
     return _of_values(study, predictions, seed)
 
 
-def _of_classes(study: Study, predictions: Predictions, seed: int) -> ImageFindings:
+def _of_classes(study: RecordedStudy, predictions: Predictions, seed: int) -> ImageFindings:
     labels = predictions.labels
     right = {name: (each.argmax(axis=2) == labels).astype(np.float64) for name, each in predictions.of.items()}
     chances = {name: [probabilities(one) for one in each] for name, each in predictions.of.items()}
@@ -168,7 +168,7 @@ def _of_classes(study: Study, predictions: Predictions, seed: int) -> ImageFindi
     )
 
 
-def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindings:
+def _of_values(study: RecordedStudy, predictions: Predictions, seed: int) -> ImageFindings:
     labels: Floats = predictions.labels.astype(np.float64)
     errors = {name: np.stack([squared_errors(one, labels) for one in each]) for name, each in predictions.of.items()}
     ensembles = {name: average(list(each)) for name, each in predictions.of.items()}
@@ -194,7 +194,7 @@ def _of_values(study: Study, predictions: Predictions, seed: int) -> ImageFindin
 
 
 def _outputs(
-    study: Study, predictions: Predictions, ensembles: Mapping[str, Floats], seed: int
+    study: RecordedStudy, predictions: Predictions, ensembles: Mapping[str, Floats], seed: int
 ) -> tuple[tuple[str, Pair], ...]:
     """Compare every variant with the baseline on each output; all of these are one family."""
     baseline, *variants = (network.name for network in study.networks)
@@ -226,7 +226,7 @@ def _differences(scores: Mapping[str, Floats], seed: int, metric: str) -> Differ
     return lambda one, other: mean_difference(scores[one], scores[other], drawn[one], drawn[other])
 
 
-def _ensembles(study: Study, scores: Mapping[str, float], differ: Differ) -> tuple[Ensemble, ...]:
+def _ensembles(study: RecordedStudy, scores: Mapping[str, float], differ: Differ) -> tuple[Ensemble, ...]:
     baseline = study.networks[0].name
     return tuple(
         Ensemble(network=name, score=rounded(score), difference=None if name == baseline else differ(name, baseline))
@@ -234,17 +234,17 @@ def _ensembles(study: Study, scores: Mapping[str, float], differ: Differ) -> tup
     )
 
 
-def _of_two(study: Study) -> list[tuple[str, str]]:
+def _of_two(study: RecordedStudy) -> list[tuple[str, str]]:
     """List every two networks, the later one first: a variant is compared with the baseline."""
     names = [network.name for network in study.networks]
     return [(later, earlier) for earlier, later in itertools.combinations(names, 2)]
 
 
-def _with_trivial(study: Study) -> list[tuple[str, str]]:
+def _with_trivial(study: RecordedStudy) -> list[tuple[str, str]]:
     return [(network.name, _TRIVIAL) for network in study.networks]
 
 
-def _pairs(study: Study, family: Sequence[tuple[str, str, Test, Differ]]) -> tuple[Pair, ...]:
+def _pairs(study: RecordedStudy, family: Sequence[tuple[str, str, Test, Differ]]) -> tuple[Pair, ...]:
     """Test the pairs of one family, correct, and judge the first of each."""
     if not family:
         return ()
@@ -262,7 +262,7 @@ def _pairs(study: Study, family: Sequence[tuple[str, str, Test, Differ]]) -> tup
     )
 
 
-def _verdict(study: Study, test: Paired, difference: Interval, *, is_shown: bool) -> Verdict | None:
+def _verdict(study: RecordedStudy, test: Paired, difference: Interval, *, is_shown: bool) -> Verdict | None:
     """Return the word for the first of a pair; `is_shown` says whether its test is significant after Holm."""
     if study.seeds < fewest_seeds(study.terms.alpha):
         return None

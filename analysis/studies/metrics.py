@@ -1,8 +1,8 @@
 """Metrics as a reader knows them: their names, their units, and the order in which they are shown."""
 
-from analysis.studies.scores import Study
 from tacevo.data.labels import plain_name
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
 
 #: In the order of docs/study.md; what follows an underscore is an output, as in `mse_Fx`.
 _OF_VALUES = {"mse": "MSE", "mae": "MAE", "rmse": "RMSE", "r2": "R²"}
@@ -23,12 +23,12 @@ def metric_name(metric: str) -> str:
     return (_OF_VALUES | _OF_CLASSES)[metric]
 
 
-def recorded_scale(study: Study) -> dict[str, float]:
+def recorded_scale(study: RecordedStudy) -> dict[str, float]:
     """Return the units of the recording for one unit of training, by regressed value."""
     return dict(zip(study.names, study.scale or [1.0] * len(study.names), strict=True))
 
 
-def recorded_unit(study: Study, power: str = "") -> str:
+def recorded_unit(study: RecordedStudy, power: str = "") -> str:
     """Name the unit of errors of each regressed value, for the head of a column: `N`, or `depth mm, roll deg`.
 
     `power` is written behind a unit that is known, as `²`.
@@ -40,7 +40,7 @@ def recorded_unit(study: Study, power: str = "") -> str:
     return ", ".join(f"{name} {unit}" for name, unit in zip(plain, units, strict=True))
 
 
-def named_metrics(study: Study) -> tuple[tuple[str, str], ...]:
+def named_metrics(study: RecordedStudy) -> tuple[tuple[str, str], ...]:
     """List the metrics of a study with their names, in the order of docs/study.md.
 
     `mse_Fx` is `MSE Fx`, in the scaled units of training; `recorded_mae_Fx` is `MAE Fx (N)`, in the recording's.

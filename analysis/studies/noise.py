@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.statistics.noise import Draws, NetworkNoise, Noise, Ranking, noise, rankings
-from analysis.studies.scores import LOWER_IS_BETTER, PRIMARY
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
+from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
+from tacevo.results.study_directory import FinishedStudy
+from tacevo.results.study_lines import FailedLine, Network, ScoreLine, StudyHeader
 from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
-from tacevo.studies.directory import FinishedStudy
-from tacevo.studies.lines import FailedLine, Network, ScoreLine, StudyHeader
 from tacevo.text import drawn
 from tacevo.training.full import FullTraining
 

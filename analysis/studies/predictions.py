@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.studies.scores import Study
 from tacevo.errors import RunError
 from tacevo.records import Mode
+from tacevo.results.study import RecordedStudy
 from tacevo.storage.arrays import KIND, ArrayStore
 from tacevo.storage.store import Store
 from tacevo.text import listed
@@ -27,7 +27,7 @@ class Predictions:
     labels: NDArray[Any]
 
 
-def load_predictions(study: Study, store: Path) -> Predictions | None:
+def load_predictions(study: RecordedStudy, store: Path) -> Predictions | None:
     """Read the test predictions of a study.
 
     Args:
@@ -62,7 +62,9 @@ def load_predictions(study: Study, store: Path) -> Predictions | None:
     return Predictions(of={name: np.stack(each) for name, each in found.items()}, labels=truth)
 
 
-def _check(study: Study, network: str, seed: int, predictions: NDArray[np.float32], labels: NDArray[Any]) -> None:
+def _check(
+    study: RecordedStudy, network: str, seed: int, predictions: NDArray[np.float32], labels: NDArray[Any]
+) -> None:
     """Compare the primary metric of a training with its predictions."""
     unit = [1.0] * len(study.names)  # that of training, as the primary metric's
     metrics, _ = score(study.kind, predictions, labels, names=study.names, scale=unit)

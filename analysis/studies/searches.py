@@ -15,8 +15,8 @@ import pandas as pd
 from analysis.statistics.effects import EFFECTS, effects, median, superiority
 from analysis.statistics.tests import holm, mann_whitney
 from analysis.studies.noise import Reestimates
-from analysis.studies.scores import Study
 from tacevo.randomness import stream
+from tacevo.results.study import RecordedStudy
 
 #: The fewest seeds of a study: each half has two.
 LEAST_SEEDS = 4
@@ -28,7 +28,7 @@ class StudiedSearch:
 
     #: Of the run.
     name: str
-    study: Study
+    study: RecordedStudy
     #: Of the study's networks, on the run's data.
     reestimates: Reestimates
 

@@ -8,11 +8,11 @@ import pandas as pd
 
 from analysis.statistics.noise import agreement
 from analysis.studies.comparison import Verdict, of_whole
-from analysis.studies.scores import LOWER_IS_BETTER, Study
 from tacevo.records import to_json
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
+from tacevo.results.study_lines import Design
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
-from tacevo.studies.lines import Design
 
 #: What the run's own data are called beside other data.
 OWN = "the run's"
@@ -36,7 +36,7 @@ class OnData:
 
     #: How the data differ from the run's, or `OWN`.
     where: str
-    study: Study
+    study: RecordedStudy
     #: By the networks' names, in their order.
     results: Mapping[str, Result]
     #: Kendall's tau-b of its medians with those of the first data set; None of the first, and without two that differ.
@@ -50,26 +50,26 @@ class Transfer:
     #: Two at least, that of the run's data first.
     data: tuple[OnData, ...]
 
-    def has(self, study: Study) -> bool:
+    def has(self, study: RecordedStudy) -> bool:
         """Return whether a study is one of them, or like one of them but for its plan."""
         return _shared(study) == _shared(self.data[0].study)
 
 
-def transfers(studies: Iterable[tuple[Study, pd.DataFrame | None]]) -> tuple[Transfer, ...]:
+def transfers(studies: Iterable[tuple[RecordedStudy, pd.DataFrame | None]]) -> tuple[Transfer, ...]:
     """Find the studies of a run that differ in their data only, with the comparison of each where it has one."""
-    groups: dict[str, dict[str, tuple[Study, pd.DataFrame | None]]] = {}
+    groups: dict[str, dict[str, tuple[RecordedStudy, pd.DataFrame | None]]] = {}
     for study, found in studies:
         groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, found))
     return tuple(_transfer(list(group.values())) for group in groups.values() if len(group) > 1)
 
 
-def _shared(study: Study) -> str:
+def _shared(study: RecordedStudy) -> str:
     """Name what a study has in common with itself on other data; a plan is of one of them, and changes no score."""
     kept = {field.name for field in fields(Design)} - {"data", "other_data", "plan"}
     return content_hash({name: to_json(getattr(study, name)) for name in kept})
 
 
-def _transfer(group: list[tuple[Study, pd.DataFrame | None]]) -> Transfer:
+def _transfer(group: list[tuple[RecordedStudy, pd.DataFrame | None]]) -> Transfer:
     ordered = sorted(group, key=lambda pair: (bool(pair[0].other_data), pair[0].where))
     first = _medians(ordered[0][0])
     return Transfer(
@@ -85,7 +85,7 @@ def _transfer(group: list[tuple[Study, pd.DataFrame | None]]) -> Transfer:
     )
 
 
-def _results(study: Study, found: pd.DataFrame | None) -> dict[str, Result]:
+def _results(study: RecordedStudy, found: pd.DataFrame | None) -> dict[str, Result]:
     medians = _medians(study)
     sign = 1 if LOWER_IS_BETTER[study.primary] else -1
     compared = {one.network: one for one in of_whole(found).itertuples()}
@@ -100,7 +100,7 @@ def _results(study: Study, found: pd.DataFrame | None) -> dict[str, Result]:
     }
 
 
-def _medians(study: Study) -> dict[str, float]:
+def _medians(study: RecordedStudy) -> dict[str, float]:
     return {
         network.name: rounded(float(np.median(study.values(network.name, study.primary)))) for network in study.networks
     }

@@ -17,15 +17,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.runs.dynamics import improvement, spending, spent_on_training
-from analysis.runs.run import Run
 from analysis.statistics.effects import EFFECTS, effects, median
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.warnings import cautions
 from analysis.sweeps.common_archive import CommonArchive, filled
 from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTS, Metric
-from analysis.sweeps.sweep import REFERENCE, Finished
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
+from tacevo.results.run import RecordedRun
+from tacevo.results.sweep import REFERENCE, Finished
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
 
@@ -174,7 +174,7 @@ def compare_arms(
     return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, arms=arms)
 
 
-def _values(run: Run) -> dict[Metric, float | None]:
+def _values(run: RecordedRun) -> dict[Metric, float | None]:
     found, spent = improvement(run), spending(run, run.candidates)
     return {
         Metric.best_fitness: None if found is None else found.last,
@@ -189,7 +189,7 @@ def _values(run: Run) -> dict[Metric, float | None]:
     }
 
 
-def slots_of(run: Run) -> tuple[CandidateLine, ...]:
+def slots_of(run: RecordedRun) -> tuple[CandidateLine, ...]:
     """Return what two runs are compared by, candidate by candidate."""
     return tuple(map(_slot, run.candidates))
 

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.runs.run import Run, descriptors_of
 from tacevo.choices import BoundsRule, Scale
 from tacevo.evolution.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score
+from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.rounding import rounded
 
 
@@ -47,7 +47,9 @@ class Extent:
     fullest: float
 
 
-def common_archive(runs: Sequence[Run], reference: Run, centroids: NDArray[np.float64]) -> CommonArchive:
+def common_archive(
+    runs: Sequence[RecordedRun], reference: RecordedRun, centroids: NDArray[np.float64]
+) -> CommonArchive:
     """Make the archive that all runs are measured in.
 
     Args:
@@ -65,7 +67,7 @@ def common_archive(runs: Sequence[Run], reference: Run, centroids: NDArray[np.fl
     return CommonArchive(tessellation=Tessellation(centroids), bounds=bounds, scale=scale, fixed=given is not None)
 
 
-def extents(runs: Sequence[Run], common: CommonArchive) -> tuple[Extent, ...]:
+def extents(runs: Sequence[RecordedRun], common: CommonArchive) -> tuple[Extent, ...]:
     """Name the candidates at the bounds of the common archive, and the crowd between them.
 
     Bounds stay those from the least to the greatest, as in the archives of the searches; no quantile has to be chosen,
@@ -89,7 +91,7 @@ def _extent(name: str, axis: int, places: Mapping[str, Point], common: CommonArc
     )
 
 
-def filled(run: Run, common: CommonArchive) -> pd.DataFrame:
+def filled(run: RecordedRun, common: CommonArchive) -> pd.DataFrame:
     """Put the candidates of a run into the common archive, in order; return what it holds after each generation.
 
     Returns:

@@ -3,16 +3,16 @@
 from dataclasses import replace
 from pathlib import Path
 
-from analysis.runs.run import Run, descriptors_of
 from analysis.studies.corrected import Corrected, correct
 from analysis.studies.noise import load_reestimates
 from analysis.sweeps.common_archive import CommonArchive
-from analysis.sweeps.sweep import Sweep
 from tacevo.errors import RunError, StoreError
-from tacevo.studies.directory import studies_of
+from tacevo.results.run import RecordedRun, descriptors_of
+from tacevo.results.study_directory import studies_of
+from tacevo.results.sweep import RecordedSweep
 
 
-def corrected_jobs(sweep: Sweep, common: CommonArchive, store: Path | None) -> dict[str, Corrected]:
+def corrected_jobs(sweep: RecordedSweep, common: CommonArchive, store: Path | None) -> dict[str, Corrected]:
     """Fill the common archive with the elites of each job, as recorded and by their re-estimates.
 
     Args:
@@ -27,7 +27,7 @@ def corrected_jobs(sweep: Sweep, common: CommonArchive, store: Path | None) -> d
     return {name: one for name, one in found.items() if one is not None}
 
 
-def _corrected(run: Run, common: CommonArchive, store: Path | None) -> Corrected | None:
+def _corrected(run: RecordedRun, common: CommonArchive, store: Path | None) -> Corrected | None:
     """Correct the archive of a run by the re-estimates of the most seeds that cover it."""
     sources = {one.id: one.source for one in run.candidates}
     points = {one.id: common.bounds.normalise(descriptors_of(one, common.scale)) for one in run.trained}

@@ -21,7 +21,7 @@ class Metric(StrEnum):
     cost = "cost (USD)"
 
 
-#: Of the network that a job found, trained again (`analysis.sweeps.tested`), by the metric of the task.
+#: Of the network that a job found, trained again (`tacevo.results.tested`), by the metric of the task.
 TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
 
 #: Metrics of what a search used, and not of what it found.

@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from analysis.runs.run import Run
 from analysis.statistics.planning import Spread, median_deviation, pooled
-from analysis.studies.scores import Study
 from analysis.sweeps.ablation import slots_of
-from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
+from tacevo.results.run import RecordedRun
+from tacevo.results.study import RecordedStudy
+from tacevo.results.sweep import Finished, RecordedSweep
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
@@ -55,7 +55,7 @@ def is_error(metric: Measure) -> bool:
     return metric is not Measure.accuracy
 
 
-def study_pilot(pilots: Sequence[tuple[Run, Study]]) -> Pilot:
+def study_pilot(pilots: Sequence[tuple[RecordedRun, RecordedStudy]]) -> Pilot:
     """Return what studies say of the next one; a training that several of them share counts once.
 
     Raises:
@@ -79,7 +79,7 @@ def study_pilot(pilots: Sequence[tuple[Run, Study]]) -> Pilot:
     )
 
 
-def spread_of(study: Study) -> float | None:
+def spread_of(study: RecordedStudy) -> float | None:
     """Return how the seeds of a study's networks spread; None of a single seed, or where an error is 0."""
     try:
         return _study_spread([study]).deviation
@@ -87,7 +87,7 @@ def spread_of(study: Study) -> float | None:
         return None
 
 
-def sweep_pilot(pilots: Sequence[Sweep]) -> Pilot:
+def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
     """Return what sweeps say of the next one: by their test scores, or by their best fitness where a job has none.
 
     A run that is another arm's of its seed, candidate by candidate, says nothing new of how jobs spread, and a
@@ -126,7 +126,7 @@ def sweep_pilot(pilots: Sequence[Sweep]) -> Pilot:
     )
 
 
-def _study_spread(studies: Sequence[Study]) -> Spread:
+def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:
     samples: dict[Hashable, dict[str, float]] = {}
     for study in studies:
         sources = {network.name: network.source for network in study.networks}
@@ -138,9 +138,9 @@ def _study_spread(studies: Sequence[Study]) -> Spread:
     return _pooled([_scaled(list(own.values()), metric) for own in samples.values()], "two seeds of a network")
 
 
-def _distinct_runs(pilots: Sequence[Sweep]) -> list[tuple[Sweep, Finished]]:
+def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep, Finished]]:
     """Return the jobs, each with its sweep, whose runs no earlier job of their seed has, candidate by candidate."""
-    found: list[tuple[Sweep, Finished]] = []
+    found: list[tuple[RecordedSweep, Finished]] = []
     known: dict[int, list[tuple[CandidateLine, ...]]] = {}
     for sweep in pilots:
         for one in sweep.finished:
@@ -151,7 +151,7 @@ def _distinct_runs(pilots: Sequence[Sweep]) -> list[tuple[Sweep, Finished]]:
     return found
 
 
-def _epochs(run: Run) -> int:
+def _epochs(run: RecordedRun) -> int:
     """Return the epochs of all trainings of a search, further ones of elites and failed ones included."""
     trainings = {line.evaluation for line in (*run.candidates, *run.reevaluations)} - {None}
     return len(trainings) * run.seeds * run.config.training.epochs
@@ -200,7 +200,7 @@ def _check_alike(terms: Sequence[str]) -> None:
         )
 
 
-def _seconds(runs: Sequence[Run]) -> float | None:
+def _seconds(runs: Sequence[RecordedRun]) -> float | None:
     """Return the time of one epoch of one training: the median over the candidates that were not recalled.
 
     A candidate's time is that of its gate and of its trainings with all seeds.
@@ -214,5 +214,5 @@ def _seconds(runs: Sequence[Run]) -> float | None:
     return median(found) if found else None
 
 
-def _digests(runs: Sequence[Run]) -> tuple[str, ...]:
+def _digests(runs: Sequence[RecordedRun]) -> tuple[str, ...]:
     return tuple(sorted({run.digest for run in runs}))

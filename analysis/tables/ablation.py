@@ -13,14 +13,14 @@ from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.sweeps.pilots import sweep_pilot
-from analysis.sweeps.sweep import REFERENCE, Missing, Sweep
-from analysis.sweeps.sweep_checks import arm_settings
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.plan import counts, planned_table
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.evolution.chance import is_at_chance
+from tacevo.results.sweep import REFERENCE, Missing, RecordedSweep
+from tacevo.results.sweep_checks import arm_settings
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
 from tacevo.storage.plan import Measure, SeedPlan
@@ -55,7 +55,7 @@ _MEANINGS = {
 }
 
 
-def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table, ...]:
+def ablation_tables(sweep: RecordedSweep, found: Ablation, archive: str) -> tuple[Table, ...]:
     """Return all tables of a sweep.
 
     `archive` is what is to be said of the common archive.
@@ -72,7 +72,7 @@ def ablation_tables(sweep: Sweep, found: Ablation, archive: str) -> tuple[Table,
     )
 
 
-def _planned_table(sweep: Sweep, found: Ablation, plan: SeedPlan) -> Table:
+def _planned_table(sweep: RecordedSweep, found: Ablation, plan: SeedPlan) -> Table:
     stated = sweep.terms.retraining
     table = planned_table(
         sweep.task,
@@ -90,7 +90,7 @@ def _planned_table(sweep: Sweep, found: Ablation, plan: SeedPlan) -> Table:
     return replace(table, name=f"ablation_{table.name}")
 
 
-def _spread(sweep: Sweep, metric: Measure) -> float | None:
+def _spread(sweep: RecordedSweep, metric: Measure) -> float | None:
     """Return how the jobs of the arms spread; None where no arm has two, or where they have values of another kind."""
     try:
         found = sweep_pilot([sweep])
@@ -99,7 +99,7 @@ def _spread(sweep: Sweep, metric: Measure) -> float | None:
     return found.spread.deviation if found.metric is metric else None
 
 
-def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
+def arms_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
     first = next(iter(found.arms))
     trivial = [_trivial(sweep, metric) for metric in found.arms]
@@ -131,7 +131,7 @@ def arms_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
     )
 
 
-def _chance_note(sweep: Sweep) -> list[str]:
+def _chance_note(sweep: RecordedSweep) -> list[str]:
     """Say in which jobs nothing was learned."""
     found = [one for one in sweep.finished if is_at_chance(one.run.generations[-1].best, one.run.trivial)]
     if not found:
@@ -140,7 +140,7 @@ def _chance_note(sweep: Sweep) -> list[str]:
     return [f"At chance: {len(found)} of {jobs}; their best networks are hardly below the trivial loss: {names}."]
 
 
-def settings_table(sweep: Sweep) -> Table:
+def settings_table(sweep: RecordedSweep) -> Table:
     """Show the settings in which the recorded configurations of the arms differ."""
     arms = {one.job.arm: dict(leaves(arm_settings(one))) for one in reversed(sweep.finished)}
     names = list(dict.fromkeys(one.job.arm for one in sweep.finished))
@@ -158,7 +158,7 @@ def settings_table(sweep: Sweep) -> Table:
     )
 
 
-def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) -> Table:
+def metric_table(sweep: RecordedSweep, found: Ablation, metric: Metric, archive: str) -> Table:
     """Show every arm in one metric, and how it differs from the reference."""
     trivial, frame = _trivial(sweep, metric), found.arms[metric]
     layout = _layout(metric)
@@ -183,7 +183,7 @@ def metric_table(sweep: Sweep, found: Ablation, metric: Metric, archive: str) ->
     )
 
 
-def runs_table(sweep: Sweep, found: Ablation, archive: str) -> Table:
+def runs_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
     """Show every run in every metric."""
     shapes = {metric.value: (Percent, metric.name) if metric in FRACTIONS else metric.name for metric in found.arms}
     return Table.of(
@@ -218,13 +218,13 @@ def _layout(metric: Metric) -> Layout:
     }
 
 
-def _trivial(sweep: Sweep, metric: Metric) -> Cell:
+def _trivial(sweep: RecordedSweep, metric: Metric) -> Cell:
     """Return the trivial predictor's score: the median over the jobs, whose data may follow from their seeds."""
     scores = [one.tested.trivial for one in sweep.finished if one.tested is not None and one.tested.trivial is not None]
     return _value(metric, rounded(median(scores))) if scores and metric in TESTS.values() else None
 
 
-def _trivial_note(sweep: Sweep, metric: Metric) -> list[str]:
+def _trivial_note(sweep: RecordedSweep, metric: Metric) -> list[str]:
     always = "mean" if metric is Metric.test_mse else "most frequent class"
     words = f"Trivial: looks at no image, and always predicts the {always} of the test images."
     return [] if _trivial(sweep, metric) is None else [words]
@@ -292,7 +292,7 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     return [*notes, *caution_notes(tested.cautions.items())]
 
 
-def _rank_note(sweep: Sweep, found: Ablation, metric: Metric) -> list[str]:
+def _rank_note(sweep: RecordedSweep, found: Ablation, metric: Metric) -> list[str]:
     """Say whether a metric is the primary one; nothing where the sweep states none."""
     if found.primary is None or metric is found.primary:
         return _primary_note(sweep, found)
@@ -308,7 +308,7 @@ def _rank_note(sweep: Sweep, found: Ablation, metric: Metric) -> list[str]:
     return [words]
 
 
-def _primary_note(sweep: Sweep, found: Ablation) -> list[str]:
+def _primary_note(sweep: RecordedSweep, found: Ablation) -> list[str]:
     """Name the primary metric, and say when it was stated and what is missing of it."""
     if found.primary is None:
         return []
@@ -330,7 +330,7 @@ def _primary_note(sweep: Sweep, found: Ablation) -> list[str]:
     return notes
 
 
-def _reference_note(sweep: Sweep, found: Ablation) -> list[str]:
+def _reference_note(sweep: RecordedSweep, found: Ablation) -> list[str]:
     """Say that the reference was named afterwards, or that there is none."""
     stated = sweep.terms.reference
     if found.reference is None:
@@ -344,7 +344,7 @@ def _reference_note(sweep: Sweep, found: Ablation) -> list[str]:
     return []
 
 
-def _missing_note(sweep: Sweep) -> list[str]:
+def _missing_note(sweep: RecordedSweep) -> list[str]:
     notes = []
     if sweep.missing:
         notes.append(
@@ -356,7 +356,7 @@ def _missing_note(sweep: Sweep) -> list[str]:
     return notes
 
 
-def _failed_note(sweep: Sweep, metric: Metric) -> list[str]:
+def _failed_note(sweep: RecordedSweep, metric: Metric) -> list[str]:
     """Name the jobs that failed at what a metric measures, each with what failed."""
     tests = sweep.untested if metric in TESTS.values() else ()
     failed = [(one, "its test") for one in tests if one.has_failed]

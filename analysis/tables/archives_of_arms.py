@@ -6,8 +6,8 @@ from analysis.rounding import shown
 from analysis.statistics.effects import median
 from analysis.studies.corrected import Corrected
 from analysis.sweeps.common_archive import Extent
-from analysis.sweeps.sweep import Sweep
 from analysis.table import Between, Cell, Percent, PercentBetween, Table
+from tacevo.results.sweep import RecordedSweep
 
 
 def common_note(niches_of: str) -> str:
@@ -38,7 +38,7 @@ def _end(value: float, candidates: Sequence[str]) -> str:
     return f"{shown(value)} ({candidates[0]}{more})"
 
 
-def corrected_arms_table(sweep: Sweep, arms: Sequence[str], corrected: Mapping[str, Corrected]) -> Table:
+def corrected_arms_table(sweep: RecordedSweep, arms: Sequence[str], corrected: Mapping[str, Corrected]) -> Table:
     """Show the figures of each arm's archives as recorded beside the corrected ones.
 
     Args:

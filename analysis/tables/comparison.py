@@ -12,14 +12,14 @@ from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_c
 from analysis.statistics.samples import Sample
 from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
-from analysis.studies.scores import LOWER_IS_BETTER, Study
-from analysis.studies.trivial import at_chance, trivial_metrics, trivial_score
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.pilots import spread_of
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import planned_table
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
+from tacevo.results.trivial import at_chance, trivial_metrics, trivial_score
 from tacevo.rounding import rounded
 from tacevo.storage.plan import SeedPlan
 from tacevo.text import counted, listed
@@ -31,7 +31,7 @@ ONE_SPLIT = (
 )
 
 
-def study_tables(study: Study, found: pd.DataFrame | None, *, is_alone: bool = False) -> tuple[Table, ...]:
+def study_tables(study: RecordedStudy, found: pd.DataFrame | None, *, is_alone: bool = False) -> tuple[Table, ...]:
     """Return all tables of a study.
 
     Without comparisons, where it cannot be compared, these are the tables of its scores only. `is_alone`: its networks
@@ -50,7 +50,7 @@ def study_tables(study: Study, found: pd.DataFrame | None, *, is_alone: bool = F
     return tuple(tables)
 
 
-def _planned_table(study: Study, plan: SeedPlan) -> Table:
+def _planned_table(study: RecordedStudy, plan: SeedPlan) -> Table:
     variants = len(study.networks) - 1
     return planned_table(
         study.task,
@@ -66,7 +66,7 @@ def _planned_table(study: Study, plan: SeedPlan) -> Table:
     )
 
 
-def scores_table(study: Study) -> Table:
+def scores_table(study: RecordedStudy) -> Table:
     """Show each network, its cost, and how its seeds spread in the primary metric."""
     spread = ("median", "lower quartile", "upper quartile", "least", "most")
     return Table(
@@ -94,7 +94,7 @@ def scores_table(study: Study) -> Table:
     )
 
 
-def metrics_table(study: Study) -> Table:
+def metrics_table(study: RecordedStudy) -> Table:
     """Show every metric of every network, one a row: a task of three outputs has 22."""
     trivial = trivial_metrics(study)
     return Table(
@@ -124,7 +124,7 @@ def metrics_table(study: Study) -> Table:
     )
 
 
-def verdicts_table(study: Study, found: pd.DataFrame) -> Table:
+def verdicts_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
     """Show the tests of every variant against the baseline."""
     variants = of_whole(found)
     shape = (Percent, "median") if study.primary in SHARES else "median"
@@ -146,7 +146,7 @@ def verdicts_table(study: Study, found: pd.DataFrame) -> Table:
     )
 
 
-def _beside(study: Study, variants: pd.DataFrame, metric: str, trivial: float | None) -> pd.DataFrame:
+def _beside(study: RecordedStudy, variants: pd.DataFrame, metric: str, trivial: float | None) -> pd.DataFrame:
     """Return variants between the baseline and the trivial predictor, which have a median alone."""
     baseline = study.networks[0].name
     ends = {"output": variants.output.iloc[0], "network": "trivial", "median": trivial}
@@ -154,7 +154,7 @@ def _beside(study: Study, variants: pd.DataFrame, metric: str, trivial: float | 
     return pd.DataFrame([first, *variants.to_dict("records"), *([] if trivial is None else [ends])])
 
 
-def effects_table(study: Study, found: pd.DataFrame) -> Table:
+def effects_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
     """Show how large every variant's difference from the baseline is."""
     better, score = "below" if LOWER_IS_BETTER[study.primary] else "above", trivial_score(study)
     baseline, variants, metric = study.networks[0].name, of_whole(found), metric_name(study.primary)
@@ -190,7 +190,7 @@ def effects_table(study: Study, found: pd.DataFrame) -> Table:
     )
 
 
-def outputs_table(study: Study, found: pd.DataFrame) -> Table:
+def outputs_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
     """Show how every variant does on each output: the primary metric is the mean over them."""
     each, metric, scale = found[found.output.notna()], metric_name(study.primary), recorded_scale(study)
     names, trivial = {name: f"{study.primary}_{name}" for name in each.output}, trivial_metrics(study)
@@ -233,13 +233,13 @@ def unit_of(metric: str) -> str:
     return "percentage points" if metric in SHARES else metric_name(metric)
 
 
-def _trivial_row(study: Study) -> tuple[tuple[Cell, ...], ...]:
+def _trivial_row(study: RecordedStudy) -> tuple[tuple[Cell, ...], ...]:
     """Return the row of the predictor that looks at no image, where its score is known."""
     score = trivial_score(study)
     return () if score is None else (("trivial", None, 0, 0, score_cell(study.primary, score), *(None,) * 5),)
 
 
-def _trivial_note(study: Study) -> tuple[str, ...]:
+def _trivial_note(study: RecordedStudy) -> tuple[str, ...]:
     if trivial_score(study) is None:
         return ()
     always = "the most frequent class" if study.kind is Kind.classification else "the mean"
@@ -289,14 +289,14 @@ def quartiles(values: Sequence[float] | Sample, *, is_share: bool = False) -> Ce
     return (PercentBetween if is_share else Between)(middle, low, high)
 
 
-def _scale_note(study: Study) -> tuple[str, ...]:
+def _scale_note(study: RecordedStudy) -> tuple[str, ...]:
     """Name the unit of errors; a share of images needs none."""
     if study.kind is Kind.classification:
         return ()
     return ("Errors without a unit are in the scaled units of training.",)
 
 
-def _training(study: Study) -> str:
+def _training(study: RecordedStudy) -> str:
     other = f" On other data than the run's: {study.where}." if study.where else ""
     return (
         f"{counted(study.seeds, 'training seed')} of each network, {counted(study.recipe.epochs, 'epoch')}, weights of "
@@ -304,7 +304,7 @@ def _training(study: Study) -> str:
     )
 
 
-def _method_notes(study: Study, variants: pd.DataFrame) -> tuple[str, ...]:
+def _method_notes(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]:
     return (
         f"p: two-sided Mann-Whitney U of {counted(study.seeds, 'seed')} against as many of the baseline, at "
         f"alpha {study.terms.alpha:g}; corrected over {counted(len(variants), 'variant')} after Holm.",
@@ -315,7 +315,7 @@ def _method_notes(study: Study, variants: pd.DataFrame) -> tuple[str, ...]:
     )
 
 
-def _margin(study: Study, variants: pd.DataFrame) -> str:
+def _margin(study: RecordedStudy, variants: pd.DataFrame) -> str:
     """Write the margin as it was stated, and as wide as it is."""
     width = variants.margin.iloc[0]
     wide = f"{shown(100.0 * width if study.primary in SHARES else width)} {unit_of(study.primary)}"
@@ -324,14 +324,14 @@ def _margin(study: Study, variants: pd.DataFrame) -> str:
     return f"{shown(Percent(study.terms.margin.value))} of the baseline's median, {wide}"
 
 
-def _margin_of_outputs(study: Study, variants: pd.DataFrame) -> str:
+def _margin_of_outputs(study: RecordedStudy, variants: pd.DataFrame) -> str:
     """Write the margin of every output: a relative one is as wide as the output's own error makes it."""
     if study.terms.margin.kind is MarginKind.absolute:
         return f"that of the mean, {_margin(study, variants)}"
     return f"{shown(Percent(study.terms.margin.value))} of the baseline's median on that output"
 
 
-def _mean_note(study: Study, found: pd.DataFrame) -> tuple[str, ...]:
+def _mean_note(study: RecordedStudy, found: pd.DataFrame) -> tuple[str, ...]:
     if found.output.isna().all():
         return ()
     return (
@@ -339,14 +339,14 @@ def _mean_note(study: Study, found: pd.DataFrame) -> tuple[str, ...]:
     )
 
 
-def _left_out_note(study: Study, found: pd.DataFrame) -> tuple[str, ...]:
+def _left_out_note(study: RecordedStudy, found: pd.DataFrame) -> tuple[str, ...]:
     left_out = [name for name in study.names if name not in set(found.output)]
     if not left_out:
         return ()
     return (f"Not compared on {listed(left_out)}: the baseline's median error is 0, so there is no relative margin.",)
 
 
-def _image_note(study: Study, variants: pd.DataFrame) -> tuple[str, ...]:
+def _image_note(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]:
     """Warn of a margin that no change of a score fits in: less than what one test image adds to an accuracy."""
     confusion = study.scores[0].confusion
     image = 0.0 if confusion is None else rounded(1 / sum(map(sum, confusion)))
@@ -358,7 +358,7 @@ def _image_note(study: Study, variants: pd.DataFrame) -> tuple[str, ...]:
     )
 
 
-def _late_note(study: Study) -> tuple[str, ...]:
+def _late_note(study: RecordedStudy) -> tuple[str, ...]:
     """Warn of trainings that may have ended too early, with their share of each network's."""
     parts = late(study)
     if not any(parts.values()):
@@ -370,6 +370,6 @@ def _late_note(study: Study) -> tuple[str, ...]:
     )
 
 
-def _power_note(study: Study) -> str:
+def _power_note(study: RecordedStudy) -> str:
     who, seeds = counted(study.seeds, "seed"), study.seeds
     return power_note(who, seeds, seeds, alpha=study.terms.alpha, family=len(study.networks) - 1)

@@ -18,11 +18,11 @@ from analysis.runs.dynamics import (
     temperature_follows_age,
 )
 from analysis.runs.lineage import lineage
-from analysis.runs.run import Run
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Layout, Percent, Table, percent
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.records import Stage
+from tacevo.results.run import RecordedRun
 from tacevo.text import counted, drawn
 
 #: Below every improvement.
@@ -38,7 +38,7 @@ TRIVIAL_LOSS = "Trivial loss: the least that the same answer to every validation
 MEDIAN = ONE_DRAW.replace("one draw: the loss of one training seed", "{record}").replace("many draws", "many medians")
 
 
-def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
+def generations_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table:
     """Show every generation of a run."""
     unsent = [f"T is what was planned; {run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
     medians = pd.Series(archive_medians(run, centroids), [line.generation for line in run.generations], dtype="float64")
@@ -62,14 +62,14 @@ def generations_table(run: Run, centroids: NDArray[np.float64]) -> Table:
     )
 
 
-def _statuses(run: Run) -> str:
+def _statuses(run: RecordedRun) -> str:
     """Explain `new` and `improved`."""
     if run.has_niches:
         return "New: found their niche empty; improved: beat its elite."
     return f"New: found a place empty among the best {run.places}; improved: took the place of the worst of them."
 
 
-def costs_table(run: Run) -> Table:
+def costs_table(run: RecordedRun) -> Table:
     """Show what the answers of every generation cost when they were recorded."""
     return Table.of(
         progress(run).reset_index(),
@@ -81,7 +81,7 @@ def costs_table(run: Run) -> Table:
     )
 
 
-def gate_table(run: Run) -> Table:
+def gate_table(run: RecordedRun) -> Table:
     """Show where first answers were rejected, and how many for misreporting themselves."""
     stages = gate_stages(run.candidates)
     rows = tuple(
@@ -103,12 +103,12 @@ def gate_table(run: Run) -> Table:
     )
 
 
-def prompts_table(run: Run) -> Table:
+def prompts_table(run: RecordedRun) -> Table:
     """Show what every instruction brought, with its index in the library."""
     return _productivity_table(run, f"prompts_{run.task}", by_prompt(run), {"index": "index", "instruction": "name"})
 
 
-def temperatures_table(run: Run) -> Table:
+def temperatures_table(run: RecordedRun) -> Table:
     """Show what every band of the temperatures that were sent brought."""
     table = _productivity_table(run, f"temperatures_{run.task}", by_temperature(run), {"temperature": "name"})
     notes = [f"{run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
@@ -120,7 +120,7 @@ def temperatures_table(run: Run) -> Table:
     return replace(table, notes=(*table.notes, *notes))
 
 
-def improvement_table(run: Run, reestimates: Sequence[Reestimates] = ()) -> Table:
+def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ()) -> Table:
     """Show how far a run came, one figure a row, beside re-estimates where there are some; empty without a training.
 
     Args:
@@ -161,7 +161,7 @@ def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
     return sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name))
 
 
-def reestimated(run: Run, reestimates: Sequence[Reestimates]) -> tuple[str, float, float] | None:
+def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[str, float, float] | None:
     """Return what other seeds give for the baseline and for the best candidate, by the re-estimates of the most seeds.
 
     Returns:
@@ -176,7 +176,7 @@ def reestimated(run: Run, reestimates: Sequence[Reestimates]) -> tuple[str, floa
     return None
 
 
-def _reestimated_rows(run: Run, reestimates: Sequence[Reestimates]) -> list[tuple[str, float | Percent]]:
+def _reestimated_rows(run: RecordedRun, reestimates: Sequence[Reestimates]) -> list[tuple[str, float | Percent]]:
     found = reestimated(run, reestimates)
     if found is None:
         return []
@@ -188,7 +188,7 @@ def _reestimated_rows(run: Run, reestimates: Sequence[Reestimates]) -> list[tupl
     ]
 
 
-def lineage_table(run: Run, name: str) -> Table:
+def lineage_table(run: RecordedRun, name: str) -> Table:
     """Show where a candidate comes from; raises as `analysis.runs.lineage.ancestors` does."""
     frame = lineage(run, name)
     return Table.of(
@@ -200,7 +200,7 @@ def lineage_table(run: Run, name: str) -> Table:
     )
 
 
-def _productivity_table(run: Run, name: str, found: pd.DataFrame, first: Layout) -> Table:
+def _productivity_table(run: RecordedRun, name: str, found: pd.DataFrame, first: Layout) -> Table:
     rate, (*_, of) = (Between, "rate", "rate_low", "rate_high"), first
     return Table.of(
         found.reset_index(),

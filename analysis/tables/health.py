@@ -9,13 +9,13 @@ from analysis.runs.dynamics import progress
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
-from analysis.runs.run import Run
 from analysis.table import Cell, Percent, Table, percent
 from tacevo.choices import PromptPolicy
+from tacevo.results.run import RecordedRun
 from tacevo.text import counted
 
 
-def health_table(run: Run, centroids: NDArray[np.float64]) -> Table:
+def health_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table:
     """Show every alarm of a run; see `analysis.runs.health.alarms`."""
     found = alarms(run, centroids)
     return Table(
@@ -30,7 +30,7 @@ def health_table(run: Run, centroids: NDArray[np.float64]) -> Table:
     )
 
 
-def niches_table(run: Run, niches: Niches) -> Table:
+def niches_table(run: RecordedRun, niches: Niches) -> Table:
     """Show how the niches of both archives are filled, of all and of those that could be reached.
 
     An archive that the run does not have, or that has no niches, has no row.
@@ -64,7 +64,7 @@ def _filled(occupied: int, reached: int, total: int) -> tuple[Cell, ...]:
     return total, occupied, Percent(occupied / total), reached, percent(occupied / reached if reached else None)
 
 
-def _reach(run: Run) -> str:
+def _reach(run: RecordedRun) -> str:
     """Explain which niches of the prompt archive could be reached."""
     temperatures = reachable_temperatures(run)
     if not temperatures:

@@ -7,14 +7,14 @@ from analysis.statistics.effects import LEVEL
 from analysis.statistics.images import IMAGE_RESAMPLES
 from analysis.studies.images import Calibrated, ImageFindings, Pair, Residuals
 from analysis.studies.metrics import SHARES, metric_name, recorded_scale, recorded_unit
-from analysis.studies.scores import LOWER_IS_BETTER, Study
-from analysis.studies.trivial import trivial_score
 from analysis.table import Cell, PValue, Table
 from analysis.tables.comparison import between, quartiles, score_cell
 from tacevo.records import Kind
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
+from tacevo.results.study_terms import fewest_seeds
+from tacevo.results.trivial import trivial_score
 from tacevo.rounding import rounded
 from tacevo.rules import KEPT_SINCE
-from tacevo.studies.terms import fewest_seeds
 from tacevo.text import counted
 
 _DIFFERENCE = (
@@ -27,7 +27,7 @@ _DIFFERENCE = (
 _TESTED = ("better on", "worse on", "p", "p, Holm", "verdict")
 
 
-def image_tables(study: Study, found: ImageFindings | None) -> tuple[Table, ...]:
+def image_tables(study: RecordedStudy, found: ImageFindings | None) -> tuple[Table, ...]:
     """Return the tables of a study's test images; without its test predictions, one that says so."""
     if found is None:
         return (_without(study),)
@@ -37,7 +37,7 @@ def image_tables(study: Study, found: ImageFindings | None) -> tuple[Table, ...]
     return ensembles_table(study, found), *pairs, *outputs, last(study, found)
 
 
-def ensembles_table(study: Study, found: ImageFindings) -> Table:
+def ensembles_table(study: RecordedStudy, found: ImageFindings) -> Table:
     """Show each network as the mean of its seeds' predictions, and its difference from the baseline over images."""
     metric, name = study.primary, metric_name(study.primary)
     score = trivial_score(study)
@@ -64,7 +64,7 @@ def ensembles_table(study: Study, found: ImageFindings) -> Table:
     )
 
 
-def pairs_table(study: Study, found: ImageFindings) -> Table:
+def pairs_table(study: RecordedStudy, found: ImageFindings) -> Table:
     """Show every two ensembles on the same images, and each beside the trivial predictor."""
     of_networks = f"over all {counted(len(found.pairs), 'pair')} of networks, and " if found.pairs else ""
     return Table(
@@ -84,7 +84,7 @@ def pairs_table(study: Study, found: ImageFindings) -> Table:
     )
 
 
-def image_outputs_table(study: Study, found: ImageFindings) -> Table:
+def image_outputs_table(study: RecordedStudy, found: ImageFindings) -> Table:
     """Show every variant against the baseline on each output, image by image."""
     scale = recorded_scale(study)
     return Table(
@@ -104,7 +104,7 @@ def image_outputs_table(study: Study, found: ImageFindings) -> Table:
     )
 
 
-def calibration_table(study: Study, found: ImageFindings) -> Table:
+def calibration_table(study: RecordedStudy, found: ImageFindings) -> Table:
     """Show how well each classifier knows how sure it may be."""
     trivial = () if found.trivial is None else (("trivial", *_calibrated(found.trivial)),)
     return Table(
@@ -125,7 +125,7 @@ def calibration_table(study: Study, found: ImageFindings) -> Table:
     )
 
 
-def residuals_table(study: Study, found: ImageFindings) -> Table:
+def residuals_table(study: RecordedStudy, found: ImageFindings) -> Table:
     """Show what each network's predictions of each output are off by, in the units of the recording."""
     unit, scale = recorded_unit(study), recorded_scale(study)
     heads = ("bias", "spread", "bias, ensemble", "spread, ensemble")
@@ -149,7 +149,7 @@ def residuals_table(study: Study, found: ImageFindings) -> Table:
     )
 
 
-def _without(study: Study) -> Table:
+def _without(study: RecordedStudy) -> Table:
     is_old = not any(score.kept for score in study.scores)
     why = (
         f"not kept, since the study was made under rules {study.rules} and these are kept from {KEPT_SINCE} on; study "
@@ -166,11 +166,11 @@ def _without(study: Study) -> Table:
     )
 
 
-def _always(study: Study) -> str:
+def _always(study: RecordedStudy) -> str:
     return "most frequent class" if study.kind is Kind.classification else "mean"
 
 
-def _what(study: Study) -> str:
+def _what(study: RecordedStudy) -> str:
     return "probabilities of the classes" if study.kind is Kind.classification else "predictions"
 
 
@@ -192,7 +192,7 @@ def _tested(pair: Pair) -> tuple[Cell, ...]:
     )
 
 
-def _test_notes(study: Study) -> tuple[str, ...]:
+def _test_notes(study: RecordedStudy) -> tuple[str, ...]:
     if LOWER_IS_BETTER[study.primary]:
         test = "Better on: images on which the network's squared error is the smaller. p: Wilcoxon's signed-rank test"
     else:
@@ -204,7 +204,7 @@ def _test_notes(study: Study) -> tuple[str, ...]:
     )
 
 
-def _verdict_note(study: Study) -> str:
+def _verdict_note(study: RecordedStudy) -> str:
     """Say what a verdict rests on, or why there is none."""
     alpha, needed = study.terms.alpha, fewest_seeds(study.terms.alpha)
     if study.seeds < needed:

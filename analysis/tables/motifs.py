@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from analysis.motifs.motifs import Count, count_motifs
 from analysis.motifs.structure import Anatomy
-from analysis.runs.run import TOP, Run
 from analysis.table import PValue, Table
+from tacevo.results.run import TOP, RecordedRun
 from tacevo.text import counted, listed
 
 #: The variants of each task, by number, that have a change by the authors' supplement (docs/references.bib,
@@ -38,7 +38,7 @@ SUPPLEMENT: Mapping[str, Mapping[str, tuple[int, ...]]] = {
 VARIANTS = 4
 
 
-def motifs_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
+def motifs_table(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
     """Show how often each motif occurs, with its p, beside the counts that the authors published for the task."""
     counts = count_motifs(run, anatomies, top=top)
     published = SUPPLEMENT.get(run.task, {})
@@ -91,7 +91,7 @@ def _variants(numbers: Sequence[int] | None) -> str | None:
     return None if numbers is None else f"{len(numbers)} of {VARIANTS}: {listed(map(str, numbers))}"
 
 
-def anatomies_table(run: Run, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
+def anatomies_table(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
     """Show how the baseline and the best networks are built."""
     named = [("baseline", run.baseline.id), *((best.id, best.id) for best in run.best(top))]
     columns = ("network", "convolutions", "1x1", "strided", "pooling", "head", "activations", "normalisation")

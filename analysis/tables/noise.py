@@ -9,7 +9,7 @@ from analysis.table import Cell, Percent, Table
 from analysis.tables.comparison import between
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
-from tacevo.studies.lines import Network
+from tacevo.results.study_lines import Network
 from tacevo.text import counted, drawn
 
 

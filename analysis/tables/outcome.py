@@ -7,13 +7,13 @@ from analysis.statistics.effects import LEVEL, median, median_confidence, superi
 from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.noise import Reestimates
-from analysis.studies.scores import Study
-from analysis.studies.trivial import at_chance, trivial_score
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import between, score_cell
 from analysis.tables.noise import chance_note
-from tacevo.studies.lines import Network
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_lines import Network
+from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.text import counted, listed
 
 #: How many networks of a noise run are listed: the baseline, the best on record, and the best of the re-estimates.
@@ -26,7 +26,7 @@ _TOGETHER = (
 
 
 def study_outcome(
-    study: Study,
+    study: RecordedStudy,
     found: pd.DataFrame | None,
     again: Reestimates | None,
     *,
@@ -74,7 +74,9 @@ def study_outcome(
     )
 
 
-def _row(study: Study, network: Network, found: pd.DataFrame | None, again: Reestimates | None) -> dict[str, Cell]:
+def _row(
+    study: RecordedStudy, network: Network, found: pd.DataFrame | None, again: Reestimates | None
+) -> dict[str, Cell]:
     cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
     if found is not None:
         variants = of_whole(found).itertuples()
@@ -209,7 +211,7 @@ def _called(found: Reestimates) -> str:
     return f"{best} apart from the baseline" if baseline.fitness < winner.fitness else best
 
 
-def _score(study: Study, network: str) -> Cell:
+def _score(study: RecordedStudy, network: str) -> Cell:
     """Return the median test score of a network with its interval; of one seed, its score."""
     values = study.values(network, study.primary)
     if len(values) == 1:
@@ -225,7 +227,7 @@ def _ends(seeds: int) -> str:
     return f" [{100 * LEVEL:g} %]" if median_confidence(seeds) >= LEVEL else " [least, most]"
 
 
-def _late(study: Study, found: pd.DataFrame | None) -> tuple[str, ...]:
+def _late(study: RecordedStudy, found: pd.DataFrame | None) -> tuple[str, ...]:
     parts = late(study)
     if found is None or not any(parts.values()):
         return ()
@@ -254,7 +256,7 @@ def _fitness(again: Reestimates | None) -> str:
     return f"Fitness: the loss after {epochs}; the record is {again.record}, the re-estimate a median of {seeds}."
 
 
-def _chosen(study: Study) -> tuple[str, ...]:
+def _chosen(study: RecordedStudy) -> tuple[str, ...]:
     return (f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}.",) if study.chosen_by else ()
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from analysis.rounding import shown
 from analysis.runs.dynamics import improvement
-from analysis.runs.run import Run
 from analysis.statistics import published
 from analysis.statistics.published import Corrected, Finding, PrintedTest, corrected, verdicts_that_change
 from analysis.table import Cell, Percent, PValue, Table, percent
 from tacevo.choices import DataSource
+from tacevo.results.run import RecordedRun
 from tacevo.text import listed
 
 #: What is set beside each other of a search.
@@ -25,7 +25,7 @@ def published_tables() -> tuple[Table, ...]:
     return (*(_test_table(test) for test in published.TESTS), _searches_table(), _scores_table())
 
 
-def beside_published(runs: Sequence[Run]) -> Table:
+def beside_published(runs: Sequence[RecordedRun]) -> Table:
     """Set the results and the set-up of runs beside the published ones.
 
     Args:
@@ -101,12 +101,12 @@ def _scores_table() -> Table:
     )
 
 
-def _rows(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
+def _rows(run: RecordedRun) -> tuple[tuple[str, Cell, Cell], ...]:
     """Return quantity, published and own value of all that is set beside each other."""
     return (*_results(run), *((one.quantity, one.published, one.ours) for one in _set_up(run)))
 
 
-def _results(run: Run) -> tuple[tuple[str, Cell, Cell], ...]:
+def _results(run: RecordedRun) -> tuple[tuple[str, Cell, Cell], ...]:
     """Return quantity, published and own value of what a search found."""
     printed = next((search for search in published.SEARCHES if search.task == run.task), None)
     found = improvement(run)
@@ -128,7 +128,7 @@ class _Setting:
     differs: bool
 
 
-def _set_up(run: Run) -> tuple[_Setting, ...]:
+def _set_up(run: RecordedRun) -> tuple[_Setting, ...]:
     """List how a search was set up; what the paper does not state counts as no difference."""
     config = run.config
     images, stated = sum(run.facts.counts), published.IMAGES.get(run.task)
@@ -144,7 +144,7 @@ def _set_up(run: Run) -> tuple[_Setting, ...]:
     )
 
 
-def _niches(run: Run) -> _Setting:
+def _niches(run: RecordedRun) -> _Setting:
     """Compare the archives; the paper's has niches, whose number it does not state."""
     ours = run.places if run.has_niches else f"none; the best {run.places}"
     return _Setting(quantity="niches", published=NOT_STATED, ours=ours, differs=not run.has_niches)
@@ -166,7 +166,7 @@ def _data(source: DataSource) -> _Setting:
     return _Setting(quantity="data", published=published.DATA, ours=ours, differs=simulated)
 
 
-def _differences(run: Run) -> str:
+def _differences(run: RecordedRun) -> str:
     """Name what was set up otherwise."""
     differing = [setting.quantity for setting in _set_up(run) if setting.differs]
     return f"Set up otherwise in {run.name}: {listed(differing)}."

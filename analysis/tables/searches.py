@@ -6,10 +6,10 @@ import pandas as pd
 
 from analysis.statistics.effects import LEVEL, RESAMPLES
 from analysis.studies.metrics import SHARES, metric_name
-from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.studies.searches import StudiedSearch, best_by_reestimates
 from analysis.table import Between, PercentBetween, PValue, Table
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled, unit_of
+from tacevo.results.study import LOWER_IS_BETTER
 from tacevo.text import counted
 
 

@@ -7,8 +7,8 @@ from analysis.rounding import shown
 from analysis.studies.comparison import Verdict
 from analysis.studies.metrics import SHARES, metric_name
 from analysis.studies.transfer import OnData, Result, Transfer
-from analysis.studies.trivial import trivial_score
 from analysis.table import Cell, Percent, PValue, Table
+from tacevo.results.trivial import trivial_score
 from tacevo.rounding import rounded
 from tacevo.text import counted
 

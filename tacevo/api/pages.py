@@ -5,13 +5,12 @@ from pathlib import Path
 
 from analysis.report.collection import Collection, collection_of, compared_studies, tables_of
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
-from analysis.runs.run import Run, finished_run
 from analysis.table import Table
 from analysis.tables.published import beside_published
 from analysis.tables.rendering import table_texts
 from tacevo.bundles.verify import Rerun
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import IncomparableError
+from tacevo.results.run import RecordedRun, finished_run
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 
@@ -45,7 +44,7 @@ def pages(
     return tables, {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
 
 
-def _shown(run: RecordedRun) -> Run:
+def _shown(run: RecordedRun) -> RecordedRun:
     """Return a run as the analysis sees it."""
     return finished_run(run.directory, run.record, run.ledger)
 

@@ -10,18 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
-from analysis.runs.run import Run as Record
-from analysis.runs.run import finished_run
 from analysis.table import Table as Rows
 from tacevo.api import frames, network
 from tacevo.api.replaying import replay
 from tacevo.api.studies import Study
 from tacevo.api.tables import Named, Table, short_names
 from tacevo.bundles.open import Opened
-from tacevo.config.recorded import RecordedRun
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
+from tacevo.results.run import RecordedRun, finished_run
+from tacevo.results.run import RecordedRun as Record
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
 from tacevo.text import nearest

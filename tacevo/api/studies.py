@@ -12,12 +12,12 @@ import numpy as np
 from analysis.report.collection import Compared
 from analysis.studies.comparison import of_whole
 from analysis.studies.noise import Reestimates
-from analysis.studies.scores import Study as Scored
 from tacevo.api import frames
 from tacevo.api.tables import Table
+from tacevo.results.study import RecordedStudy as Scored
+from tacevo.results.study_directory import FinishedStudy
+from tacevo.results.study_lines import FailedLine, Row
 from tacevo.rounding import rounded
-from tacevo.studies.directory import FinishedStudy
-from tacevo.studies.lines import FailedLine, Row
 
 if TYPE_CHECKING:
     import pandas as pd

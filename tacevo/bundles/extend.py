@@ -14,10 +14,10 @@ from tacevo.bundles.open import Opened, check_walls
 from tacevo.config.checks import check_together
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
-from tacevo.config.recorded import read_recorded
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.files import RulesLine
+from tacevo.results.run import read_run
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
@@ -54,7 +54,7 @@ def continue_run(
     """
     run = published.one_run("name one of its jobs, SWEEP/JOB or SWEEP.zip/JOB")
     check_walls(published)
-    recorded = read_recorded(run)
+    recorded = read_run(run)
     end = recorded.generations[-1].generation
     if not recorded.searched:
         raise ConfigError(

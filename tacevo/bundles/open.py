@@ -12,9 +12,9 @@ from typing import TypeVar
 
 from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
-from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.errors import BundleError, RunError
 from tacevo.evolution.files import finished_digest
+from tacevo.results.run import RecordedRun, read_run
 from tacevo.storage.arrays import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
@@ -77,10 +77,10 @@ class Opened:
         Those of a bundle are its own entries; images of its data set are then made and kept in `cache`.
 
         Raises:
-            TacevoError: as `read_recorded`.
+            TacevoError: as `read_run`.
         """
         packed = self.store if store is None and self.digest is not None else None
-        found = read_recorded(run, store or (str(self.store) if packed is None else HERE))
+        found = read_run(run, store or (str(self.store) if packed is None else HERE))
         return replace(found, packed=packed, has_predictions=self.has_predictions)
 
 
@@ -182,7 +182,7 @@ def _store_of(found: Opened) -> Path:
     """Read which stores the runs have."""
     roots = set()
     for run in found.runs:
-        config, _, _ = read_run(RunDirectory(run))
+        config = OLD_SETTINGS(RunDirectory(run))  # _
         roots.add(Path(config.store.root))
     if len(roots) > 1:
         raise RunError(
@@ -211,7 +211,7 @@ def check_walls(found: Opened) -> None:
         return
     for run in found.runs:
         with refusing():
-            config, _, _ = read_run(RunDirectory(run))
+            config = OLD_SETTINGS(RunDirectory(run))  # _
         if config.sandbox.require is Confinement.none:
             raise BundleError(
                 "sandbox.require=none, with which its candidates would run here without walls",

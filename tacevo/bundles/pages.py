@@ -14,9 +14,9 @@ import yaml
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
 from tacevo.choices import DataSource, Provider
-from tacevo.config.recorded import RecordedRun, answered_by
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
+from tacevo.results.run import RecordedRun, answered_by
 from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
 from tacevo.text import counted

@@ -17,13 +17,16 @@ from tacevo.bundles.verify import Rerun, rerun, rerun_all
 from tacevo.choices import Provider
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import config_hash
-from tacevo.config.recorded import RecordedRun, read_recorded, read_run
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.files import read_elites
+from tacevo.results.publishable import check_name, published_config, published_overrides
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study_directory import StudyDirectory, studies_of
+from tacevo.results.study_lines import ScoreLine
+from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
-from tacevo.runs.publishable import check_name, published_config, published_overrides
 from tacevo.runs.summary import summarise
 from tacevo.storage.arrays import KIND
 from tacevo.storage.canonical import value_at
@@ -34,9 +37,6 @@ from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST, RunDirectory, RunRecord, run_text, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
-from tacevo.studies.directory import StudyDirectory, studies_of
-from tacevo.studies.lines import ScoreLine
-from tacevo.sweeps.check import check_jobs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +105,7 @@ def publish(
 def _staged(studies: Sequence[Path], found: Opened, view: Progress) -> Opened:
     """Return what is published of a run or a sweep, in memory, under a name that tables and figures may bear."""
     if found.jobs is None:
-        run = read_recorded(found.folder)
+        run = read_run(found.folder)
         files, name = _stage(run, _studies(studies, run, view)), _publishable(run.record).name
         return replace(found, folder=Member(str(found.folder), as_tree(files), name=name))
     if studies:
@@ -115,7 +115,7 @@ def _staged(studies: Sequence[Path], found: Opened, view: Progress) -> Opened:
     check_jobs(directory)
     files = _note(found.folder)
     for source in found.runs:
-        run = read_recorded(source)
+        run = read_run(source)
         files |= {f"{source.name}/{name}": data for name, data in _stage(run, _studies((), run, view)).items()}
     sweep, tree = directory.read(), as_tree(files)
     staged = replace(found, folder=Member(str(found.folder), tree, name=SWEEP))
@@ -136,7 +136,7 @@ def _published_job(folder: Path, job: Job) -> Job:
 
     A job that comes from a bundle has no overrides, and keeps the name of its arm.
     """
-    config, _, _ = read_run(RunDirectory(folder / job.name))
+    config = OLD_SETTINGS(RunDirectory(folder / job.name))  # _
     arm = name_arm(published_overrides(job.overrides)) if job.overrides else job.arm
     return replace(job, arm=arm, overrides=(), config=config_hash(config))
 

@@ -13,15 +13,15 @@ import yaml
 
 from tacevo.bundles.pages import yaml_text
 from tacevo.config.plain import from_plain, to_plain
-from tacevo.config.recorded import RecordedRun
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import BundleError
 from tacevo.evolution.files import NETWORKS, PROMPTS, read_archive_files
 from tacevo.records import Json, to_json, written
+from tacevo.results.run import RecordedRun
+from tacevo.results.study_directory import FinishedStudy, plain_study
 from tacevo.storage.canonical import readable
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import Timing, timing_text
-from tacevo.studies.directory import FinishedStudy, plain_study
 from tacevo.typed import UncheckedJson, parse
 
 #: The citation is a few kB; YAML takes seconds for a megabyte.

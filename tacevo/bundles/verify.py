@@ -13,20 +13,20 @@ from pathlib import Path
 from tacevo.bundles.format import refusing
 from tacevo.bundles.open import Opened, over_runs
 from tacevo.bundles.texts import check_texts
-from tacevo.config.recorded import RecordedRun, doubting
-from tacevo.environment import deviations, versions
+from tacevo.environment import deviations, doubting, versions
 from tacevo.errors import BundleError, DivergenceError, RunError
 from tacevo.evolution.files import read_elites
 from tacevo.evolution.lines import TrainedLine
 from tacevo.reproduce.replay import Replayed, replay
+from tacevo.results.run import RecordedRun
+from tacevo.results.study_directory import FinishedStudy, study_names
+from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.runs.summary import summarise
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import FinishedStudy, study_names
 from tacevo.studies.study import replay_studies
-from tacevo.sweeps.check import check_jobs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

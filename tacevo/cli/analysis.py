@@ -23,7 +23,6 @@ from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import page_contents, replay_commands
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.report.writing import remove_outdated
-from analysis.studies.study import check_alike
 from analysis.sweeps.metrics import TESTS
 from tacevo.api.runs import Run
 from tacevo.bundles.open import Opened, opened
@@ -31,6 +30,7 @@ from tacevo.cli.common import DONE, RUN, Parser, existing_store, output_director
 from tacevo.cli.tables import finish, gather, place_of, remarks_on, say, show, status_of, with_published
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, IncomparableError
+from tacevo.results.study_reading import check_alike
 from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably

@@ -15,13 +15,11 @@ from pathlib import Path
 from textwrap import fill
 
 from analysis.report.collection import outcomes, read_studies
-from analysis.runs.run import load_run
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, RUN, Parser
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
-from tacevo.config.recorded import read_config
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
@@ -32,6 +30,9 @@ from tacevo.evolution.prompts import SAMPLING
 from tacevo.evolution.reevaluation import estimates_of
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Json, Mode, Operator, Rejection, Task, to_json, written
+from tacevo.results.run import read_run
+from tacevo.results.settings import read_config
+from tacevo.results.study_directory import studies_of
 from tacevo.rules import CURRENT
 from tacevo.runs.summary import summarise
 from tacevo.runs.wiring import Workbench
@@ -39,7 +40,6 @@ from tacevo.sandbox.confinement import report
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.notes import HEADING, read_note
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.studies.directory import studies_of
 from tacevo.text import listed, printable, table
 from tacevo.typed import parse
 
@@ -228,7 +228,7 @@ def _studied(path: Path, store: Path | None) -> str:
     """Write what the studies and noise runs of a finished run found; nothing without any."""
     if not studies_of(path):
         return ""
-    run = load_run(path)
+    run = read_run(path)
     found = read_studies(run, store)
     parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
     return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])

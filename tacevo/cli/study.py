@@ -12,13 +12,9 @@ from typing import TypeVar
 from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
-from analysis.runs.run import Run, load_run
-from analysis.studies.scores import Study
-from analysis.studies.study import load_study
 from analysis.sweeps.ablation import ALPHA
 from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import Wish, plan
-from analysis.sweeps.sweep import load_sweep
 from analysis.tables.plan import plan_table
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, output_directory, whole_number
@@ -28,12 +24,16 @@ from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_directory import studies_of
+from tacevo.results.study_reading import load_study
+from tacevo.results.sweep import load_sweep
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
 from tacevo.storage.plan import plan_text
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import studies_of
 from tacevo.studies.given import record_given
 from tacevo.studies.of_sweep import StudiedSweep, estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
@@ -227,9 +227,9 @@ def _introduce(studied: Studied, what: str) -> None:
     print(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before})")
 
 
-def _show(studied: Studied, store: str | None) -> Run:
+def _show(studied: Studied, store: str | None) -> RecordedRun:
     """Print what was found in short, and where all of it is to be seen; return the run."""
-    run = load_run(studied.directory.parents[1])
+    run = read_run(studied.directory.parents[1])
     found = read_studies(run, None if store is None else Path(store))
     if table := outcomes(run, found).get(studied.directory.name):
         print_table(table, Console())
@@ -333,14 +333,14 @@ def _located_sweep(path: Path) -> Path:
     return folder
 
 
-def _finished_studies(path: Path) -> Iterator[tuple[Run, Study]]:
+def _finished_studies(path: Path) -> Iterator[tuple[RecordedRun, RecordedStudy]]:
     """Read the finished studies of a pilot, each with its run."""
     if (path / "study.json").exists():
-        yield load_run(path.resolve().parents[1]), load_study(path)
+        yield read_run(path.resolve().parents[1]), load_study(path)
         return
     found = 0
     for folder in opened(path).runs:
-        run = load_run(folder)
+        run = read_run(folder)
         for directory in studies_of(folder):
             record = directory.read()
             if record.terms is not None and record.digest is not None:

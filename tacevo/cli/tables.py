@@ -16,8 +16,6 @@ from rich.text import Text
 
 from analysis.report.writing import remove_outdated, write_tables
 from analysis.rounding import shown
-from analysis.runs.run import Run as Record
-from analysis.runs.run import load_run
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
 from analysis.tables.rendering import WRITERS, as_markdown, numeric_columns
@@ -26,6 +24,8 @@ from tacevo.api.runs import Run
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, RUN, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import ConfigError
+from tacevo.results.run import RecordedRun as Record
+from tacevo.results.run import read_run
 from tacevo.text import as_override, printable
 
 
@@ -79,7 +79,7 @@ def _paper_tables(options: argparse.Namespace) -> int:
         tables = with_published([])
     else:
         place = opened(Path(options.run))
-        tables = with_published([load_run(place.one_run(ONE_RUN))])
+        tables = with_published([read_run(place.one_run(ONE_RUN))])
     directory = None if options.output is None else output_directory(options.output)
     show(tables, directory)
     if directory is not None:

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.choices import ArchiveKind
-from tacevo.config.recorded import read_recorded
 from tacevo.evolution.files import Line, RunLine
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Json
+from tacevo.results.run import read_run
+from tacevo.results.study_directory import Scores, studies_of
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import first_difference, place_of
-from tacevo.studies.directory import Scores, studies_of
 from tacevo.text import counted
 
 #: Settings that say where a run lies, and nothing about the run.
@@ -130,7 +130,7 @@ def read_compared(path: Path) -> Compared:
     Raises:
         RunError: it is not finished, or something of it was damaged or edited.
     """
-    run = read_recorded(path)
+    run = read_run(path)
     sources = {line.id: line.source for line in run.candidates}
     finished = [study.read_scores() for study in studies_of(path) if study.read().digest is not None]
     return Compared(

@@ -6,8 +6,8 @@ the first one is written, and none is written outside the stores or over a diffe
 
 from pathlib import Path
 
-from tacevo.config.recorded import read_recorded
 from tacevo.reproduce.replay import replay
+from tacevo.results.run import read_run
 from tacevo.runs.progress import Progress
 from tacevo.storage.arrays import KIND
 from tacevo.storage.entries import CANDIDATES, Budget, pack, unpack
@@ -28,7 +28,7 @@ def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
         RunError: this is not a finished run.
     """
     read: set[Path] = set()
-    recorded = read_recorded(run, store)
+    recorded = read_run(run, store)
     replay(recorded, view, seen=read.add)
     replay_studies(recorded, view, seen=read.add)
     write_durably(target, pack(map(read_entry, read)))

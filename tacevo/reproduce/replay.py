@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tacevo.config.recorded import RecordedRun, doubting
 from tacevo.costs import Spending, spending_on, total
-from tacevo.environment import deviations, versions
+from tacevo.environment import deviations, doubting, versions
 from tacevo.errors import DivergenceError
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.files import NETWORKS, PROMPTS, NetworkArchiveFile, read_archive_files
 from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
+from tacevo.results.run import RecordedRun
 from tacevo.rules import CORES, check_known
 from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher

@@ -12,20 +12,20 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from tacevo.choices import Device, Numerics
-from tacevo.config.recorded import RecordedRun
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
 from tacevo.evolution.files import by_rules
 from tacevo.evolution.lines import TrainedLine, with_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
+from tacevo.results.run import RecordedRun
+from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.rules import TRAININGS, Rules, check_known
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.sandbox.confinement import check_confinement
 from tacevo.storage.run_directory import RunRecord
-from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.training.losses import trivial_loss
 from tacevo.training.numerics import check_machine
 

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from tacevo.config.compose import compose
-from tacevo.config.recorded import read_run
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
 from tacevo.data.dataset import Dataset
@@ -81,7 +80,7 @@ def samples_of_run(path: Path, store: str | None, console: Console) -> Figure:
         DataError: the data set is missing, or is not the one that the run had.
         TacevoError: this is not a run directory.
     """
-    config, _, facts = read_run(RunDirectory(path), store)
+    config = OLD_SETTINGS(RunDirectory(path), store)  # facts
     catalogue = source_of(config).catalogue()
     with Progress(console) as view:
         dataset = load_same(config, facts, view, catalogue=catalogue)

@@ -1,11 +1,11 @@
 """The profiles of a finished run's networks, from its store of probes."""
 
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
 from tacevo.evolution.files import by_rules
 from tacevo.evolution.lines import CandidateLine
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
+from tacevo.results.run import RecordedRun
 from tacevo.runs.wiring import Workbench
 from tacevo.storage.store import Stores
 

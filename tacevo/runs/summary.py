@@ -5,7 +5,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from tacevo.choices import ArchiveKind
-from tacevo.config.recorded import answered_by
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, token_cells, total, usd
 from tacevo.evolution.chance import shortfall
@@ -13,6 +12,7 @@ from tacevo.evolution.files import Line, eras_in_words, eras_of
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine, GenerationLine, gate_stages, misreported, not_sent
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import Operator
+from tacevo.results.run import answered_by
 from tacevo.storage.run_directory import RunRecord
 from tacevo.text import counted, drawn, listed, table
 

@@ -7,7 +7,7 @@ from statistics import median
 from tacevo.errors import RunError
 from tacevo.evolution.archive import best_distinct
 from tacevo.evolution.lines import CandidateLine
-from tacevo.studies.lines import Network, Row, ScoreLine
+from tacevo.results.study_lines import Network, Row, ScoreLine
 
 
 def networks_of(

@@ -14,9 +14,9 @@ from pathlib import Path
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import RunError
 from tacevo.evolution.files import finished_digest
+from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming
-from tacevo.studies.directory import is_stated, studies_of
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted
 

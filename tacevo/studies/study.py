@@ -13,27 +13,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ChosenBy
-from tacevo.config.recorded import RecordedRun, doubting, read_recorded
 from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
-from tacevo.environment import deviations, machine, versions
+from tacevo.environment import deviations, doubting, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Kind, Limits, Mode, Rejection, Training
+from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
+from tacevo.results.publishable import other_settings
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study_directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
+from tacevo.results.study_lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader
+from tacevo.results.study_terms import Terms, fewest_seeds
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
-from tacevo.runs.publishable import other_settings
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
-from tacevo.studies.directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
-from tacevo.studies.lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader
 from tacevo.studies.networks import given_networks, networks_of
-from tacevo.studies.noise import estimates_of, noise_digest, noise_runs
-from tacevo.studies.terms import Terms, fewest_seeds
 from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
@@ -96,7 +96,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    run = read_recorded(Path(config.run or ""), config.store.root)
+    run = read_run(Path(config.run or ""), config.store.root)
     elsewhere = None
     if data:
         from tacevo.config.compose import compose_data  # imports Hydra, which a replay does not need
@@ -124,7 +124,7 @@ def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    run = read_recorded(Path(config.run or ""), config.store.root)
+    run = read_run(Path(config.run or ""), config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
     training = recipe_of(run.config)
     plan = _plan(

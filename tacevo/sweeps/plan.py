@@ -23,9 +23,9 @@ from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
 from tacevo.evolution.files import read_ledger
 from tacevo.redaction import check_address, secret_variables
+from tacevo.results.publishable import published_overrides
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
-from tacevo.runs.publishable import published_overrides
 from tacevo.runs.session import needed_llm
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher

@@ -3,10 +3,10 @@
 import pytest
 from checkout import BUNDLES, ROOT
 
-from analysis.runs.run import load_run
 from benchmarks.niches import filled, rows
 from tacevo.bundles.open import opened
 from tacevo.evolution.archive import Bounds, Tessellation
+from tacevo.results.run import read_run
 
 FORCE = BUNDLES / "force-grammar.zip"
 
@@ -39,6 +39,6 @@ def test_documented_figures_are_what_the_command_prints() -> None:
     assert len(adaptive) == 2
     assert [row for row in adaptive if row not in documented] == []
     source = opened(FORCE)
-    recorded = load_run(source.folder).generations
+    recorded = read_run(source.folder).generations
     cells = [cell.strip() for cell in adaptive[0].split("|")]
     assert cells[4:6] == [f"{part:.0%}" for part in (recorded[-1].coverage, max(line.coverage for line in recorded))]

@@ -12,10 +12,10 @@ from refusals import refused
 
 from tacevo.bundles.format import sealed
 from tacevo.bundles.verify import check_sizes, table_difference
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
 from tacevo.evolution.files import Line, RulesLine
 from tacevo.evolution.lines import SeedLine
+from tacevo.results.run import RecordedRun
 from tacevo.rules import FIRST
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory

@@ -10,9 +10,9 @@ from ledger_lines import FACTS, candidate, run_record
 from refusals import refused
 
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import ConfigError
 from tacevo.evolution.files import Line
+from tacevo.results.run import RecordedRun
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 

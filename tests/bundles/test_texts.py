@@ -14,9 +14,9 @@ from tacevo.bundles.texts import check_texts
 from tacevo.bundles.zipfiles import packed
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, TacevoError
+from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.storage.canonical import canonical, readable
 from tacevo.storage.run_directory import MANIFEST
-from tacevo.studies.directory import FinishedStudy, studies_of
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"
 

@@ -11,10 +11,10 @@ import pytest
 from smallest import SMALLEST, UNTRACKED, Once
 from tiny_sweep import SIZES
 
-from analysis.runs.run import load_run
 from tacevo.cli.app import main
 from tacevo.config.identity import config_hash
 from tacevo.records import Json
+from tacevo.results.run import read_run
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 
 ARMS = ("none", "no_prompt_archive")
@@ -43,7 +43,7 @@ def compared(swept: Path, once: Once) -> Path:
 
 def with_hash(directory: SweepDirectory, job: Job) -> Job:
     """Return a job the hash of its run's configuration, as launching does."""
-    return replace(job, config=config_hash(load_run(directory.run(job).path).config))
+    return replace(job, config=config_hash(read_run(directory.run(job).path).config))
 
 
 @pytest.fixture

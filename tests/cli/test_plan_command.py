@@ -12,9 +12,9 @@ from tacevo.choices import Primary
 from tacevo.cli.app import main
 from tacevo.cli.study import _located_sweep
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.study_directory import studies_of
 from tacevo.storage.plan import read_plan
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import studies_of
 
 pytestmark = pytest.mark.timeout(300)
 

@@ -16,9 +16,9 @@ from tacevo.bundles.pages import _origin
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_study
 from tacevo.errors import RunError
+from tacevo.results.noise_runs import noise_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, SweepRecord
-from tacevo.studies.noise import noise_digest
 from tacevo.text import as_override
 from tacevo.tracking.entries import viewing
 from tacevo.tracking.process import Mirror

@@ -11,14 +11,14 @@ from tacevo.api.pages import table_files
 from tacevo.bundles.open import located
 from tacevo.bundles.verify import Rerun, rerun
 from tacevo.cli.app import main
-from tacevo.config.recorded import read_recorded
 from tacevo.errors import IncomparableError, RunError
+from tacevo.results.run import read_run
 from tacevo.runs.progress import Progress
 
 
 def rerun_all(sweep: Path, store: Path) -> list[Rerun]:
     """Run every search of a sweep again."""
-    return [rerun(read_recorded(run, str(store)), Progress()) for run in located(sweep).runs]
+    return [rerun(read_run(run, str(store)), Progress()) for run in located(sweep).runs]
 
 
 def test_why_there_is_no_comparison_is_told(sweep: Path, swept: Path) -> None:

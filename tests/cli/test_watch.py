@@ -20,10 +20,10 @@ from refusals import refused
 from sweeps import files_of
 
 from analysis.runs.begun import load_begun
-from analysis.runs.run import load_run
 from tacevo.cli.app import main
 from tacevo.cli.watch import LivePage, Server, _check_may_begin, _watch, opened_privately
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.run import read_run
 
 
 @pytest.fixture
@@ -68,13 +68,13 @@ def test_finished_run_is_read_as_begun(published: Path) -> None:
     """Archives that follow from the ledger are those that the search wrote."""
     found = load_begun(published / "run")
     assert found is not None
-    assert found[0] == load_run(published / "run")
+    assert found[0] == read_run(published / "run")
 
 
 def test_begun_run_ends_with_its_last_whole_generation(begun: Path, published: Path) -> None:
     """What stands behind it is left out; before there is one, there is no run."""
     found = load_begun(begun)
-    whole = load_run(published / "run")
+    whole = read_run(published / "run")
     assert found is not None
     assert found[0].generations == whole.generations[:1]
     assert {line.generation for line in found[0].candidates} == {0}

@@ -15,8 +15,6 @@ from analysis.figures.progress import temperature
 from analysis.report.figure_list import run_pictures
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run
-from analysis.sweeps.sweep_checks import check_sweep
 from analysis.tables.dynamics import generations_table, temperatures_table
 from tacevo.config.compose import compose
 from tacevo.errors import IncomparableError
@@ -26,6 +24,8 @@ from tacevo.evolution.files import RulesLine
 from tacevo.evolution.lines import CandidateLine, SearchLine, not_sent
 from tacevo.evolution.state import Plan
 from tacevo.records import Completion, Request
+from tacevo.results.run import RecordedRun
+from tacevo.results.sweep_checks import check_sweep
 from tacevo.rules import FIRST
 from tacevo.runs.eras import run_eras
 from tacevo.runs.summary import summarise
@@ -59,7 +59,7 @@ def answered_in(lines: Sequence[SearchLine]) -> list[CandidateLine]:
     return [line for line in lines if isinstance(line, CandidateLine) and line.answer]
 
 
-def without_temperatures() -> Run:
+def without_temperatures() -> RecordedRun:
     """Make a run whose model refuses temperatures."""
     asked = [trained(1, slot, prompt=slot % 2, dropped=("temperature",)) for slot in range(3)]
     return run([trained(0, 0), *asked], [closed(0), closed(1, temperature=1.0)])

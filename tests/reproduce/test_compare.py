@@ -8,7 +8,7 @@ from ledger_lines import candidate, ended, header, score, study_header, trained
 
 from tacevo.evolution.files import Line, RunLine
 from tacevo.reproduce.compare import Compared, agreement, compare, describe, fitness_by_source
-from tacevo.studies.directory import Scores
+from tacevo.results.study_directory import Scores
 
 HEADER, STUDY = header(), study_header()
 

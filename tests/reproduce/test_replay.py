@@ -8,9 +8,9 @@ import pytest
 from refusals import refused
 from rich.console import Console
 
-from tacevo.config.recorded import read_recorded, read_run
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.reproduce.replay import replay
+from tacevo.results.run import read_run
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 
@@ -62,4 +62,4 @@ def test_run_with_more_lines_than_its_settings_ask_for_is_named(folder: Path) ->
     described["config"]["search"]["generations"] = 0
     (folder / "run" / "run.json").write_text(json.dumps(described))
     with refused(DivergenceError, place="ledger.jsonl", expected="5 lines", got="9 lines"):
-        replay(read_recorded(Path("run")), Progress(Console(quiet=True)))
+        replay(read_run(Path("run")), Progress(Console(quiet=True)))

@@ -21,7 +21,6 @@ from tacevo.choices import Device, Numerics
 from tacevo.cli import reproduce as commands
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
-from tacevo.config.recorded import RecordedRun, read_recorded
 from tacevo.errors import BundleError, DataError, DivergenceError
 from tacevo.evolution.files import read_ledger
 from tacevo.evolution.lines import CandidateLine
@@ -36,6 +35,7 @@ from tacevo.reproduce.retrain import (
     retrain,
     sampled,
 )
+from tacevo.results.run import RecordedRun, read_run
 from tacevo.rules import FIRST
 from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import Sealed, sealed_text
@@ -59,7 +59,7 @@ def rewritten(folder: Path, change: Callable[[CandidateLine], CandidateLine]) ->
 def again(count: int | None = None) -> Retrained:
     """Train again in the working directory."""
     with Progress(Console(quiet=True)) as view:
-        return retrain([read_recorded(Path("run"))], count, 1, view)
+        return retrain([read_run(Path("run"))], count, 1, view)
 
 
 def test_every_evaluation_comes_again_bit_for_bit(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -213,7 +213,7 @@ def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> 
 
 def forge(folder: Path, candidate: str, factor: float) -> None:
     """Multiply the losses of a candidate's recorded evaluation, and search again with them, into `forged/run`."""
-    key = next(line.evaluation for line in read_recorded(Path("run")).candidates if line.id == candidate)
+    key = next(line.evaluation for line in read_run(Path("run")).candidates if line.id == candidate)
     store = Store(folder / "cache", "evaluations")
     entry = next(entry for entry in store.entries() if entry.key == key)
     answer: Any = entry.answer
@@ -226,11 +226,11 @@ def forge(folder: Path, candidate: str, factor: float) -> None:
 
 def test_forged_best_network_is_always_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also where the bundle's own seed, which earlier releases drew by, does not draw it."""
-    run = read_recorded(Path("run"))
+    run = read_run(Path("run"))
     old = {line.id for _, _, line in sampled(evaluations([run]), 1, run.config.seed)}
     candidate = next(line.id for line in run.candidates if line.generation == 0 and line.id not in old)
     forge(folder, candidate, 0.3)
-    run = read_recorded(Path("forged/run"))
+    run = read_run(Path("forged/run"))
     assert candidate not in {line.id for _, _, line in sampled(evaluations([run]), 1, run.config.seed)}
     assert main(["publish", "forged/run", "-o", "forged.zip"]) == 0
     assert main(["replay", "forged.zip"]) == 0  # its records fit each other

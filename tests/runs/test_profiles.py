@@ -6,18 +6,17 @@ import pytest
 from refusals import refused
 
 from analysis.motifs.motifs import read_anatomies
-from analysis.runs.run import load_run
-from tacevo.config.recorded import read_recorded
 from tacevo.errors import CacheMissError, RunError
 from tacevo.records import Reason, Rejection, Stage, to_json
+from tacevo.results.run import read_run
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.store import Store
 
 
 def test_profiles_are_those_of_the_ledger(folder: Path) -> None:
     """Every trained candidate has one, with its parameters, and its anatomy can be read."""
-    hand = load_run(folder / "run")
-    profiles = recall_profiles(read_recorded(folder / "run"))
+    hand = read_run(folder / "run")
+    profiles = recall_profiles(read_run(folder / "run"))
     assert [(name, profile.parameters) for name, profile in profiles.items()] == [
         (candidate.id, candidate.parameters) for candidate in hand.trained
     ]
@@ -29,7 +28,7 @@ def test_missing_probe_is_an_error(folder: Path) -> None:
     next((folder / "cache" / "probes").rglob("*.json")).unlink()
     before = set(folder.rglob("*"))
     with pytest.raises(CacheMissError):
-        recall_profiles(read_recorded(folder / "run"))
+        recall_profiles(read_run(folder / "run"))
     assert set(folder.rglob("*")) == before
 
 
@@ -41,7 +40,7 @@ def test_network_that_its_store_rejects_is_refused(folder: Path) -> None:
         (folder / "cache" / entry.place).unlink()
         store.write(entry.request, {"rejection": to_json(rejection)})
     with refused(RunError, place="run", got="g00s00 was trained, and is rejected now: crashed: it exited"):
-        recall_profiles(read_recorded(folder / "run"))
+        recall_profiles(read_run(folder / "run"))
 
 
 def test_edited_source_is_refused(folder: Path) -> None:
@@ -49,4 +48,4 @@ def test_edited_source_is_refused(folder: Path) -> None:
     path = folder / "run" / "candidates" / "g00s00.py"
     path.write_text(path.read_text() + "# edited\n")
     with refused(RunError, place="g00s00.py", got="another source: the file was edited"):
-        recall_profiles(read_recorded(folder / "run"))
+        recall_profiles(read_run(folder / "run"))

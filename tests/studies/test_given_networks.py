@@ -13,11 +13,11 @@ from smallest import SMALLEST, UNTRACKED, Once
 
 from tacevo.choices import ArchiveKind
 from tacevo.cli.app import main
-from tacevo.config.recorded import read_recorded
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
 from tacevo.records import Given, Operator
+from tacevo.results.run import read_run
+from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.runs.progress import Progress
-from tacevo.studies.directory import StudyDirectory, studies_of
 from tacevo.studies.given import _check_different
 from tacevo.studies.study import replay_studies
 
@@ -74,7 +74,7 @@ def study_on(where: str) -> StudyDirectory:
 
 def test_every_given_network_is_studied_under_its_name(here: Path) -> None:
     """In the order in which they were named, whatever their fitness; none competes for a niche."""
-    run = read_recorded(Path("run"))
+    run = read_run(Path("run"))
     assert [(line.operator, line.request) for line in run.candidates] == [
         (Operator.baseline, None),
         (Operator.given, None),
@@ -186,7 +186,7 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
     edit(record)  # type: ignore[operator]
     (directory.path / "study.json").write_text(json.dumps(record))
     with refused(error):
-        replay_studies(read_recorded(Path("run")), Progress())
+        replay_studies(read_run(Path("run")), Progress())
 
 
 @pytest.mark.parametrize(

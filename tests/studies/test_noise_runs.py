@@ -14,21 +14,20 @@ from smallest import Once
 
 from analysis.report.collection import collect, tables_of
 from analysis.rounding import shown
-from analysis.runs.run import load_run
 from analysis.studies.noise import load_reestimates
-from analysis.studies.study import load_study
 from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
-from tacevo.config.recorded import read_recorded
 from tacevo.errors import RunError
 from tacevo.records import Mode, Reason, Rejection, Stage, Training, to_json
+from tacevo.results.run import read_run
+from tacevo.results.study_directory import StudyDirectory, studies_of
+from tacevo.results.study_lines import FailedLine, ScoreLine
+from tacevo.results.study_reading import load_study
 from tacevo.rules import CURRENT
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench
 from tacevo.storage.store import Store
-from tacevo.studies.directory import StudyDirectory, studies_of
-from tacevo.studies.lines import FailedLine, ScoreLine
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -74,7 +73,7 @@ def rows_of(directory: StudyDirectory) -> list[ScoreLine]:
 
 def test_noise_run_is_the_searchs_training_under_other_seeds(noisy: Path) -> None:
     """Its evaluations differ from those of the search in the seed alone, and no test score is taken."""
-    run, directory = load_run(noisy / "run"), noise_of(noisy)
+    run, directory = read_run(noisy / "run"), noise_of(noisy)
     header, rows = directory.read_scores().header, rows_of(directory)
     assert (header.terms, header.seeds, header.recipe.epochs) == (None, 2, run.config.training.epochs)
     assert all((row.metrics, row.confusion, row.epoch) == ({}, None, header.recipe.epochs) for row in rows)
@@ -100,7 +99,7 @@ def test_every_elite_is_trained_again_unless_fewer_are_asked_for(
 ) -> None:
     """All is the default; each seed is new, and what is recorded already is not trained again."""
     assert main(["noise", "run", "seeds=1"]) == 0
-    sources = {line.source for line in load_run(folder / "run").best(99)}
+    sources = {line.source for line in read_run(folder / "run").best(99)}
     (every,) = (one for one in studies_of(folder / "run") if one.read().seeds == 1)
     assert len(every.read().networks) == 1 + len(sources)
     assert "fewer elites" not in capsys.readouterr().err
@@ -160,7 +159,7 @@ def test_archive_whose_elites_were_all_trained_again_is_corrected(folder: Path) 
         found = collect(folder / "run", folder / "cache")
         return [table.name for table in tables_of(found, None) if table.name.startswith("corrected")]
 
-    whole = len({line.source for line in load_run(folder / "run").best(99)}) <= 2
+    whole = len({line.source for line in read_run(folder / "run").best(99)}) <= 2
     assert bool(names()) == whole
     assert main(["noise", "run", "seeds=1"]) == 0
     (every,) = (one for one in studies_of(folder / "run") if one.read().seeds == 1)
@@ -179,7 +178,7 @@ def failing(directory: StudyDirectory, network: str) -> None:
 
 def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) -> None:
     """The others keep their re-estimates; without the baseline there is nothing to compare them with."""
-    run, directory = load_run(folder / "run"), noise_of(folder)
+    run, directory = read_run(folder / "run"), noise_of(folder)
     failing(directory, "variant 1")
     found = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
     assert found is not None
@@ -194,7 +193,7 @@ def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) ->
 
 def test_noise_run_without_a_training_gives_no_re_estimates(folder: Path) -> None:
     """A median over fewer seeds than it states would be another one."""
-    run, directory = load_run(folder / "run"), noise_of(folder)
+    run, directory = read_run(folder / "run"), noise_of(folder)
     scores = directory.read_scores()
     directory.scores.unlink()
     directory.finish(scores.header, scores.rows[:-1])
@@ -204,7 +203,7 @@ def test_noise_run_without_a_training_gives_no_re_estimates(folder: Path) -> Non
 
 def test_training_that_the_store_rejects_is_named(folder: Path) -> None:
     """The scores of a study say that it was tested; a store that says otherwise was edited."""
-    run = load_run(folder / "run")
+    run = read_run(folder / "run")
     (study,) = (one for one in studies_of(folder / "run") if one.path.name.startswith("elites"))
     key = rows_of(study)[0].evaluation
     store = Store(folder / "cache", "studies")
@@ -232,7 +231,7 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     """Each record beside its re-estimates; `tacevo show` repeats it, and never a re-estimate that is not recorded."""
     assert main(NOISE) == 0
     told = capsys.readouterr().out
-    run, directory = load_run(folder / "run"), noise_of(folder)
+    run, directory = read_run(folder / "run"), noise_of(folder)
     again = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
     assert again is not None
     for network, found in zip(again.networks, again.noise.networks, strict=True):
@@ -271,7 +270,7 @@ def test_elites_can_be_chosen_by_their_re_estimates(folder: Path, capsys: pytest
     """By the lowest median of the noise run, whose digest the study keeps; a replay chooses by it again."""
     rows = rows_of(noise_of(folder))
     medians = {row.id: median(one.validation_loss for one in rows if one.id == row.id) for row in rows}
-    run = load_run(folder / "run")
+    run = read_run(folder / "run")
     best = min((line.id for line in run.best(99) if line.id in medians), key=medians.__getitem__)
     assert main(CHOSEN) == 0
     assert chosen(folder) == [run.baseline.id, best]
@@ -286,7 +285,7 @@ def test_elites_can_be_chosen_by_their_re_estimates(folder: Path, capsys: pytest
 def test_loss_of_a_study_at_the_searchs_epoch_is_a_fitness(folder: Path) -> None:
     """Bit for bit what the search's training gives under that seed: more epochs and test images change nothing."""
     assert main(["study", "run=run", "elites=1", "seeds=1", "epochs=2"]) == 0
-    run = read_recorded(folder / "run")
+    run = read_run(folder / "run")
     task, facts = run.record.task, run.record.data
     studied: list[Any] = list(Store(folder / "cache", "studies").entries())
     full = next(entry for entry in studied if entry.request["recipe"]["epochs"] == 2)
@@ -324,7 +323,7 @@ def test_epochs_of_a_noise_run_are_the_searchs(folder: Path, capsys: pytest.Capt
 
 def test_study_that_trains_otherwise_gives_no_re_estimates(noisy: Path) -> None:
     """Where the search trained for longer, with other batches, or on other data."""
-    run = load_run(noisy / "run")
+    run = read_run(noisy / "run")
     training, fingerprint = run.config.training, run.facts.fingerprint
     (study,) = (one for one in studies_of(noisy / "run") if one.path.name.startswith("elites"))
     assert load_reestimates(study.read_finished(), run.config, fingerprint, noisy / "cache") is not None

@@ -15,16 +15,16 @@ from refusals import refused
 from smallest import SMALLEST, UNTRACKED, Once
 from waiting import eventually
 
-from analysis.runs.run import load_run
 from analysis.studies.predictions import load_predictions
-from analysis.studies.study import load_study
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.records import to_json
+from tacevo.results.run import read_run
+from tacevo.results.study_directory import studies_of
+from tacevo.results.study_lines import SCHEMA, ScoreLine
+from tacevo.results.study_reading import load_study
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store, check_entry
-from tacevo.studies.directory import studies_of
-from tacevo.studies.lines import SCHEMA, ScoreLine
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -78,7 +78,7 @@ def trainings(folder: Path) -> int:
 
 def test_study_is_about_the_baseline_and_the_best_elite(studied: Path) -> None:
     """The analysis ranks the archive as the study chose; each network is tested with each seed."""
-    study, run = load_study(only(studied)), load_run(studied / "run")
+    study, run = load_study(only(studied)), read_run(studied / "run")
     assert [network.id for network in study.networks] == [run.baseline.id, *(best.id for best in run.best(1))]
     assert (study.run, study.fingerprint) == (run.digest, run.facts.fingerprint)
     assert [(score.network, score.seed) for score in study.scores] == [
@@ -331,7 +331,7 @@ def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: p
     assert main(["study", "run=longer", *STUDY[1:]]) == 0
     runs = [load_study(directory.path).run for directory in studies_of(folder / "longer")]
     assert len(runs) == 2
-    assert runs.count(load_run(folder / "longer").digest) == 1
+    assert runs.count(read_run(folder / "longer").digest) == 1
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ from bundles import Members, entries_of, members_of, resealed, with_entries
 from refusals import refused
 from smallest import Once
 
-from analysis.studies.study import load_study
-from analysis.studies.trivial import trivial_score
 from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
 from tacevo.config.compose import compose_study
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.study_reading import load_study
+from tacevo.results.trivial import trivial_score
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Retraining, SweepDirectory
 from tacevo.studies.of_sweep import study_sweep

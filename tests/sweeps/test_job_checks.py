@@ -10,8 +10,8 @@ import pytest
 from refusals import refused
 
 from tacevo.errors import DivergenceError
+from tacevo.results.sweep_jobs import check_jobs
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.sweeps.check import check_jobs
 
 Edit = Callable[[Any], object]
 

@@ -16,9 +16,9 @@ from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
+from tacevo.results.sweep_jobs import check_jobs
 from tacevo.storage.plan import Measure, plan_text
 from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms
-from tacevo.sweeps.check import check_jobs
 from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.searches import overrides_of
 from tacevo.sweeps.terms import Asked, read_primary, read_varied

@@ -29,10 +29,8 @@ from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
-from analysis.runs.run import Run
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
-from analysis.studies.scores import LOWER_IS_BETTER
 from analysis.table import PValue, Table
 from analysis.tables.dynamics import by_seeds, reestimated
 from analysis.tables.rendering import numeric_columns
@@ -42,6 +40,8 @@ from tacevo.evolution.files import eras_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
 from tacevo.records import Kind, Stage
+from tacevo.results.run import RecordedRun
+from tacevo.results.study import LOWER_IS_BETTER
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.text import counted
 
@@ -60,7 +60,7 @@ class Recorded:
     edited: tuple[str, ...] = ()
 
 
-def read_texts(run: Run) -> Recorded:
+def read_texts(run: RecordedRun) -> Recorded:
     """Read run.json and the candidates' files; a source that is not the ledger's is left out.
 
     Raises:
@@ -134,7 +134,7 @@ def run_contents(given: RunMaterial) -> RunContents:
     )
 
 
-def run_sources(run: Run, texts: Mapping[str, str]) -> dict[str, Source]:
+def run_sources(run: RecordedRun, texts: Mapping[str, str]) -> dict[str, Source]:
     """Return the sources of a run's candidates by their hash."""
     return {line.source: marked(texts[line.id]) for line in run.candidates if line.source and line.id in texts}
 
@@ -239,7 +239,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate,
     )
 
 
-def _generations(run: Run, centroids: NDArray[np.float64]) -> tuple[Generation, ...]:
+def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Generation, ...]:
     medians, archives = archive_medians(run, centroids), archive_history(run, centroids)
     entries = zip(progress(run).itertuples(), run.generations, medians, archives, strict=True)
     raw = descriptors(run)
@@ -322,12 +322,12 @@ def _relation(value: float) -> str:
     return f"< {text[1:]}" if text.startswith("<") else f"= {text}"
 
 
-def _model(run: Run) -> dict[str, str]:
+def _model(run: RecordedRun) -> dict[str, str]:
     """Name the model that was asked, and who provides it; neither where none was."""
     return {"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}
 
 
-def _provenance(run: Run, record: RunRecord) -> tuple[tuple[str, str], ...]:
+def _provenance(run: RecordedRun, record: RunRecord) -> tuple[tuple[str, str], ...]:
     train, validation, test = run.facts.counts
     code = record.code
     commit = "not known" if code is None else f"{code.commit}{' and changes since' if code.dirty else ''}"

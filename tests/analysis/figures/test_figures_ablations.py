@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from analysis.figures.ablations import curves, final_values
 from analysis.figures.style import BLACK
 from analysis.sweeps.ablation import compare_arms
-from analysis.sweeps.sweep import Finished
+from tacevo.results.sweep import Finished
 from tacevo.storage.sweep_directory import Job
 
 TWO = (*jobs_of("none", NONE), *jobs_of("worse", WORSE))

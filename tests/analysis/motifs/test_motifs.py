@@ -12,7 +12,6 @@ from statsmodels.stats.multitest import multipletests
 from torch import nn
 
 from analysis.motifs.motifs import MOTIFS, count_motifs, motifs_of, read_anatomies, width_ratio
-from analysis.runs.run import Run
 from analysis.table import PValue
 from analysis.tables.motifs import SUPPLEMENT, anatomies_table, motifs_table
 from tacevo.errors import RunError
@@ -21,6 +20,7 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.profile import Profile
 from tacevo.randomness import stream
+from tacevo.results.run import RecordedRun
 
 #: Every closed instruction and what it adds to the motifs of the baseline; a new form of the same code adds nothing.
 ADDS = {
@@ -121,7 +121,7 @@ def plain(activation: nn.Module, *, dropout: float = 0.0) -> Profile:
     return profile_of(nn.Sequential(nn.Conv2d(3, 8, 3), nn.AdaptiveAvgPool2d(1), *head))
 
 
-def searched() -> tuple[Run, dict[str, Profile]]:
+def searched() -> tuple[RecordedRun, dict[str, Profile]]:
     """Return a run of five trained candidates, three of which are elites, and their profiles."""
     slots = [trained(0, 0, 0.9), *(trained(1, slot, 0.1 * (slot + 1)) for slot in range(4)), rejected(1, 4)]
     elites = [

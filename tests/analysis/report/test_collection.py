@@ -13,16 +13,16 @@ from studies import study_of
 from analysis.report.collection import Collection, Compared, read_studies, tables_of, with_largest_studies
 from analysis.report.figure_list import pictures_of
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run, load_run
 from analysis.studies.comparison import compare
 from tacevo.records import Kind
-from tacevo.studies.directory import StudyDirectory, studies_of
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study_directory import StudyDirectory, studies_of
 
 NICHES = Niches(networks=np.array([[0.3, 0.5], [0.7, 0.5]]), prompts=np.array([[0.5, 0.5]]))
 SCORES = {"baseline": [0.9, 0.91, 0.92, 0.93], "variant 1": [0.95, 0.96, 0.97, 0.98]}
 
 
-def searched() -> Run:
+def searched() -> RecordedRun:
     """Return a run with two elites, one a child of the other."""
     elites = [
         elite("g00s00", niche=0, fitness=0.5),
@@ -32,7 +32,7 @@ def searched() -> Run:
     return run(slots, [closed(0, 0.5), closed(1, 0.4, candidates=2, trained=2)], elites=elites)
 
 
-def collection(*kinds: Kind, searched: Run) -> Collection:
+def collection(*kinds: Kind, searched: RecordedRun) -> Collection:
     """Return a run with a study of each kind."""
     studies = [study_of(SCORES, kind=kind) for kind in kinds]
     compared = [
@@ -128,7 +128,7 @@ def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Pat
     (study,) = studies_of(folder / "run")
     described = json.loads((study.path / "study.json").read_text())
     (study.path / "study.json").write_text(json.dumps({**described, "run": "0" * 64}))
-    found = read_studies(load_run(folder / "run"))
+    found = read_studies(read_run(folder / "run"))
     assert (found.studies, found.reestimates) == ((), ())
     (told,) = found.left_out
     assert ", before it was continued; study it again" in told
@@ -137,7 +137,7 @@ def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Pat
 @pytest.mark.parametrize(("networks", "told"), [(1, ""), (2, "the comparison of ")])
 def test_study_that_cannot_be_compared_keeps_its_scores(networks: int, told: str, published: Path, place: Path) -> None:
     """With one seed the reason is told; a baseline alone was asked for, and lacks nothing."""
-    found = load_run(published / "run")
+    found = read_run(published / "run")
     header = study_header(run=found.digest, seeds=1, networks=study_header().networks[:networks])
     directory = StudyDirectory(place / "studies" / "small")
     directory.begin(header, scale=(), units=(), versions={}, machine={})

@@ -17,11 +17,11 @@ from analysis.report.page.sources import kept_lines, marked
 from analysis.report.sweep_collection import collect_sweep
 from analysis.rounding import shown
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run
 from analysis.sweeps.ablation import compare_arms
 from analysis.tables.dynamics import reestimated
 from tacevo.evolution.archive import AddStatus, find_centroids
 from tacevo.evolution.lines import ReevaluationLine
+from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job
 
 #: Of a run by hand, which has four niches.
@@ -31,7 +31,7 @@ NICHES = Niches(
 )
 
 
-def contents(given: Run, texts: dict[str, str] | None = None) -> RunContents:
+def contents(given: RecordedRun, texts: dict[str, str] | None = None) -> RunContents:
     """Return the contents of a run by hand."""
     found = Collection(run=given, niches=NICHES, studies=(), reestimates=(), left_out=())
     return run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts=texts or {})))

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from refusals import refused
 
 from analysis.report.sweep_collection import measuring
-from analysis.runs.run import Run
 from tacevo.errors import IncomparableError
+from tacevo.results.run import RecordedRun
 
 RUN = run_to(0.5)
 ONE_AXIS = finished("one axis", 0, RUN, settings={"archive": {"axes": ["arch_div"]}})
@@ -18,7 +18,7 @@ WITH_NONE = sweep_of([*SWEEP.finished, finished("none", 0, RUN), finished("none"
 CENTROIDS = {"best only-seed0": (0, 2), "one axis-seed0": (4, 1), "a-seed0": (4, 2), "none-seed0": (4, 2)}
 
 
-def centroids_of(run: Run) -> NDArray[np.float64]:
+def centroids_of(run: RecordedRun) -> NDArray[np.float64]:
     """Return the centroids of a run by its name."""
     return np.full(CENTROIDS[run.name], 0.5)
 

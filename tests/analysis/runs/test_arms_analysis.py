@@ -16,18 +16,18 @@ from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.dynamics import progress
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches, load_niches
-from analysis.runs.run import Run
 from analysis.tables.dynamics import generations_table
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.evolution.archive import find_centroids
+from tacevo.results.run import RecordedRun
 from tacevo.storage.canonical import content_hash
 
 NO_NICHES = Niches(networks=np.empty((0, 2)), prompts=np.array([[0.5, 0.5]]))
 TENTHS = (np.arange(10).reshape(-1, 1) + 0.5) / 10
 
 
-def best_of_all() -> Run:
+def best_of_all() -> RecordedRun:
     """Make a run that keeps the three best of all."""
     candidates = [hand_runs.trained(0, slot, fitness=0.1 * (slot + 1)) for slot in range(3)]
     elite = hand_runs.elite("g00s00", niche=0, fitness=0.1)
@@ -36,7 +36,7 @@ def best_of_all() -> Run:
     return hand_runs.run(candidates, lines, elites=[elite], archive=archive, bounds=None)
 
 
-def one_axis(*values: float) -> Run:
+def one_axis(*values: float) -> RecordedRun:
     """Make a run over the Efficiency Ratio alone, with candidates at these values."""
     candidates = [hand_runs.trained(0, slot, descriptors=(9.0, value)) for slot, value in enumerate(values)]
     archive = {"axes": ["eff_ratio"], "niches": 10}
@@ -68,7 +68,7 @@ def test_elites_without_niches_are_counted_in_places() -> None:
         (one_axis(0.1, 0.9), replace(NO_NICHES, networks=TENTHS), "no network_map: archive.axes has eff_ratio only"),
     ],
 )
-def test_map_that_would_mean_nothing_is_left_out_and_said(run: Run, niches: Niches, words: str) -> None:
+def test_map_that_would_mean_nothing_is_left_out_and_said(run: RecordedRun, niches: Niches, words: str) -> None:
     """No picture of cells where there are none, and a sentence in its stead; the others are there."""
     names = [picture.name for picture in run_pictures(run, niches)]
     assert "network_map_force" not in names

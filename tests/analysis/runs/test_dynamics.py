@@ -16,7 +16,6 @@ from analysis.runs.dynamics import (
     progress,
     repeats,
 )
-from analysis.runs.run import Run
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import (
     costs_table,
@@ -30,11 +29,12 @@ from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import ReevaluationLine, gate_stages
 from tacevo.records import Reason, Stage
+from tacevo.results.run import RecordedRun
 
 PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 
 
-def two_generations() -> Run:
+def two_generations() -> RecordedRun:
     """Return a run whose every figure can be counted on one hand."""
     return run(
         [

@@ -5,19 +5,19 @@ from pathlib import Path
 import pytest
 
 from analysis.runs.dynamics import by_prompt, progress
-from analysis.runs.run import Run, load_run
 from analysis.tables.dynamics import gate_table
 from tacevo.evolution.lines import gate_stages
 from tacevo.records import Stage
+from tacevo.results.run import RecordedRun, read_run
 
 
 @pytest.fixture
-def run(whole_search: tuple[Path, str]) -> Run:
+def run(whole_search: tuple[Path, str]) -> RecordedRun:
     """Return a finished search, some of whose candidates were rejected."""
-    return load_run(whole_search[0] / "run")
+    return read_run(whole_search[0] / "run")
 
 
-def test_first_answers_are_counted_as_the_search_did(run: Run) -> None:
+def test_first_answers_are_counted_as_the_search_did(run: RecordedRun) -> None:
     """What all stages leave is what the generations call trained, less the baseline, and some was lost at first."""
     left = gate_stages(run.candidates)[-1].left
     assert left == sum(line.trained for line in run.generations) - 1 < len(run.candidates) - 1
@@ -25,7 +25,7 @@ def test_first_answers_are_counted_as_the_search_did(run: Run) -> None:
     assert (found.trained == found.candidates - found[[f"rejected_{stage}" for stage in Stage]].sum(axis=1)).all()
 
 
-def test_summary_and_gate_table_count_alike(run: Run) -> None:
+def test_summary_and_gate_table_count_alike(run: RecordedRun) -> None:
     """Rejected and left, stage by stage, as summary.md and the table of the gate have them."""
     page = (run.path / "summary.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.split("|")[1:4]] for line in page.splitlines()]
@@ -33,13 +33,13 @@ def test_summary_and_gate_table_count_alike(run: Run) -> None:
     assert stages == [[str(cell) for cell in row[:3]] for row in gate_table(run).rows]
 
 
-def test_elites_follow_from_the_growth(run: Run) -> None:
+def test_elites_follow_from_the_growth(run: RecordedRun) -> None:
     """The archive ends with as many elites as its generations brought."""
     found = progress(run)
     assert found.growth.sum() == found.elites.iloc[-1] == len(run.elites)
 
 
-def test_prompts_were_tried_once_a_mutation(run: Run) -> None:
+def test_prompts_were_tried_once_a_mutation(run: RecordedRun) -> None:
     """Every mutation of generation 1 was asked with one instruction; each inserted child belongs to one."""
     later = [it for it in run.candidates if it.generation > 0 and it.prompt is not None]
     assert by_prompt(run).tried.sum() == len(later) > 0

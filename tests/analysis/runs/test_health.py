@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
-from analysis.runs.run import Run
 from analysis.table import Percent
 from analysis.tables.health import health_table, niches_table
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Reason, Stage
+from tacevo.results.run import RecordedRun
 
 #: Four niches, one in each quarter of the unit square.
 QUARTERS = np.array([[0.25, 0.25], [0.25, 0.75], [0.75, 0.25], [0.75, 0.75]])
@@ -32,13 +32,13 @@ def spread(*points: tuple[float, float], generation: int = 0) -> list[CandidateL
     return [trained(generation, slot, descriptors=point) for slot, point in enumerate(points)]
 
 
-def well() -> Run:
+def well() -> RecordedRun:
     """Return a run in which nothing is wrong."""
     later = [trained(1, slot, prompt=slot, descriptors=(0.2 + slot / 2, 0.5)) for slot in (0, 1)]
     return run([*spread(*CORNERS), *later], [closed(0), closed(1)])
 
 
-def rung(hand: Run, centroids: NDArray[np.float64] = QUARTERS) -> list[str]:
+def rung(hand: RecordedRun, centroids: NDArray[np.float64] = QUARTERS) -> list[str]:
     """Name the alarms of a run."""
     return [alarm.name for alarm in alarms(hand, centroids)]
 
@@ -144,7 +144,7 @@ def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[Can
     return spread(*(point if axis == 1 else point[::-1] for point in points))
 
 
-def concentrated(hand: Run) -> dict[str, tuple[str, dict[str, float]]]:
+def concentrated(hand: RecordedRun) -> dict[str, tuple[str, dict[str, float]]]:
     """Return the sentences and figures of the alarms of concentration, by their names."""
     found = (alarm for alarm in alarms(hand, HUNDRED) if alarm.name.startswith("concentrated"))
     return {alarm.name: (alarm.sentence, dict(alarm.figures)) for alarm in found}

@@ -8,13 +8,13 @@ from hand_runs import closed, run, trained
 from refusals import refused
 
 from analysis.runs.lineage import LINEAGE, ancestors, lineage
-from analysis.runs.run import Run
 from analysis.tables.dynamics import lineage_table
 from tacevo.errors import RunError
 from tacevo.evolution.lines import ReevaluationLine
+from tacevo.results.run import RecordedRun
 
 
-def family() -> Run:
+def family() -> RecordedRun:
     """Return a run in which two children of the baseline are crossed, and a fourth network stands apart."""
     slots = [
         trained(0, 0, 0.8),

@@ -15,16 +15,16 @@ from refusals import refused
 from analysis.motifs.motifs import count_motifs
 from analysis.report.figure_list import run_pictures
 from analysis.runs.niches import load_niches
-from analysis.runs.run import Run, descriptors_of, load_run
 from analysis.tables.motifs import anatomies_table
 from tacevo.choices import Scale
 from tacevo.errors import RunError
+from tacevo.results.run import RecordedRun, descriptors_of, read_run
 from tacevo.studies.networks import networks_of
 
 
 def test_elites_are_those_of_the_ledger(published: Path) -> None:
     """Each with the fitness and the descriptors of its candidate, and as archive.json has it."""
-    found = load_run(published / "run")
+    found = read_run(published / "run")
     recorded = json.loads((published / "run" / "archive.json").read_text())["elites"]
     assert [(elite.id, elite.niche, elite.fitness) for elite in found.elites] == [
         (entry["id"], entry["niche"], entry["fitness"]) for entry in recorded
@@ -41,7 +41,7 @@ def test_archive_that_the_ledger_does_not_have_is_refused(name: str, run: Path) 
     """What counts as another archive is in tests/evolution/test_files.py."""
     (run / name).write_text("{}")
     with refused(RunError, place=name):
-        load_run(run)
+        read_run(run)
 
 
 @pytest.mark.parametrize(
@@ -59,10 +59,10 @@ def test_edited_description_is_refused(edit: Callable[[Any], None], run: Path) -
     edit(described)
     (run / "run.json").write_text(json.dumps(described))
     with refused(RunError, place="run.json", expected="the configuration and the task"):
-        load_run(run)
+        read_run(run)
 
 
-def family() -> Run:
+def family() -> RecordedRun:
     """Return a run whose baseline is its best elite, with a copy of it, and twins among the others."""
     slots = [
         trained(0, 0, 0.1),
@@ -101,6 +101,6 @@ def test_tables_and_figures_look_at_the_same_networks(published: Path) -> None:
     anatomies = dict.fromkeys([slot.id for slot in hand.candidates], baseline("force"))
     assert count_motifs(hand, anatomies).top == len(best)
     assert [row[0] for row in anatomies_table(hand, anatomies).rows] == ["baseline", *best]
-    niches = load_niches(load_run(published / "run"))
+    niches = load_niches(read_run(published / "run"))
     (curves,) = (one for one in run_pictures(hand, niches) if one.name == "training_curves_force")
     assert [line.get_label() for line in curves.draw().axes[0].lines] == ["baseline", *best]

@@ -11,17 +11,17 @@ from analysis.report.collection import collect
 from analysis.report.figure_list import run_pictures
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
-from analysis.runs.run import Run
 from tacevo.bundles.open import opened
 from tacevo.evolution.archive import Tessellation
 from tacevo.evolution.files import read_finished
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.prompts import prompt_point
 from tacevo.records import Json
+from tacevo.results.run import RecordedRun
 from tacevo.storage.run_directory import RunDirectory
 
 
-def run_of(generations: int, **temperature: Json) -> Run:
+def run_of(generations: int, **temperature: Json) -> RecordedRun:
     """Make a run under a temperature rule."""
     bare = hand_runs.run([], [hand_runs.closed(number) for number in range(generations + 1)])
     return replace(bare, config=hand_runs.configured(temperature=temperature))

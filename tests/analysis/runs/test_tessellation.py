@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from refusals import refused
 
 from analysis.runs.niches import Polygon, cells, load_niches
-from analysis.runs.run import load_run
 from tacevo.errors import RunError, StoreError
 from tacevo.evolution.archive import Tessellation, find_centroids
+from tacevo.results.run import read_run
 
 
 def area(polygon: Polygon) -> float:
@@ -54,7 +54,7 @@ def test_two_niches_meet_half_way() -> None:
 
 def test_niches_are_those_of_the_archive_files(published: Path) -> None:
     """Every centroid that archive.json names is the one of its niche."""
-    niches = load_niches(load_run(published / "run"))
+    niches = load_niches(read_run(published / "run"))
     elites = json.loads((published / "run" / "archive.json").read_text())["elites"]
     assert elites
     assert [niches.networks[elite["niche"]].tolist() for elite in elites] == [elite["centroid"] for elite in elites]
@@ -64,7 +64,7 @@ def test_niches_are_those_of_the_archive_files(published: Path) -> None:
 def test_lost_centroids_are_computed_and_checked(published: Path, tmp_path: Path) -> None:
     """Without a store the same niches come, and others are never taken for the run's."""
     shutil.copytree(published / "run", tmp_path / "run")
-    run = load_run(tmp_path / "run")
+    run = read_run(tmp_path / "run")
     alone, stored = load_niches(run, tmp_path / "nothing"), load_niches(run)
     assert (alone.networks == stored.networks).all()
     other = replace(run.config, archive=replace(run.config.archive, seed=99))
@@ -78,12 +78,12 @@ def test_damaged_centroids_are_told(published: Path, tmp_path: Path) -> None:
     for path in (tmp_path / "centroids").rglob("*.json"):
         path.write_text("{}")
     with refused(StoreError, expected="a value"):
-        load_niches(load_run(published / "run"), tmp_path)
+        load_niches(read_run(published / "run"), tmp_path)
 
 
 def test_niches_that_would_take_hours_are_asked_for(published: Path, tmp_path: Path) -> None:
     """A record can name a billion of them; where no store has them, they are not computed."""
-    run = load_run(published / "run")
+    run = read_run(published / "run")
     huge = replace(run, config=replace(run.config, archive=replace(run.config.archive, niches=10**9)))
     with refused(RunError, place=str(tmp_path), expected="the centroids of 1000000000 niches"):
         load_niches(huge, tmp_path)

@@ -7,7 +7,6 @@ import pytest
 from checkout import GOLDEN
 from studies import in_text
 
-from analysis.runs.run import Run
 from analysis.statistics.published import (
     FORCE,
     SCORES,
@@ -21,6 +20,7 @@ from analysis.statistics.published import (
 from analysis.table import Percent
 from analysis.tables.published import beside_published, published_tables
 from tacevo.config.compose import compose
+from tacevo.results.run import RecordedRun
 
 
 def table_of(*rows: tuple[str, str]) -> PrintedTest:
@@ -105,7 +105,7 @@ FAITHFUL = [
 ]
 
 
-def run_of(*settings: str, image_size: int = 256) -> Run:
+def run_of(*settings: str, image_size: int = 256) -> RecordedRun:
     """Make a run of two generations whose configuration is the paper's but for what is given."""
     bare = hand_runs.run(
         [hand_runs.trained(0, 0, 0.8), hand_runs.trained(1, 0, 0.4)],

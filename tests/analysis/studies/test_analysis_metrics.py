@@ -7,14 +7,14 @@ import pytest
 from studies import score, study_of
 
 from analysis.studies.metrics import named_metrics
-from analysis.studies.scores import Study
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
 from tacevo.training.metrics import classification_metrics, regression_metrics
 
 NAMES = ("Fx", "Fy", "shear_yaw")
 
 
-def measured(*units: str) -> Study:
+def measured(*units: str) -> RecordedStudy:
     """Return a regression whose scores have the metrics that the training measures, sorted as a file has them."""
     values = np.random.default_rng(0).random((2, 5, 3)).astype(np.float32)
     metrics = regression_metrics(values[0], values[1], names=NAMES, scale=(1.0, 2.0, 3.0))

@@ -11,15 +11,15 @@ from ledger_lines import score, study_header
 from refusals import refused
 from studies import study_of
 
-from analysis.studies.scores import Study
-from analysis.studies.study import check_alike, load_study
 from tacevo.choices import MarginKind, Numerics
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import DataFacts, Kind, Limits, Reason, Recipe, Stage
-from tacevo.studies.directory import StudyDirectory
-from tacevo.studies.lines import FailedLine, Row, ScoreLine
-from tacevo.studies.terms import Terms
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_directory import StudyDirectory
+from tacevo.results.study_lines import FailedLine, Row, ScoreLine
+from tacevo.results.study_reading import check_alike, load_study
+from tacevo.results.study_terms import Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,
@@ -140,7 +140,7 @@ def test_value_that_is_not_a_number_is_refused(tmp_path: Path) -> None:
     ],
 )
 def test_mixed_studies_are_refused(
-    change: Callable[[Study], Study], field: str, values: tuple[str, str], tmp_path: Path
+    change: Callable[[RecordedStudy], RecordedStudy], field: str, values: tuple[str, str], tmp_path: Path
 ) -> None:
     """Two studies of one task must have been made alike; those of two tasks need not."""
     study = load_study(written(tmp_path / "study"))

@@ -12,12 +12,12 @@ from studies import FOUR, around, study_of, study_of_outputs
 
 from analysis.statistics.effects import EFFECTS
 from analysis.studies.comparison import COMPARISONS, Verdict, compare, late, of_whole
-from analysis.studies.scores import Study
 from analysis.studies.warnings import Caution
 from tacevo.choices import MarginKind
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
 
 
 def verdicts(found: pd.DataFrame) -> list[str]:
@@ -26,7 +26,7 @@ def verdicts(found: pd.DataFrame) -> list[str]:
     return words
 
 
-def judged(study: Study, *, value: float, kind: MarginKind) -> Study:
+def judged(study: RecordedStudy, *, value: float, kind: MarginKind) -> RecordedStudy:
     """State another margin of a study."""
     return replace(study, terms=replace(study.terms, margin=Margin(value=value, kind=kind)))
 
@@ -197,6 +197,6 @@ def test_verdict_does_not_contradict_the_interval_of_its_effect() -> None:
 
 
 @pytest.mark.parametrize("study", [study_of(FOUR), study_of_outputs(OUTPUTS)], ids=["one", "several outputs"])
-def test_frame_has_the_documented_columns_and_types(study: Study) -> None:
+def test_frame_has_the_documented_columns_and_types(study: RecordedStudy) -> None:
     """Also where no row has an output."""
     assert {name: str(kind) for name, kind in compare(study).dtypes.items()} == COMPARISONS

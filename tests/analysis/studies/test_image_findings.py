@@ -15,11 +15,11 @@ from studies import study_of
 from analysis.statistics.images import mcnemar, signed_rank
 from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.predictions import Predictions, load_predictions
-from analysis.studies.scores import Study
 from analysis.table import Between, Cell, Percent
 from analysis.tables.images import image_tables
 from tacevo.errors import CacheMissError, RunError
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
 from tacevo.rules import FIRST_STUDY
 
 FORCES, FORCE_PREDICTIONS = forces()
@@ -136,7 +136,7 @@ def test_outputs_are_judged_apart() -> None:
     assert first.difference.high < 0
 
 
-def opposed(seeds: int, images: int = 60) -> tuple[Study, Predictions]:
+def opposed(seeds: int, images: int = 60) -> tuple[RecordedStudy, Predictions]:
     """Make a regression whose variant has seeds that err much, each the other way: their ensemble errs little."""
     rng = np.random.default_rng(1)
     labels = rng.normal(size=(images, 2)).astype(np.float32)
@@ -147,7 +147,7 @@ def opposed(seeds: int, images: int = 60) -> tuple[Study, Predictions]:
 
 
 @pytest.mark.parametrize("made", [forces, gratings, partial(opposed, 4), partial(opposed, 6)])
-def test_no_verdict_contradicts_the_interval_beside_it(made: Callable[[], tuple[Study, Predictions]]) -> None:
+def test_no_verdict_contradicts_the_interval_beside_it(made: Callable[[], tuple[RecordedStudy, Predictions]]) -> None:
     """Better and worse stand where the interval lies on that side of 0, in every table that has both."""
     study, predictions = made()
     found = image_findings(study, predictions)
@@ -171,7 +171,7 @@ def test_ensemble_that_is_better_by_its_seeds_luck_is_undecided() -> None:
 @pytest.mark.parametrize(("seeds", "has_verdicts"), [(1, False), (3, False), (4, True)])
 @pytest.mark.parametrize("made", [forces, gratings])
 def test_no_verdict_below_the_seeds_of_a_comparison(
-    made: Callable[..., tuple[Study, Predictions]], seeds: int, has_verdicts: bool
+    made: Callable[..., tuple[RecordedStudy, Predictions]], seeds: int, has_verdicts: bool
 ) -> None:
     """No outcome of three seeds is significant at 0.05, and no table of the same study may say otherwise."""
     study, predictions = made(seeds=seeds)

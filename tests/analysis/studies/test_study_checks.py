@@ -7,8 +7,8 @@ import pytest
 from refusals import refused
 from studies import network, score, study_of
 
-from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
+from tacevo.results.study_checks import check_study
 
 WHOLE = study_of({"baseline": [0.1, 0.2, 0.3], "variant 1": [0.1, 0.2, 0.4]})
 

@@ -11,7 +11,6 @@ from studies import around, study_of
 from analysis.report.collection import Collection, Compared, tables_of, with_largest_studies
 from analysis.runs.niches import Niches
 from analysis.studies.comparison import Verdict, compare
-from analysis.studies.scores import Study
 from analysis.studies.transfer import OWN, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
@@ -19,6 +18,7 @@ from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
 from analysis.tables.transfer import counts_table, transfer_table, transfer_tables
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
 
 NICHES = np.array([[0.3, 0.5], [0.7, 0.5]])
 
@@ -31,19 +31,19 @@ ONE = {
 OTHER = {"baseline": ONE["baseline"], "a": ONE["b"], "b": ONE["a"]}
 
 
-def elsewhere(values: Mapping[str, Sequence[float]], split: int, **changes: Any) -> Study:
+def elsewhere(values: Mapping[str, Sequence[float]], split: int, **changes: Any) -> RecordedStudy:
     """Make a study on another split than the run's."""
     study = study_of(values)
     data = replace(study.data, fingerprint=f"{split:064d}")
     return replace(study, data=data, other_data=(("split_seed", split),), **changes)
 
 
-def both() -> list[tuple[Study, None]]:
+def both() -> list[tuple[RecordedStudy, None]]:
     """Return the study of a run's data and one of another split, the other one first."""
     return [(elsewhere(OTHER, 7), None), (study_of(ONE), None)]
 
 
-def collection(*studies: Study) -> Collection:
+def collection(*studies: RecordedStudy) -> Collection:
     """Return a run with these studies."""
     compared = [
         Compared(name=f"study{number}", study=study, comparisons=compare(study))

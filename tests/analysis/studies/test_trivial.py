@@ -11,18 +11,18 @@ from studies import study_of
 
 from analysis.statistics.effects import effects_of_constant
 from analysis.studies.comparison import compare
-from analysis.studies.scores import Study
-from analysis.studies.trivial import trivial_metrics, trivial_score
 from analysis.table import Between, Percent
 from analysis.tables.comparison import effects_table, metrics_table, outputs_table, scores_table, verdicts_table
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
+from tacevo.results.trivial import trivial_metrics, trivial_score
 from tacevo.rounding import rounded
 from tacevo.training.metrics import regression_metrics
 
 ACCURACIES = study_of({"baseline": [0.5, 0.6]}, kind=Kind.classification)
 
 
-def regression(labels: np.ndarray, predictions: np.ndarray) -> Study:
+def regression(labels: np.ndarray, predictions: np.ndarray) -> RecordedStudy:
     """Make a study of one network and two seeds from labels and predictions of three outputs."""
     names = ("Fx", "Fy", "Fz")
     metrics = regression_metrics(predictions, labels, names=names, scale=(1.0, 2.0, 3.0))

@@ -10,7 +10,6 @@ from hand_runs import closed, rejected, run, trained
 from hand_sweeps import curves_of, finished, run_to
 from scipy.stats import mannwhitneyu
 
-from analysis.runs.run import Run
 from analysis.statistics.tests import holm, mann_whitney
 from analysis.studies.warnings import Caution
 from analysis.sweeps.ablation import (
@@ -26,6 +25,7 @@ from analysis.sweeps.ablation import (
 )
 from analysis.sweeps.metrics import Metric
 from tacevo.costs import Spending
+from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job
 
 NONE = [0.50, 0.52, 0.54, 0.56, 0.58]
@@ -64,7 +64,7 @@ def is_untested(row: Any) -> bool:
     return bool(row[["u", "p", "p_holm", "method", "a12", "difference", "cautions"]].isna().all())
 
 
-def values_of(one: Run) -> dict[str, Any]:
+def values_of(one: RecordedRun) -> dict[str, Any]:
     """Measure a run in an archive of its own."""
     job = [finished("none", 0, one)]
     return dict(jobs_frame(job, curves_of(job)).iloc[0].drop(["arm", "seed", "search"]))

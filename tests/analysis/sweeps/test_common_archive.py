@@ -8,22 +8,22 @@ from hand_runs import bounds_of, closed, configured, rejected, run, trained
 from hand_sweeps import run_of, run_to
 from ribs.archives import CVTArchive
 
-from analysis.runs.run import Run, descriptors_of
 from analysis.sweeps.common_archive import CommonArchive, common_archive, extents, filled
 from tacevo.choices import Scale
 from tacevo.evolution.archive import find_centroids
 from tacevo.randomness import stream
+from tacevo.results.run import RecordedRun, descriptors_of
 
 #: A left and a right niche.
 HALVES = np.array([[0.25, 0.5], [0.75, 0.5]])
 
 
-def with_archive(one: Run, **archive: object) -> Run:
+def with_archive(one: RecordedRun, **archive: object) -> RecordedRun:
     """Return a run other settings of its archive."""
     return replace(one, config=configured(archive=archive))
 
 
-def reference(*others: Run, **archive: object) -> CommonArchive:
+def reference(*others: RecordedRun, **archive: object) -> CommonArchive:
     """Make the common archive of runs, the first of which is the reference."""
     first = with_archive(others[0], **archive)
     return common_archive([first, *others[1:]], first, HALVES)

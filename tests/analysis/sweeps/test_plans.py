@@ -16,8 +16,6 @@ from studies import FOUR, study_of
 from analysis.statistics.planning import Spread, median_deviation
 from analysis.sweeps.pilots import Pilot, spread_of, study_pilot, sweep_pilot
 from analysis.sweeps.plans import RETRAININGS, Wish, plan
-from analysis.sweeps.sweep import Sweep
-from analysis.sweeps.tested import JobScore
 from analysis.table import Percent
 from analysis.tables.plan import plan_table, planned_table
 from tacevo.choices import ChosenBy
@@ -25,6 +23,8 @@ from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Kind, Stage
+from tacevo.results.sweep import RecordedSweep
+from tacevo.results.tested import JobScore
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining, SweepTerms
@@ -169,7 +169,7 @@ def test_pilots_of_unlike_trainings_are_named_in_words() -> None:
         study_pilot([(run([trained(0, 0)], []), one) for one in (short, long)])
 
 
-def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> Sweep:
+def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> RecordedSweep:
     """Make a sweep whose jobs have these test scores by training seed."""
     jobs = [
         replace(finished(arm, seed, run_to(0.5)), tested=JobScore(metric="mse", values=values, network="g00s00"))

@@ -8,12 +8,12 @@ import pytest
 from hand_sweeps import VERSIONS, finished, run_to, sweep_of
 from refusals import refused
 
-from analysis.sweeps.sweep import Finished
-from analysis.sweeps.sweep_checks import VERSIONS as CHECKED
-from analysis.sweeps.sweep_checks import check_sweep
 from tacevo.choices import Varied
 from tacevo.errors import IncomparableError
 from tacevo.evolution.files import RulesLine
+from tacevo.results.sweep import Finished
+from tacevo.results.sweep_checks import VERSIONS as CHECKED
+from tacevo.results.sweep_checks import check_sweep
 from tacevo.rules import FIRST
 from tacevo.storage.sweep_directory import SweepTerms
 

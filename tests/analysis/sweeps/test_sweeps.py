@@ -9,8 +9,8 @@ from pathlib import Path
 from ledger_lines import run_record
 from refusals import refused
 
-from analysis.sweeps.sweep import load_sweep
 from tacevo.errors import RunError
+from tacevo.results.sweep import load_sweep
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 

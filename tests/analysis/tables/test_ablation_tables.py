@@ -8,13 +8,13 @@ from hand_sweeps import NONE, PLAN, WORSE, compared, finished, jobs_of, run_to, 
 from analysis.sweeps.ablation import Ablation, compare_arms
 from analysis.sweeps.common_archive import Extent
 from analysis.sweeps.metrics import TESTS, Metric
-from analysis.sweeps.sweep import Finished, Missing, Sweep
-from analysis.sweeps.tested import JobScore
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
 from analysis.tables.archives_of_arms import common_note, extents_note
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
+from tacevo.results.sweep import Finished, Missing, RecordedSweep
+from tacevo.results.tested import JobScore
 from tacevo.storage.plan import Measure
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
@@ -22,7 +22,7 @@ ARCHIVE = common_note("none-seed0")
 SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of("worse", WORSE))
 
 
-def best(sweep: Sweep = SWEEP, found: Ablation = FOUND) -> Table:
+def best(sweep: RecordedSweep = SWEEP, found: Ablation = FOUND) -> Table:
     """Return the table of the best fitness."""
     return metric_table(sweep, found, Metric.best_fitness, ARCHIVE)
 

@@ -7,12 +7,12 @@ import pytest
 from hand_runs import closed, elite, run, trained
 from studies import network
 
-from analysis.runs.run import Run
 from analysis.statistics.noise import Draws, noise, rankings
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import ONE_DRAW, improvement_table
 from analysis.tables.noise import noise_table, noise_tables
+from tacevo.results.run import RecordedRun
 
 #: A baseline and a winner whose record is the lowest of all: 0.4, which no other seed gives.
 DRAWS = Draws(recorded=np.array([0.5, 0.4]), estimates=np.array([[0.6, 0.5, 0.7], [0.7, 0.8, 0.9]]))
@@ -31,7 +31,7 @@ def reestimates(draws: Draws = DRAWS, *, name: str = "noise1-seeds3-epochs5-0000
     )
 
 
-def searched() -> Run:
+def searched() -> RecordedRun:
     """Return a run that found the winner: 20 % below its baseline."""
     elites = [elite("g01s00", niche=0, fitness=0.4)]
     return run([trained(0, 0, 0.5), trained(1, 0, 0.4)], [closed(0, 0.5), closed(1, 0.4)], elites=elites)

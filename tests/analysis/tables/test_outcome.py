@@ -11,12 +11,12 @@ from analysis.statistics.effects import median
 from analysis.statistics.noise import Draws, noise
 from analysis.studies.comparison import compare
 from analysis.studies.noise import Reestimates
-from analysis.studies.scores import Study
 from analysis.table import Between, Percent, PValue
 from analysis.tables.comparison import scores_table
 from analysis.tables.noise import noise_table
 from analysis.tables.outcome import MOST, noise_outcome, study_outcome
 from tacevo.records import Kind
+from tacevo.results.study import RecordedStudy
 from tacevo.rounding import rounded
 
 ONE_DRAW = "fitness, one draw"
@@ -35,7 +35,7 @@ def reestimates(names: list[str], estimates: list[list[float]]) -> Reestimates:
     )
 
 
-def identified(study: Study) -> Study:
+def identified(study: RecordedStudy) -> RecordedStudy:
     """Return a study whose candidates have ids of their own."""
     named = tuple(replace(one, id=f"id of {one.name}") for one in study.networks)
     return replace(study, networks=named)

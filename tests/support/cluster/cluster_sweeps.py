@@ -7,8 +7,8 @@ from pathlib import Path
 
 from smallest import SMALLEST, UNTRACKED
 
+from tacevo.results.study_directory import studies_of
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.directory import studies_of
 from tacevo.sweeps.status import status_of
 
 #: On a cluster, each job fills a node of two processors.

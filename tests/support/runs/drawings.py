@@ -16,9 +16,9 @@ from analysis.figures.studies import confusion_matrices, reliability, seed_boxes
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.studies.images import image_findings
-from analysis.studies.scores import Study
 from tacevo.evolution.archive import find_centroids
 from tacevo.records import Kind, Reason, Stage
+from tacevo.results.study import RecordedStudy
 
 CENTROIDS = np.array(find_centroids(niches=9, dimensions=2, samples=300, seed=0))
 
@@ -58,7 +58,7 @@ CALIBRATED = image_findings(*gratings()).calibrations
 FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.005, 0.0045]})
 
 
-def confused() -> Study:
+def confused() -> RecordedStudy:
     """Return a study of a classification in which every network mistakes one image of class b for a c."""
     networks = ("baseline", "variant 1", "variant 2", "variant 3", "variant 4")
     study = study_of(dict.fromkeys(networks, (0.9, 0.9)), kind=Kind.classification)
@@ -70,7 +70,7 @@ def confused() -> Study:
     )
 
 
-def of_networks(study: Study, count: int) -> Study:
+def of_networks(study: RecordedStudy, count: int) -> RecordedStudy:
     """Keep the first networks of a study."""
     return replace(study, networks=study.networks[:count])
 

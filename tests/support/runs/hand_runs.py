@@ -6,7 +6,6 @@ from typing import Any
 
 from ledger_lines import candidate, ended
 
-from analysis.runs.run import Run
 from tacevo.config.compose import compose
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
@@ -16,6 +15,7 @@ from tacevo.evolution.archive import AddStatus, Bounds
 from tacevo.evolution.files import EliteEntry, RulesLine, TrialEntry
 from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
 from tacevo.records import DataFacts, Kind, Operator, Reason, Stage
+from tacevo.results.run import RecordedRun
 from tacevo.rules import FIRST
 from tacevo.typed import convert
 
@@ -129,9 +129,9 @@ def run(
     archive: Mapping[str, Any] | None = None,
     bounds: tuple[tuple[float, float], ...] | None = ((0.0, 1.0), (0.0, 1.0)),
     spent: Mapping[str, Spending] | None = None,
-) -> Run:
+) -> RecordedRun:
     """Make a run; `archive` holds settings of its archive that are not the default ones."""
-    return Run(
+    return RecordedRun(
         path=Path("runs/hand"),
         name="hand",
         digest="0" * 64,

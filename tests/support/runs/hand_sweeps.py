@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from hand_runs import closed, configured, run, trained
 
-from analysis.runs.run import Run
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
 from analysis.sweeps.common_archive import common_archive
-from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.costs import Spending
 from tacevo.evolution.lines import CandidateLine
+from tacevo.results.run import RecordedRun
+from tacevo.results.sweep import Finished, RecordedSweep
 from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.storage.sweep_directory import Job
 
@@ -25,7 +25,7 @@ NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
 WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)
 
 
-def finished(arm: str, seed: int, one: Run, *, settings: Mapping[str, Any] | None = None) -> Finished:
+def finished(arm: str, seed: int, one: RecordedRun, *, settings: Mapping[str, Any] | None = None) -> Finished:
     """Make a finished job of a run; `settings` holds what is not as in every run by hand, by group and key."""
     name = f"{arm}-seed{seed}"
     config = configured(seed=seed, **(settings or {}))
@@ -35,7 +35,7 @@ def finished(arm: str, seed: int, one: Run, *, settings: Mapping[str, Any] | Non
     )
 
 
-def run_of(candidates: Sequence[CandidateLine], spent: Mapping[str, Spending] | None = None) -> Run:
+def run_of(candidates: Sequence[CandidateLine], spent: Mapping[str, Spending] | None = None) -> RecordedRun:
     """Make a run of trained candidates, in their order; the generations follow from them."""
     lines = []
     for generation in range(candidates[-1].generation + 1):
@@ -45,16 +45,16 @@ def run_of(candidates: Sequence[CandidateLine], spent: Mapping[str, Spending] | 
     return run(candidates, lines, spent=spent)
 
 
-def run_to(*bests: float, descriptors: Sequence[tuple[float, float]] = ()) -> Run:
+def run_to(*bests: float, descriptors: Sequence[tuple[float, float]] = ()) -> RecordedRun:
     """Make a run of one candidate a generation, with these losses, at these places or all at one."""
     places = list(descriptors) or [(0.5, 0.5)] * len(bests)
     pairs = enumerate(zip(bests, places, strict=True))
     return run_of([trained(number, 0, loss, descriptors=place) for number, (loss, place) in pairs])
 
 
-def sweep_of(jobs: Sequence[Finished]) -> Sweep:
+def sweep_of(jobs: Sequence[Finished]) -> RecordedSweep:
     """Make a sweep whose jobs are all finished."""
-    return Sweep(path=Path("sweep"), finished=tuple(jobs), missing=())
+    return RecordedSweep(path=Path("sweep"), finished=tuple(jobs), missing=())
 
 
 def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
@@ -74,7 +74,7 @@ def curves_of(jobs: Sequence[Finished]) -> pd.DataFrame:
     return curves_frame(jobs, common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]])))
 
 
-def compared(*jobs: Finished) -> tuple[Sweep, Ablation]:
+def compared(*jobs: Finished) -> tuple[RecordedSweep, Ablation]:
     """Compare jobs, measured in two niches."""
     return sweep_of(jobs), compare_arms(jobs_frame(jobs, curves_of(jobs)))
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from studies import study_of
 
 from analysis.studies.predictions import Predictions
-from analysis.studies.scores import PRIMARY, Study
 from tacevo.records import Kind
+from tacevo.results.study import PRIMARY, RecordedStudy
 from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.training.full import Kept, score
@@ -20,7 +20,7 @@ from tacevo.training.full import Kept, score
 Networks = Mapping[str, NDArray[np.float32]]
 
 
-def study_with(labels: NDArray[Any], networks: Networks) -> tuple[Study, Predictions]:
+def study_with(labels: NDArray[Any], networks: Networks) -> tuple[RecordedStudy, Predictions]:
     """Make a study whose scores are those of its predictions: float32 labels are regressed, and int64 are classes."""
     kind = Kind.regression if labels.dtype == np.float32 else Kind.classification
     outputs = next(iter(networks.values())).shape[2]
@@ -51,7 +51,7 @@ def keep(predictions: Predictions, root: Path) -> None:
             arrays.keep(one)
 
 
-def forces(images: int = 40, seeds: int = 5) -> tuple[Study, Predictions]:
+def forces(images: int = 40, seeds: int = 5) -> tuple[RecordedStudy, Predictions]:
     """Make a regression of two outputs: variant 1 errs less than the baseline on Fx, and variant 2 is its equal."""
     rng = np.random.default_rng(0)
     labels = rng.normal(size=(images, 2)).astype(np.float32)
@@ -64,7 +64,7 @@ def forces(images: int = 40, seeds: int = 5) -> tuple[Study, Predictions]:
     return study_with(labels, networks)
 
 
-def gratings(images: int = 60, seeds: int = 5) -> tuple[Study, Predictions]:
+def gratings(images: int = 60, seeds: int = 5) -> tuple[RecordedStudy, Predictions]:
     """Make a classification of three classes: variant 1 is right more often than the baseline."""
     rng = np.random.default_rng(0)
     labels = rng.integers(3, size=images)

@@ -10,9 +10,9 @@ from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.files import RunLine
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import DataFacts, Kind, Limits, Operator, Reason, Recipe, Stage
+from tacevo.results.study_lines import Network, ScoreLine, StudyHeader
+from tacevo.results.study_terms import Terms
 from tacevo.storage.run_directory import RunRecord
-from tacevo.studies.lines import Network, ScoreLine, StudyHeader
-from tacevo.studies.terms import Terms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,

@@ -8,11 +8,11 @@ from hand_runs import FACTS
 from ledger_lines import RECIPE, TERMS
 from ledger_lines import score as line_of
 
-from analysis.studies.scores import Study
 from analysis.table import Table
 from tacevo.choices import Device, Numerics
 from tacevo.records import Kind
-from tacevo.studies.lines import Network, ScoreLine
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_lines import Network, ScoreLine
 
 
 def around(median: float, *, step: float, seeds: int = 20) -> list[float]:
@@ -30,10 +30,10 @@ FOUR = {
 }
 
 
-def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regression, seeds: int = 0) -> Study:
+def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regression, seeds: int = 0) -> RecordedStudy:
     """Make a study from each network's primary metric, in the order of the seeds; 0 seeds are the first's."""
     metric = "mse" if kind is Kind.regression else "accuracy"
-    return Study(
+    return RecordedStudy(
         run="0" * 64,
         task="force" if kind is Kind.regression else "grating",
         seed=0,
@@ -52,7 +52,7 @@ def study_of(values: Mapping[str, Sequence[float]], *, kind: Kind = Kind.regress
     )
 
 
-def study_of_outputs(values: Mapping[str, Mapping[str, Sequence[float]]]) -> Study:
+def study_of_outputs(values: Mapping[str, Mapping[str, Sequence[float]]]) -> RecordedStudy:
     """Make a regression of several outputs from each one's error, by output and network; the whole's is their mean."""
     names = tuple(values)
     networks = list(values[names[0]])

@@ -6,7 +6,6 @@ from pathlib import Path
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.config.identity import config_hash
-from tacevo.config.recorded import read_run
 from tacevo.records import Json
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 
@@ -34,7 +33,7 @@ def run_sweep(folder: Path, store: Path) -> None:
 
 def _job(directory: SweepDirectory, name: str) -> Job:
     job = Job(name=name, arm=name_arm(OWN[name]), seed=int(name[-1]), overrides=OWN[name], config="")
-    config, _, _ = read_run(directory.run(job))
+    config = OLD_SETTINGS(directory.run(job))  # _
     return Job(name=name, arm=job.arm, seed=job.seed, overrides=job.overrides, config=config_hash(config))
 
 

@@ -11,10 +11,9 @@ from dataclasses import replace
 
 from tacevo.config.identity import config_hash, decisive
 from tacevo.config.plain import from_plain, to_plain
-from tacevo.config.recorded import read_run
 from tacevo.errors import DivergenceError
 from tacevo.records import Json
-from tacevo.runs.publishable import published_config
+from tacevo.results.publishable import published_config
 from tacevo.storage.canonical import content_hash, differences, shown
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.terms import varied
@@ -35,7 +34,7 @@ def check_jobs(directory: SweepDirectory) -> None:
     jobs, vary = sweep.jobs, sweep.terms.vary
     settings = []
     for job in jobs:
-        config, _, _ = read_run(directory.run(job))
+        config = OLD_SETTINGS(directory.run(job))  # _
         for field, stated, recorded in (("seed", job.seed, config.seed), ("config", job.config, config_hash(config))):
             if stated != recorded:
                 raise DivergenceError(

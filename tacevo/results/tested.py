@@ -8,16 +8,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from analysis.runs.run import Run
 from analysis.statistics.samples import not_finite
-from analysis.studies.scores import PRIMARY
-from analysis.studies.trivial import metrics_from
 from tacevo.errors import RunError
+from tacevo.results.noise_runs import estimates_of
+from tacevo.results.run import RecordedRun
+from tacevo.results.study import PRIMARY
+from tacevo.results.study_directory import is_stated, studies_of
+from tacevo.results.study_lines import Design, FailedLine, Row, ScoreLine
+from tacevo.results.trivial import metrics_from
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.studies.directory import is_stated, studies_of
-from tacevo.studies.lines import Design, FailedLine, Row, ScoreLine
-from tacevo.studies.noise import estimates_of
 from tacevo.text import listed
 
 
@@ -45,7 +45,7 @@ class FailedTestError(RunError):
     """What a job found did not train with every seed of its test; that is a result, and not a gap."""
 
 
-def job_score(run: Run, stated: Retraining) -> JobScore:
+def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
     """Return the test score of the network that a run found.
 
     That is the best of its archive, by the fitness that the study chose by. The baseline counts as found, or a search
@@ -76,7 +76,7 @@ def job_score(run: Run, stated: Retraining) -> JobScore:
     return sound[0]
 
 
-def _score(run: Run, study: Design, rows: Sequence[Row]) -> JobScore:
+def _score(run: RecordedRun, study: Design, rows: Sequence[Row]) -> JobScore:
     """Return the score of the best network of a study; what became of the others does not matter."""
     fitness = _fitness(run, study)
     # The baseline and the best elite; the earlier one wins a tie, as everywhere.
@@ -101,7 +101,7 @@ def _score(run: Run, study: Design, rows: Sequence[Row]) -> JobScore:
     return JobScore(metric=metric, values=values, network=best.id, trivial=trivial)
 
 
-def _fitness(run: Run, study: Design) -> dict[str, float]:
+def _fitness(run: RecordedRun, study: Design) -> dict[str, float]:
     """Return what the networks of a study were chosen by."""
     if not study.chosen_by:
         # A baseline that failed when it was trained again stands in the study by its first draw, and found nothing.

@@ -16,11 +16,11 @@ from typing import Any
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import Json, to_json, written
+from tacevo.results.study_lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.studies.lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
 from tacevo.typed import parse
 
 #: What `study_names` returns, as a regular expression.

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
-from tacevo.config.recorded import answered_by, read_config
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import RunError
@@ -31,6 +30,7 @@ from tacevo.evolution.files import (
 from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, not_sent
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import DataFacts, Task, to_json
+from tacevo.results.run import answered_by, read_config
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -41,7 +41,7 @@ TOP = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class RecordedRun:
     """A finished run."""
 
     path: Path
@@ -164,7 +164,7 @@ def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[Axis] 
     return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, values, strict=True))
 
 
-def load_run(path: Path) -> Run:
+def read_run(path: Path) -> RecordedRun:
     """Read the directory of a finished run.
 
     Raises:
@@ -174,7 +174,7 @@ def load_run(path: Path) -> Run:
     return finished_run(directory, *read_finished(directory))
 
 
-def finished_run(directory: RunDirectory, record: RunRecord, ledger: Sealed[Line]) -> Run:
+def finished_run(directory: RunDirectory, record: RunRecord, ledger: Sealed[Line]) -> RecordedRun:
     """Return a finished run whose run.json and ledger were read, with its archives.
 
     Raises:
@@ -185,7 +185,7 @@ def finished_run(directory: RunDirectory, record: RunRecord, ledger: Sealed[Line
     return replace(run, elites=networks.elites, prompt_trials=prompts.trials)
 
 
-def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
+def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> RecordedRun:
     """Return a run without its archives.
 
     Args:
@@ -202,7 +202,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> Run:
     _check_description(path, config, record.task, header)
     generations = tuple(line for line in ledger.lines if isinstance(line, GenerationLine))
     directory = RunDirectory(path)
-    return Run(
+    return RecordedRun(
         path=path,
         name=path.resolve().name,
         digest=ledger.digest,

@@ -11,9 +11,9 @@ from annotated_types import Ge
 
 from tacevo.choices import Device, Numerics
 from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
+from tacevo.results.study_terms import Terms
 from tacevo.rules import FIRST_STUDY
 from tacevo.storage.plan import SeedPlan
-from tacevo.studies.terms import Terms
 from tacevo.training.full import Kept
 from tacevo.typed import FreeJson
 

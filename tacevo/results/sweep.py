@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from analysis.runs.run import Run, load_run
-from analysis.sweeps.tested import FailedTestError, JobScore, job_score
 from tacevo.config.identity import config_hash
 from tacevo.errors import RunError
 from tacevo.evolution.files import finished_digest
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.tested import FailedTestError, JobScore, job_score
 from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms, name_arm
 
 #: The arm that all others are compared with unless the sweep states another: the search as it is.
@@ -21,7 +21,7 @@ class Finished:
     """A finished job."""
 
     job: Job
-    run: Run
+    run: RecordedRun
     #: None where it was not tested as its sweep states.
     tested: JobScore | None = None
 
@@ -39,7 +39,7 @@ class Missing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sweep:
+class RecordedSweep:
     """What there is of a sweep, in the order of its jobs."""
 
     path: Path
@@ -61,7 +61,7 @@ class Sweep:
         return self.finished[0].run.task
 
 
-def load_sweep(path: Path, known: Mapping[str, Run] | None = None) -> Sweep:
+def load_sweep(path: Path, known: Mapping[str, RecordedRun] | None = None) -> RecordedSweep:
     """Read the finished jobs of a sweep, and why the others are missing.
 
     Args:
@@ -82,7 +82,7 @@ def load_sweep(path: Path, known: Mapping[str, Run] | None = None) -> Sweep:
         run = (known or {}).get(job.name)
         absent = _absence(directory, job) if run is None else None
         if absent is None:
-            finished.append(_checked(job, run or load_run(directory.run(job).path)))
+            finished.append(_checked(job, run or read_run(directory.run(job).path)))
         else:
             missing.append(absent)
     if not finished:
@@ -92,11 +92,11 @@ def load_sweep(path: Path, known: Mapping[str, Run] | None = None) -> Sweep:
             expected="at least one finished job",
             remedy="continue the sweep by the `tacevo search -m` command that began it",
         )
-    sweep = Sweep(path=path, finished=tuple(finished), missing=tuple(missing), terms=terms)
+    sweep = RecordedSweep(path=path, finished=tuple(finished), missing=tuple(missing), terms=terms)
     return sweep if terms.retraining is None else _with_tests(sweep, terms.retraining)
 
 
-def _with_tests(sweep: Sweep, stated: Retraining) -> Sweep:
+def _with_tests(sweep: RecordedSweep, stated: Retraining) -> RecordedSweep:
     """Read the test scores of the finished jobs, and why others have none."""
     finished, untested = [], []
     for one in sweep.finished:
@@ -122,7 +122,7 @@ def _absence(directory: SweepDirectory, job: Job) -> Missing | None:
     return Missing(job=job, reason=f"failed: {failure.reason}", has_failed=True)
 
 
-def _checked(job: Job, run: Run) -> Finished:
+def _checked(job: Job, run: RecordedRun) -> Finished:
     """Check that a run is that of its job."""
     found = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
     if run.config.seed != job.seed:

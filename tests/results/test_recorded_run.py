@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from ledger_lines import FACTS, run_record
 from refusals import refused
+from tacevo.results.settings import read_settings
 
 from tacevo.config.compose import compose
 from tacevo.config.plain import to_plain
-from tacevo.config.recorded import read_settings
 from tacevo.errors import RunError
 from tacevo.storage.run_directory import RunDirectory
 

@@ -6,7 +6,7 @@ from refusals import refused
 from tacevo.config.compose import compose
 from tacevo.config.plain import from_plain, to_plain
 from tacevo.errors import ConfigError
-from tacevo.runs.publishable import published_config, published_overrides
+from tacevo.results.publishable import published_config, published_overrides
 from tacevo.storage.canonical import value_at
 
 #: Settings that are paths, in every form; those of a release after those of a table.

@@ -8,11 +8,11 @@ import json
 from collections.abc import Callable, Iterator
 from typing import NoReturn
 
-from analysis.sweeps.sweep import Finished, Sweep
 from tacevo.errors import IncomparableError
 from tacevo.evolution.files import eras_in_words
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Json, to_json
+from tacevo.results.sweep import Finished, RecordedSweep
 from tacevo.storage.canonical import canonical, differences, shown, value_at
 
 #: Python and the packages that can change a request, a verdict of the gate, a niche or a fitness. The others compose
@@ -39,7 +39,7 @@ _REMEDIES = {
 }
 
 
-def check_sweep(sweep: Sweep) -> None:
+def check_sweep(sweep: RecordedSweep) -> None:
     """Check that the finished jobs of a sweep can be compared.
 
     Raises:
@@ -60,7 +60,7 @@ def check_sweep(sweep: Sweep) -> None:
     _compare_with_first(sweep, lambda one: one.job.arm, arm_settings, "arm")
 
 
-def _check_temperatures(sweep: Sweep, one: Finished, two: Finished) -> None:
+def _check_temperatures(sweep: RecordedSweep, one: Finished, two: Finished) -> None:
     """Check that two jobs do not differ in temperatures that were never sent to the model."""
     idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
     if idle and one.run.config.temperature != two.run.config.temperature:
@@ -118,7 +118,7 @@ def arm_settings(one: Finished) -> dict[str, Json]:
 
 
 def _compare_with_first(
-    sweep: Sweep, group_of: Callable[[Finished], str], fields_of: Callable[[Finished], Json], kind: str
+    sweep: RecordedSweep, group_of: Callable[[Finished], str], fields_of: Callable[[Finished], Json], kind: str
 ) -> None:
     """Compare each job with the first one of its group."""
     firsts: dict[str, Finished] = {}
@@ -129,7 +129,9 @@ def _compare_with_first(
             _reject(sweep, kind, shown(field), (first, value_at(one, field)), (other, value_at(two, field)))
 
 
-def _reject(sweep: Sweep, kind: str, field: str, one: tuple[Finished, Json], two: tuple[Finished, Json]) -> NoReturn:
+def _reject(
+    sweep: RecordedSweep, kind: str, field: str, one: tuple[Finished, Json], two: tuple[Finished, Json]
+) -> NoReturn:
     (first, was), (second, came) = one, two
     raise IncomparableError(
         f"{json.dumps(was)} in {first.job.name} and {json.dumps(came)} in {second.job.name}",

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.records import Kind
-from tacevo.studies.lines import Design, ScoreLine
-from tacevo.studies.terms import Terms
+from tacevo.results.study_lines import Design, ScoreLine
+from tacevo.results.study_terms import Terms
 
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
@@ -16,7 +16,7 @@ LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Study(Design):
+class RecordedStudy(Design):
     """A finished study: what it was to find out, and its scores."""
 
     #: A noise run, which has none, is not a study.

@@ -9,7 +9,7 @@ from tacevo.choices import MarginKind
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.studies.terms import Terms, fewest_seeds
+from tacevo.results.study_terms import Terms, fewest_seeds
 from tacevo.typed import convert
 
 

@@ -4,18 +4,18 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from analysis.studies.scores import Study
-from analysis.studies.study_checks import check_study
 from tacevo.errors import RunError
-from tacevo.studies.directory import FinishedStudy, StudyDirectory
-from tacevo.studies.lines import Design, FailedLine, ScoreLine
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_checks import check_study
+from tacevo.results.study_directory import FinishedStudy, StudyDirectory
+from tacevo.results.study_lines import Design, FailedLine, ScoreLine
 from tacevo.text import listed
 
 #: Rows that a message names.
 MOST = 6
 
 
-def load_study(path: Path) -> Study:
+def load_study(path: Path) -> RecordedStudy:
     """Read the directory of a finished study, `RUN/studies/NAME`.
 
     Raises:
@@ -24,7 +24,7 @@ def load_study(path: Path) -> Study:
     return as_study(StudyDirectory(path).read_finished())
 
 
-def as_study(finished: FinishedStudy) -> Study:
+def as_study(finished: FinishedStudy) -> RecordedStudy:
     """Return a study whose files were read.
 
     Raises:
@@ -40,7 +40,7 @@ def as_study(finished: FinishedStudy) -> Study:
         if len(given) not in {0, len(facts.names)}:
             expected = f"one for each of {listed(facts.names)}"
             raise RunError(listed(map(str, given)), place=f"{path}/study.json, {name}", expected=expected)
-    study = Study(
+    study = RecordedStudy(
         **{field.name: getattr(found, field.name) for field in fields(Design)},
         units=record.units,
         scale=record.scale,
@@ -50,7 +50,7 @@ def as_study(finished: FinishedStudy) -> Study:
     return study
 
 
-def check_alike(studies: Sequence[Study]) -> None:
+def check_alike(studies: Sequence[RecordedStudy]) -> None:
     """Check that studies of one task, each on its run's own data, were trained alike and on the same data.
 
     Each task is compared with itself. Studies on other data are not compared.
@@ -58,7 +58,7 @@ def check_alike(studies: Sequence[Study]) -> None:
     Raises:
         RunError: recipe, numerics, data fingerprint or number of seeds differ; the message names the rows.
     """
-    first: dict[str, Study] = {}
+    first: dict[str, RecordedStudy] = {}
     for study in studies:
         if study.other_data:
             continue
@@ -74,7 +74,7 @@ def check_alike(studies: Sequence[Study]) -> None:
                 )
 
 
-def _networks(study: Study) -> str:
+def _networks(study: RecordedStudy) -> str:
     return f"{listed(network.name for network in study.networks)} of run {study.run[:12]}"
 
 

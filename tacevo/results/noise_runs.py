@@ -3,10 +3,10 @@
 import shlex
 from pathlib import Path
 
-from tacevo.config.recorded import RecordedRun
 from tacevo.errors import RunError
-from tacevo.studies.directory import studies_of
-from tacevo.studies.lines import StudyRecord
+from tacevo.results.run import RecordedRun
+from tacevo.results.study_directory import studies_of
+from tacevo.results.study_lines import StudyRecord
 from tacevo.studies.networks import median_losses
 from tacevo.text import listed
 

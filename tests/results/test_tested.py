@@ -11,16 +11,16 @@ from ledger_lines import study_header
 from refusals import refused
 from studies import study_of
 
-from analysis.runs.run import Run, load_run
-from analysis.studies.scores import Study
-from analysis.sweeps.tested import FailedTestError, JobScore, _score, job_score
 from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Reason, Stage
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_directory import StudyDirectory, is_stated
+from tacevo.results.study_lines import Design, FailedLine
+from tacevo.results.tested import FailedTestError, JobScore, _score, job_score
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.studies.directory import StudyDirectory, is_stated
-from tacevo.studies.lines import Design, FailedLine
 
 #: What the study of the `published` run is.
 STATED = Retraining(seeds=4, epochs=1, choose=ChosenBy.fitness)
@@ -28,7 +28,7 @@ STATED = Retraining(seeds=4, epochs=1, choose=ChosenBy.fitness)
 MEASURED = study_of({"baseline": [0.1, 0.2, 0.6], "variant 1": [0.3, 0.5, 0.4], "variant 2": [0.0, 0.0, 0.0]})
 
 
-def studied(*fitnesses: float) -> Study:
+def studied(*fitnesses: float) -> RecordedStudy:
     """Return the study of three networks with these fitnesses; the third, the second best elite, tests best."""
     networks = (
         replace(one, id=f"g0{at}s00", fitness=fitness)
@@ -37,14 +37,14 @@ def studied(*fitnesses: float) -> Study:
     return replace(MEASURED, networks=tuple(networks))
 
 
-def scored(run: Run, study: Study) -> JobScore:
+def scored(run: RecordedRun, study: RecordedStudy) -> JobScore:
     """Score a study by its own rows."""
     return _score(run, study, study.scores)
 
 
 def test_score_is_the_median_of_the_best_by_fitness(run: Path) -> None:
     """By hand: 0.4 of the elite; the baseline's 0.2 where it is fitter or as fit; test scores choose nothing."""
-    found = load_run(run)
+    found = read_run(run)
     assert scored(found, studied(0.5, 0.4, 0.45)) == JobScore(metric="mse", values=(0.3, 0.5, 0.4), network="g01s00")
     assert scored(found, studied(0.5, 0.4, 0.45)).value == 0.4
     assert scored(found, studied(0.3, 0.4, 0.45)).value == 0.2
@@ -64,15 +64,15 @@ def test_score_is_of_the_network_that_a_noise_run_chose(run: Path) -> None:
     directory = StudyDirectory(run / "studies" / "noise")
     directory.begin(noise, scale=(), units=(), versions={}, machine={})
     chosen = replace(study, chosen_by=directory.finish(noise, rows))
-    assert scored(load_run(run), study).network == "g00s00"
-    assert scored(load_run(run), chosen).network == "g01s00"
+    assert scored(read_run(run), study).network == "g00s00"
+    assert scored(read_run(run), chosen).network == "g01s00"
     with refused(RunError, expected="the noise run"):
-        scored(load_run(run), replace(chosen, chosen_by="f" * 64))
+        scored(read_run(run), replace(chosen, chosen_by="f" * 64))
 
 
 def test_score_is_read_from_the_runs_own_study(run: Path) -> None:
     """As its lines have it."""
-    found = job_score(load_run(run), STATED)
+    found = job_score(read_run(run), STATED)
     (lines,) = run.glob("studies/*/scores.jsonl")
     rows = [json.loads(line) for line in lines.read_text().splitlines()[1:]]
     scores = [row["metrics"]["mse"] for row in rows if row["id"] == found.network]
@@ -89,7 +89,7 @@ def test_other_study_does_not_count(stated: Retraining, run: Path) -> None:
     with refused(
         RunError, place="run/studies", expected="one finished study with the settings that the sweep states", got="none"
     ):
-        job_score(load_run(run), stated)
+        job_score(read_run(run), stated)
 
 
 def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> None:
@@ -98,12 +98,12 @@ def test_study_that_was_edited_or_is_not_finished_does_not_count(run: Path) -> N
     whole = scores.read_text()
     scores.write_text(whole.replace('"mse":0.', '"mse":1.', 1))
     with refused(RunError, place="scores.jsonl"):
-        job_score(load_run(run), STATED)
+        job_score(read_run(run), STATED)
     scores.write_text(whole)
     described = scores.parent / "study.json"
     described.write_text(json.dumps({**json.loads(described.read_text()), "digest": None}))
     with refused(RunError, expected="one finished study", got="none"):
-        job_score(load_run(run), STATED)
+        job_score(read_run(run), STATED)
 
 
 def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
@@ -117,7 +117,7 @@ def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
 
 def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> None:
     """Its first draw stands in the study, and would be the best; without an elite there is nothing to score."""
-    found, study = load_run(run), studied(0.3, 0.4, 0.45)
+    found, study = read_run(run), studied(0.3, 0.4, 0.45)
     failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=found.baseline.source, evaluation="e")
     out = replace(found, reevaluations=(failed,))
     assert scored(out, study).network == "g01s00"
@@ -127,7 +127,7 @@ def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> No
 
 def test_failure_counts_only_of_the_network_that_was_found(run: Path) -> None:
     """A baseline that fails its test leaves the score of the elite; an elite that fails is said to have failed."""
-    found, study = load_run(run), studied(0.5, 0.4, 0.45)
+    found, study = read_run(run), studied(0.5, 0.4, 0.45)
 
     def with_failure(name: str) -> JobScore:
         one = FailedLine(network=name, id="x", seed=1, evaluation="e", stage=Stage.train, reason=Reason.out_of_time)
@@ -146,4 +146,4 @@ def test_score_needs_a_finite_value_of_every_seed(values: list[float], run: Path
     own = [row for row in study.scores if row.network == "variant 1"]
     rows = [replace(row, metrics={"mse": value}) for row, value in zip(own, values, strict=False)]
     with refused(RunError, place="variant 1", expected="3 finite scores", got=str(values[-1])):
-        _score(load_run(run), study, rows)
+        _score(read_run(run), study, rows)

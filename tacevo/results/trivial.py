@@ -10,25 +10,25 @@ from statistics import fmean
 
 import numpy as np
 
-from analysis.studies.scores import LOWER_IS_BETTER, Study
 from tacevo.evolution.chance import MARGIN, is_at_chance
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
+from tacevo.results.study_lines import ScoreLine
 from tacevo.rounding import rounded
-from tacevo.studies.lines import ScoreLine
 from tacevo.training.losses import entropy
 from tacevo.training.metrics import Confusion, macro_f1
 
 
-def trivial_score(study: Study) -> float | None:
+def trivial_score(study: RecordedStudy) -> float | None:
     """Return the trivial predictor's score in the study's primary metric; None where the scores do not tell."""
     return trivial_metrics(study).get(study.primary)
 
 
-def trivial_metrics(study: Study) -> dict[str, float]:
+def trivial_metrics(study: RecordedStudy) -> dict[str, float]:
     """Return the trivial predictor's test metrics, by name; see `metrics_from`."""
     return metrics_from(study.scores, study.names)
 
 
-def at_chance(study: Study) -> tuple[str, ...]:
+def at_chance(study: RecordedStudy) -> tuple[str, ...]:
     """Say that no network's median score is better than chance (`tacevo.evolution.chance`); nothing where one is."""
     trivial, is_error = trivial_score(study), LOWER_IS_BETTER[study.primary]
     if trivial is None:

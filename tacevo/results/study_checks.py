@@ -4,15 +4,15 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 
 from analysis.statistics.samples import not_finite
-from analysis.studies.scores import Study
 from tacevo.errors import RunError
-from tacevo.studies.lines import Network
+from tacevo.results.study import RecordedStudy
+from tacevo.results.study_lines import Network
 from tacevo.text import counted, listed
 
 BASELINE = "baseline"
 
 
-def check_study(study: Study) -> None:
+def check_study(study: RecordedStudy) -> None:
     """Check that statistics can be made of a study.
 
     Raises:
@@ -37,7 +37,7 @@ def check_study(study: Study) -> None:
         )
 
 
-def _faults(study: Study, network: Network, metrics: Collection[str]) -> Iterator[str]:
+def _faults(study: RecordedStudy, network: Network, metrics: Collection[str]) -> Iterator[str]:
     """List the faults of a network's scores."""
     scores = sorted((score for score in study.scores if score.network == network.name), key=lambda score: score.seed)
     counts = Counter(score.seed for score in scores)

@@ -9,8 +9,8 @@ from ledger_lines import score, study_header
 from refusals import refused
 
 from tacevo.errors import DivergenceError, RunError
+from tacevo.results.study_directory import StudyDirectory, describes, studies_of
 from tacevo.storage.ledger import sealed_text
-from tacevo.studies.directory import StudyDirectory, describes, studies_of
 
 HEADER = study_header()
 ROWS = [score(network.name, seed, 0.5 + seed) for network in HEADER.networks for seed in range(2)]

@@ -1,0 +1,1 @@
+"""Finished runs, studies and sweeps, read and checked once: for commands, API, bundles and analysis."""
