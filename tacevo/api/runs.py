@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
+from analysis.runs import dynamics
 from analysis.table import Table as Rows
 from tacevo.api import frames, network
 from tacevo.api.replaying import replay
@@ -80,7 +81,7 @@ class Run:
     @property
     def generations(self) -> pd.DataFrame:
         """A row a generation, from 0 (the baseline and the initial networks); columns: docs/python.md."""
-        return frames.frame(map(asdict, self._run.generations), frames.GENERATIONS, index="generation")
+        return dynamics.progress(self._run)
 
     @property
     def elites(self) -> pd.DataFrame:
@@ -172,11 +173,11 @@ class Run:
             return replay(self.place, self.recorded.config.store.root, view).digest
 
     def all_tables(self) -> tuple[tuple[Rows, ...], list[str]]:
-        """Return its tables under the names of their files; and why there are none of motifs, if there are none."""
+        """Return its tables under the names of their files; and why there is none of motifs, if there is none."""
         try:
             return tables_of(self.collection, recall_profiles(self.recorded)), []
         except (CacheMissError, RunError) as error:
-            return tables_of(self.collection, None), [f"no tables of motifs: {error}"]
+            return tables_of(self.collection, None), [f"no table of motifs: {error}"]
 
     def __repr__(self) -> str:
         return f"<run {self.name}: {self._run.task}, {len(self._run.candidates)} candidates, digest {self.digest[:12]}>"

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from analysis.statistics.samples import not_finite
 from tacevo.errors import RunError
 from tacevo.results.noise_runs import estimates_of
 from tacevo.results.run import RecordedRun
@@ -94,8 +93,8 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row]) -> JobScore:
             remedy="study the sweep again with more seconds= or memory_mib=",
         )
     values = tuple(row.metrics[metric] for row in own if isinstance(row, ScoreLine))
-    if len(values) != study.seeds or not_finite(values):
-        raise RunError(f"{values}", place=f"{run.path}, {best.name}", expected=f"{study.seeds} finite scores")
+    if len(values) != study.seeds:
+        raise RunError(f"{values}", place=f"{run.path}, {best.name}", expected=f"{study.seeds} scores")
     told = [row for row in rows if isinstance(row, ScoreLine)]
     trivial = metrics_from(told, study.data.names).get(metric)
     return JobScore(metric=metric, values=values, network=best.id, trivial=trivial)

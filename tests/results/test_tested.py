@@ -139,11 +139,9 @@ def test_failure_counts_only_of_the_network_that_was_found(run: Path) -> None:
         with_failure("variant 1")
 
 
-@pytest.mark.parametrize("values", [[0.3, 0.5], [0.3, 0.5, float("nan")]])
-def test_score_needs_a_finite_value_of_every_seed(values: list[float], run: Path) -> None:
-    """A median over fewer, or with what is not a number, would be another one."""
+def test_score_needs_every_seed(run: Path) -> None:
+    """A median over fewer would be another one."""
     study = studied(0.5, 0.4, 0.45)
-    own = [row for row in study.scores if row.network == "variant 1"]
-    rows = [replace(row, metrics={"mse": value}) for row, value in zip(own, values, strict=False)]
-    with refused(RunError, place="variant 1", expected="3 finite scores", got=str(values[-1])):
-        _score(read_run(run), study, rows)
+    rows = [row for row in study.scores if row.network == "variant 1"]
+    with refused(RunError, place="variant 1", expected="3 scores"):
+        _score(read_run(run), study, rows[:2])
