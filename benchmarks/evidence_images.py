@@ -13,7 +13,6 @@ from analysis.statistics.images import (
     Floats,
     Paired,
     image_weights,
-    mcnemar,
     mean_difference,
     resampled_means,
     signed_rank,
@@ -28,13 +27,6 @@ _ALPHA = 0.05
 Trial = Callable[[np.random.Generator], bool]
 
 
-def _right(rng: np.random.Generator, networks: int, images: int, *, skill: float = 0.0) -> Floats:
-    """Answer images of shared difficulty; each network is better or worse on all of them by a deviation of `skill`."""
-    hard = rng.normal(1.5, 1.5, size=images)
-    able = skill * rng.normal(size=(networks, 1))
-    return np.asarray(rng.random((networks, images)) < expit(hard + able), dtype=np.float64)
-
-
 def _errors(rng: np.random.Generator, networks: int, images: int) -> Floats:
     """Err on images of shared difficulty, skewed as squared errors are."""
     hard = rng.normal(size=images)
@@ -43,16 +35,6 @@ def _errors(rng: np.random.Generator, networks: int, images: int) -> Floats:
 
 def _any(tests: list[Paired]) -> bool:
     return min(holm([test.p for test in tests])) <= _ALPHA if len(tests) > 1 else tests[0].p <= _ALPHA
-
-
-def _mcnemar(networks: int, images: int, *, skill: float = 0.0) -> Trial:
-    """Call any two classifiers different, after Holm."""
-
-    def trial(rng: np.random.Generator) -> bool:
-        answers = _right(rng, networks, images, skill=skill)
-        return _any([mcnemar(answers[i], answers[j]) for i in range(networks) for j in range(i)])
-
-    return trial
 
 
 def _signed_rank(networks: int, images: int) -> Trial:
@@ -83,9 +65,6 @@ def _difference_covered(seeds: int, images: int, *, classes: bool) -> Trial:
 
 
 FALSE: dict[str, Trial] = {
-    "McNemar, 56 images": _mcnemar(2, 56),
-    "McNemar, Holm, 10 pairs, 351 images": _mcnemar(5, 351),
-    "McNemar, networks whose seeds differ": _mcnemar(2, 351, skill=0.3),
     "signed ranks, 30 images (exact)": _signed_rank(2, 30),
     "signed ranks, 300 images (normal)": _signed_rank(2, 300),
     "signed ranks, Holm, 10 pairs, 56 images": _signed_rank(5, 56),

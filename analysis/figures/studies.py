@@ -1,4 +1,4 @@
-"""A study: every seed of every network, what its classifiers confuse, and how sure they may be."""
+"""A study: every seed of every network, and what its classifiers confuse."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,9 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.figures.axes import BOXES, spread
-from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, house_style, new_figure
-from analysis.rounding import shown
-from analysis.studies.images import Calibrated
+from analysis.figures.style import BLACK, BLUE, ORANGE, VERMILLION, house_style, new_figure
 from analysis.studies.metrics import SHARES, metric_name
 from tacevo.results.study import RecordedStudy
 
@@ -98,30 +96,3 @@ def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None
     axes.set_yticks(places, names, parse_math=False)
     axes.set_xlabel("predicted class")
     axes.spines[:].set_visible(True)
-
-
-@house_style()
-def reliability(calibrations: Sequence[Calibrated]) -> Figure:
-    """Draw how often the ensemble of each classifier's seeds is right against how sure it is.
-
-    Points are bins of confidence, as large as the images in them are many. On the diagonal a classifier is as sure as
-    it may be. There is at least one classifier.
-    """
-    columns = min(len(calibrations), 3)
-    rows = math.ceil(len(calibrations) / columns)
-    figure, panels = new_figure("single" if columns == 1 else "double", 2.5 * rows, rows=rows, columns=columns)
-    for place, (axes, found) in enumerate(zip(panels, calibrations, strict=False)):
-        axes.plot([0, 100], [0, 100], color=GREY, linestyle=":", linewidth=0.8, zorder=0)
-        bins = found.ensemble.bins
-        sure, right = [100 * one.confidence for one in bins], [100 * one.accuracy for one in bins]
-        images = [one.images for one in bins]
-        areas = [6 + 60 * count / sum(images) for count in images]
-        axes.plot(sure, right, color=BLUE, linewidth=1.1, zorder=2)
-        axes.scatter(sure, right, s=areas, color=BLUE, edgecolors="white", linewidths=0.3, zorder=3)
-        axes.set(xlim=(0, 102), ylim=(-2, 102), aspect="equal", xlabel="confidence (%)")
-        axes.set_title(f"{found.network}, ECE {shown(found.ensemble.ece)}")
-        if place % columns == 0:
-            axes.set_ylabel("right (%)")
-    for axes in panels[len(calibrations) :]:
-        axes.remove()
-    return figure

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 from analysis.motifs.step_graph import Flow
 from tacevo.profile import Step
@@ -16,61 +15,42 @@ _HARMLESS = {"add", "sub", "rsub", "mul", "div", "clamp", "neg", "interpolate", 
 _PRODUCTS = {"matmul", "einsum"}
 
 
-class AttentionKind(StrEnum):
-    """What the weights of an attention are for."""
-
-    spatial = "spatial"
-    channel = "channel"
-    self = "self"
-    element = "element"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Attending:
-    """One place where a network attends."""
+class Gate:
+    """One place where a network weights its features."""
 
-    kind: AttentionKind
     #: Index of the step that applies the weights.
     step: int
-    #: Number of the operand that holds the weights; -1 where they are inside of the step.
-    gate: int
+    #: Number of the operand that holds them.
+    operand: int
+    #: Whether there is a weight for each position, as in spatial attention.
+    is_spatial: bool
 
 
-def find_attention(flow: Flow) -> tuple[Attending, ...]:
-    """Find every attention whose result reaches the output; one that is computed and dropped attends to nothing."""
-    found = (_attending(flow, index) for index in sorted(flow.live))
-    return tuple(attending for attending in found if attending is not None)
+def find_gates(flow: Flow) -> tuple[Gate, ...]:
+    """Find every gate whose result reaches the output; one that is computed and dropped attends to nothing."""
+    found = (_gate(flow, index) for index in sorted(flow.live))
+    return tuple(gate for gate in found if gate is not None)
 
 
-def _attending(flow: Flow, index: int) -> Attending | None:
+def _gate(flow: Flow, index: int) -> Gate | None:
     step = flow.steps[index]
-    if step.op in {"multihead_attention", "scaled_dot_product_attention"}:
-        return Attending(kind=AttentionKind.self, step=index, gate=-1) if _keys(flow, index) > 1 else None
     if len(step.operands) != 2 or step.op not in {"mul", *_PRODUCTS}:
         return None
-    for gate in (1, 0):
-        squash = _squash(flow, step.sources[gate])
+    for operand in (1, 0):
+        squash = _squash(flow, step.sources[operand])
         if squash is not None:
-            applied = step.op == "mul" or _spreads(step, gate)
-            kind = _weighting(flow, index, gate, squash) if applied else _mixing(flow, squash)
-            if kind is not None:
-                return Attending(kind=kind, step=index, gate=gate)
+            is_weighting = step.op == "mul" or _spreads(step, operand)
+            spatial = _weights_positions(flow, index, operand, squash) if is_weighting else _mixes(flow, squash)
+            if spatial is not None:
+                return Gate(step=index, operand=operand, is_spatial=spatial)
     return None
 
 
-def _spreads(step: Step, gate: int) -> bool:
+def _spreads(step: Step, operand: int) -> bool:
     """Return whether a product multiplies fewer weights into a map that keeps its shape, as `nchw,nc->nchw` does."""
-    data, weights = step.operands[1 - gate], step.operands[gate]
+    data, weights = step.operands[1 - operand], step.operands[operand]
     return step.op == "einsum" and step.shape == data and len(weights) < len(data)
-
-
-def _keys(flow: Flow, index: int) -> int:
-    """Count what an attention layer attends to; over a single key its weight is always 1."""
-    step = flow.steps[index]
-    key = step.operands[min(1, len(step.operands) - 1)]
-    if step.op == "scaled_dot_product_attention":
-        return key[-2]
-    return math.prod(key[:-1])  # the batch is one image, at any position of that dimension
 
 
 def _squash(flow: Flow, sources: tuple[int, ...]) -> int | None:
@@ -86,29 +66,29 @@ def _squash(flow: Flow, sources: tuple[int, ...]) -> int | None:
     return None
 
 
-def _weighting(flow: Flow, index: int, gate: int, squash: int) -> AttentionKind | None:
-    """Find by the shapes of a product what its weights are for."""
+def _weights_positions(flow: Flow, index: int, operand: int, squash: int) -> bool | None:
+    """Return by the shapes of a product whether it has a weight for each position; None where it is no gate."""
     step = flow.steps[index]
-    data, weights = step.operands[1 - gate], step.operands[gate]
+    data, weights = step.operands[1 - operand], step.operands[operand]
     if len(data) == 4 and min(data[1], math.prod(data[2:])) > 1:
         channels, positions = data[1], math.prod(data[2:])
-        distinct = {channels: AttentionKind.channel, positions: AttentionKind.spatial}
         # By the shape that is applied, or, where that was expanded to the whole map, by how many weights there are.
-        applied = {(channels, 1): AttentionKind.channel, (1, positions): AttentionKind.spatial}
+        applied = {(channels, 1): False, (1, positions): True}
         if len(weights) == 4 and (weights[1], math.prod(weights[2:])) in applied:
             return applied[weights[1], math.prod(weights[2:])]
+        distinct = {channels: False, positions: True}
         if channels != positions and math.prod(flow.steps[squash].shape) in distinct:
             return distinct[math.prod(flow.steps[squash].shape)]
-    learned = flow.reaching(step.sources[gate]) - flow.reaching(step.sources[1 - gate])
-    # x * sigmoid(x) is an activation, not attention: its weight is computed by no layer of its own.
-    return AttentionKind.element if any(flow.steps[other].weighted for other in learned) else None
+    learned = flow.reaching(step.sources[operand]) - flow.reaching(step.sources[1 - operand])
+    # x * sigmoid(x) is an activation, not a gate: its weight is computed by no layer of its own.
+    return False if any(flow.steps[other].weighted for other in learned) else None
 
 
-def _mixing(flow: Flow, squash: int) -> AttentionKind | None:
-    """Find by the source of the weights of a weighted sum what they are for."""
+def _mixes(flow: Flow, squash: int) -> bool | None:
+    """Return by the source of a weighted sum's weights whether they are of positions; None where it is no such sum."""
     step = flow.steps[squash]
     if step.op != "softmax" or math.prod(step.shape) == 1:
         return None
     scores = flow.nearest(squash, lambda other: other.op not in _HARMLESS)
-    compared = any(flow.steps[other].op in _PRODUCTS and len(flow.steps[other].operands) > 1 for other in scores)
-    return AttentionKind.self if compared else AttentionKind.spatial
+    # Weights that come from a comparison of positions are those of self-attention.
+    return not any(flow.steps[other].op in _PRODUCTS and len(flow.steps[other].operands) > 1 for other in scores)

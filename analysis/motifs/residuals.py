@@ -9,7 +9,7 @@ def find_shortcuts(flow: Flow) -> tuple[tuple[int, int], ...]:
     """Find every residual connection.
 
     Args:
-        flow: the network without the gates of its attentions, so that `x + x * gate(x)` is not one.
+        flow: the network without its gates, so that `x + x * gate(x)` is not one.
 
     Returns:
         (addition, number of the operand that is the shortcut), in the order of the calls.

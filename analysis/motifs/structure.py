@@ -1,105 +1,74 @@
 """How a network is built, read off the steps that its probe recorded (definitions: docs/motifs.md).
 
-The trunk is what the output comes from when neither the gate of an attention nor a shortcut is followed. Blocks, head,
-norms, dropouts and activations are those of the trunk, so the convolution inside an attention module is not a block.
-No code of a network is read or run here.
+The trunk is what the output comes from when neither a gate nor a shortcut is followed. Blocks, head, norms, dropouts
+and activations are those of the trunk, so the convolution inside an attention module is not a block. No code of a
+network is read or run here.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from analysis.motifs.attention import AttentionKind, find_attention
+from analysis.motifs.attention import find_gates
 from analysis.motifs.residuals import find_shortcuts
 from analysis.motifs.step_graph import Flow
 from tacevo.gate.operations import CONVOLUTIONS, activation
 from tacevo.profile import Profile, Step
 
-#: What bounds an output besides the activations.
-_BOUNDS = {"softmax", "log_softmax", "clamp"}
-
 #: Normalisations by their operation; one that runs over positions stands in the blocks, else in the head.
-NORMS = ("batch_norm", "layer_norm", "group_norm", "instance_norm", "rms_norm")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Convolution:
-    """A convolution of the trunk that looks at more than one pixel."""
-
-    #: Output channels; of a depthwise one those of the pointwise one that follows it.
-    channels: int
-    #: Longest side of its kernel, in pixels.
-    kernel: int
-    strided: bool
-    #: Whether every channel has a filter of its own.
-    depthwise: bool
+_NORMS = {"batch_norm", "layer_norm"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anatomy:
     """A network's parts."""
 
-    #: Each kind that occurs, however often.
-    attention: frozenset[AttentionKind]
-    #: In the order of their calls.
-    convolutions: tuple[Convolution, ...]
-    #: The most of them on one path.
+    has_spatial_attention: bool
+    #: Output channels of every convolution that looks at more than one pixel, in the order of their calls; of a
+    #: depthwise one those of the pointwise one that follows it.
+    channels: tuple[int, ...]
+    #: How many of them have a stride, and the most of them on one path.
+    strided: int
     blocks: int
     #: 1x1 convolutions, other than the second half of a separable convolution.
     pointwise: int
     max_pools: int
-    average_pools: int
-    #: What leaves no or a fixed number of positions: `average`, `max`.
-    global_pools: frozenset[str]
-    #: Output features of every linear layer on vectors, in the order of their calls; the last gives the outputs.
-    head: tuple[int, ...]
-    #: The most of them on one path.
+    #: Output features of the first linear layer on vectors; 0 where it gives the outputs.
+    hidden: int
+    #: The most linear layers on vectors on one path.
     head_depth: int
-    #: Those between layers, by name.
+    #: By name.
     activations: frozenset[str]
-    #: What stands behind the last layer with weights and bounds the outputs, by name.
-    output: frozenset[str]
     residuals: int
     #: (operation, `blocks` or `head`).
     norms: frozenset[tuple[str, str]]
-    #: (`blocks` or `head`, probability), in the order of their calls; a probability of 0 is not a dropout.
-    dropouts: tuple[tuple[str, float], ...]
-
-    @property
-    def strided(self) -> int:
-        """How many convolutions of the trunk have a stride."""
-        return sum(convolution.strided for convolution in self.convolutions)
-
-    @property
-    def hidden(self) -> tuple[int, ...]:
-        """Widths of the hidden layers of the head."""
-        return self.head[:-1]
+    #: A probability of 0 is not a dropout.
+    has_dropout: bool
 
 
 def read_anatomy(profile: Profile) -> Anatomy:
     """Read how a probed network is built."""
     whole = Flow.of(profile)
-    attending = find_attention(whole)
-    ungated = whole.without((found.step, found.gate) for found in attending)
+    gates = find_gates(whole)
+    ungated = whole.without((gate.step, gate.operand) for gate in gates)
     shortcuts = find_shortcuts(ungated)
     trunk = ungated.without(shortcuts)
     steps = [(index, trunk.steps[index]) for index in sorted(trunk.live)]
     halves = _halves(trunk, steps)
-    outer = _behind_the_last_layer(trunk)
+    convolutions = [(index, step) for index, step in steps if _is_spatial(step)]
+    head = [step.shape[-1] for _, step in steps if _is_head_layer(step)]
     return Anatomy(
-        attention=frozenset(found.kind for found in attending),
-        convolutions=tuple(_convolution(step, halves.get(index)) for index, step in steps if _is_spatial(step)),
+        has_spatial_attention=any(gate.is_spatial for gate in gates),
+        channels=tuple(halves.get(index, step).shape[1] for index, step in convolutions),
+        strided=sum(max(step.stride, default=1) > 1 for _, step in convolutions),
         blocks=trunk.longest(_is_spatial),
         pointwise=sum(_is_pointwise(step) for _, step in steps) - len(halves),
-        max_pools=_count(steps, "max_pool"),
-        average_pools=_count(steps, "avg_pool"),
-        global_pools=frozenset(name for _, step in steps for name in _global_pool(step)),
-        head=tuple(step.shape[-1] for _, step in steps if _is_head_layer(step)),
+        max_pools=sum(step.op.startswith("max_pool") for _, step in steps),
+        hidden=head[0] if len(head) > 1 else 0,
         head_depth=trunk.longest(_is_head_layer),
-        activations=frozenset(step.op for index, step in steps if activation(step.op) and index not in outer),
-        output=frozenset(op for index in outer if (op := trunk.steps[index].op) in _BOUNDS or activation(op)),
+        activations=frozenset(step.op for _, step in steps if activation(step.op)),
         residuals=len(shortcuts),
-        norms=frozenset((step.op, _place(step)) for _, step in steps if step.op in NORMS),
-        dropouts=tuple((_place(step), step.rate) for _, step in steps if "dropout" in step.op and step.rate > 0),
+        norms=frozenset((step.op, _place(step)) for _, step in steps if step.op in _NORMS),
+        has_dropout=any("dropout" in step.op and step.rate > 0 for _, step in steps),
     )
 
 
@@ -127,43 +96,6 @@ def _halves(trunk: Flow, steps: Sequence[tuple[int, Step]]) -> dict[int, Step]:
             before = trunk.nearest(index, lambda other: other.weighted)
             found |= {other: step for other in before if _is_depthwise(trunk.steps[other])}
     return found
-
-
-def _convolution(step: Step, half: Step | None) -> Convolution:
-    return Convolution(
-        channels=(half or step).shape[1],
-        kernel=max(step.kernel),
-        strided=max(step.stride, default=1) > 1,
-        depthwise=_is_depthwise(step),
-    )
-
-
-def _count(steps: Sequence[tuple[int, Step]], prefix: str) -> int:
-    return sum(step.op.startswith(prefix) for _, step in steps)
-
-
-def _global_pool(step: Step) -> tuple[str, ...]:
-    """Name the pooling that takes a map to no or to a fixed number of positions."""
-    if step.op.startswith("adaptive_avg_pool"):
-        return ("average",)
-    if step.op.startswith("adaptive_max_pool"):
-        return ("max",)
-    names = {"mean": "average", "amax": "max", "max": "max"}
-    shape = step.operands[0]
-    loses_positions = len(shape) == 4 and step.shape[:2] == shape[:2] and set(step.shape[2:]) <= {1}
-    return (names[step.op],) if step.op in names and loses_positions else ()
-
-
-def _behind_the_last_layer(trunk: Flow) -> frozenset[int]:
-    """Return the steps between the last layers with weights and the output."""
-    found: set[int] = set()
-    waiting = list(trunk.ends)
-    while waiting:
-        index = waiting.pop()
-        if index not in found and not trunk.steps[index].weighted:
-            found.add(index)
-            waiting += trunk.sources(index)
-    return frozenset(found)
 
 
 def _place(step: Step) -> str:

@@ -15,7 +15,7 @@ from analysis.studies.images import ImageFindings, image_findings
 from analysis.studies.noise import Reestimates, load_reestimates
 from analysis.studies.predictions import load_predictions
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
-from analysis.studies.transfer import transfers
+from analysis.studies.transfer import is_alone, transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
@@ -29,11 +29,11 @@ from analysis.tables.dynamics import (
 )
 from analysis.tables.health import health_table, niches_table
 from analysis.tables.images import image_tables
-from analysis.tables.motifs import anatomies_table, motifs_table
+from analysis.tables.motifs import motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.searches import searches_table
-from analysis.tables.transfer import transfer_tables
+from analysis.tables.transfer import transfer_table
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun, read_run
@@ -263,7 +263,7 @@ def _numbered(tables: Iterable[Table]) -> list[Table]:
 def outcomes(run: RecordedRun, found: Studies) -> dict[str, Table]:
     """Return what each study and noise run of a run found in short, by the name of its directory."""
     again = {one.name: one for one in found.reestimates}
-    everywhere = transfers((compared.study, None) for compared in found.studies)
+    studies = [one.study for one in found.studies]
     tables = {
         one.name: study_outcome(
             one.study,
@@ -271,7 +271,7 @@ def outcomes(run: RecordedRun, found: Studies) -> dict[str, Table]:
             again.get(one.name),
             record=run.fitness_in_words,
             trivial=run.record.trivial,
-            is_alone=not any(other.has(one.study) for other in everywhere),
+            is_alone=is_alone(one.study, studies),
         )
         for one in found.studies
     }
@@ -283,7 +283,7 @@ def outcomes(run: RecordedRun, found: Studies) -> dict[str, Table]:
 def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
     """Return every table of a run and its studies; the names of a study's tables begin with its own.
 
-    Without the profiles of its trained candidates, by id, there are no tables of motifs.
+    Without the profiles of its trained candidates, by id, there is no table of motifs.
     """
     run = found.run
     tables = [
@@ -297,17 +297,15 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
     if profiles is not None:
-        anatomies = read_anatomies(run, profiles)
-        tables += [motifs_table(run, anatomies), anatomies_table(run, anatomies)]
+        tables.append(motifs_table(run, read_anatomies(run, profiles)))
     across = transfers((compared.study, compared.comparisons) for compared in found.studies)
-    everywhere = transfers((compared.study, None) for compared in (*found.studies, *found.passed_over))
+    everywhere = [compared.study for compared in (*found.studies, *found.passed_over)]
     for compared in found.studies:
-        is_alone = not any(one.has(compared.study) for one in everywhere)
         of_study = [
-            *study_tables(compared.study, compared.comparisons, is_alone=is_alone),
+            *study_tables(compared.study, compared.comparisons, is_alone=is_alone(compared.study, everywhere)),
             *image_tables(compared.study, compared.images),
         ]
-        of_study += [table for one in across if one.data[0].study is compared.study for table in transfer_tables(one)]
+        of_study += [transfer_table(one) for one in across if one[0][0] is compared.study]
         tables += [_of_study(table, compared) for table in of_study]
     for one in found.reestimates:
         of_noise = [*noise_tables(one, run.task, run.record.trivial), *_corrected(run, one)]

@@ -12,7 +12,7 @@ from analysis.figures.ablations import curves, final_values
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
-from analysis.figures.studies import confusion_matrices, reliability, seed_boxes
+from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
 from analysis.report.sweep_collection import SweepCollection
@@ -23,7 +23,6 @@ from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
-from analysis.studies.images import ImageFindings
 from analysis.table import PValue
 from analysis.tables.archives_of_arms import common_note
 from tacevo.choices import PromptPolicy
@@ -67,7 +66,7 @@ def pictures_of(found: Collection) -> tuple[Picture, ...]:
     """List every figure of a run and its studies; the names of a study's figures begin with its own."""
     pictures = list(run_pictures(found.run, found.niches))
     for compared in found.studies:
-        of_study = study_pictures(compared.study, compared.comparisons, compared.images)
+        of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
     return tuple(pictures)
 
@@ -151,9 +150,7 @@ def _has_map(run: RecordedRun) -> bool:
     return run.has_niches and len(run.config.archive.axes) == 2
 
 
-def study_pictures(
-    study: RecordedStudy, comparisons: pd.DataFrame | None, images: ImageFindings | None
-) -> tuple[Picture, ...]:
+def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     verdicts = {
         found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in of_whole(comparisons).itertuples()
@@ -172,13 +169,6 @@ def study_pictures(
         )
         draw = partial(confusion_matrices, study)
         pictures.append(Picture(name="confusion_matrices", caption=words, draw=draw))
-    if images is not None and images.calibrations:
-        words = (
-            "How often each network is right against how sure it is, on the test images: points are bins of confidence "
-            "of the ensemble of its seeds, larger with more images; the dotted line is perfect calibration."
-        )
-        draw = partial(reliability, images.calibrations)
-        pictures.append(Picture(name="reliability", caption=words, draw=draw))
     return tuple(pictures)
 
 

@@ -1,7 +1,7 @@
 """All that is known of a sweep: its runs, the archive that measures them, their comparison; its tables."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,21 +9,19 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.runs.niches import load_niches
-from analysis.studies.corrected import Corrected
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
 from analysis.sweeps.common_archive import Extent, common_archive, extents
-from analysis.sweeps.corrected import corrected_jobs
 from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables
-from analysis.tables.archives_of_arms import common_note, corrected_arms_table, extents_note
+from analysis.tables.archives_of_arms import common_note, extents_note
 from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import PRIMARY
 from tacevo.results.sweep import REFERENCE, Finished, RecordedSweep, load_sweep
 from tacevo.results.sweep_checks import check_sweep
-from tacevo.text import counted, listed
+from tacevo.text import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,8 +36,6 @@ class SweepCollection:
     niches_of: str
     #: Of the common archive, by axis.
     extents: tuple[Extent, ...]
-    #: The archives after their elites were trained again, by the names of the jobs of which all were.
-    corrected: Mapping[str, Corrected]
 
 
 def collect_sweep(
@@ -74,7 +70,6 @@ def collect_sweep(
         curves=curves,
         niches_of=measure.job.name,
         extents=extents(runs, common),
-        corrected=corrected_jobs(sweep, common, store),
     )
 
 
@@ -129,12 +124,4 @@ def measuring(
 def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
     """Return every table of a sweep."""
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
-    first, *others = ablation_tables(collected.sweep, collected.found, archive)
-    jobs, corrected = [one.job.name for one in collected.sweep.finished], collected.corrected
-    if len(corrected) == len(jobs):
-        return first, corrected_arms_table(collected.sweep, collected.found.names, corrected), *others
-    if corrected:
-        lacking = listed(name for name in jobs if name not in corrected)
-        remark = f"No corrected figures: tacevo noise has not trained all elites of {lacking} again."
-        first = replace(first, notes=(*first.notes, remark))
-    return first, *others
+    return ablation_tables(collected.sweep, collected.found, archive)

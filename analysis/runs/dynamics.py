@@ -33,15 +33,22 @@ PUBLISHED_GENERATIONS = (7, 10)
 BANDS = 10
 
 
-#: The columns of a frame of generations, whose index is `generation`, and the type of each. What its ledger line says
-#: comes first; losses are missing before anything was trained. Then: first answers that were rejected, by stage;
-#: niches, or places, that are occupied after it; how many more these are than before (below 0 where moved bounds made
-#: niches fall together); candidates that found their niche empty, and that beat its elite; niches that emptied as
-#: bounds moved, less those that filled so; slots whose evaluation an earlier slot had asked for, and whose source is a
-#: parent's, to the letter; and what its answers cost, missing unless that is known of every answer.
+#: What the ledger line of a generation says; losses are missing before anything was trained.
+_LINE = (
+    {"temperature": "float64", "next_temperature": "float64", "candidates": "int64", "trained": "int64"}
+    | dict.fromkeys(("repaired", "reevaluated"), "Int64")
+    | dict.fromkeys(("best", "generation_best", "generation_median"), "float64")
+    | dict.fromkeys(("coverage", "qd_score", "prompt_coverage"), "float64")
+)
+
+#: The columns of a frame of generations, whose index is `generation`, and the type of each. Beside its line: first
+#: answers that were rejected, by stage; niches, or places, that are occupied after it; how many more these are than
+#: before (below 0 where moved bounds made niches fall together); candidates that found their niche empty, and that beat
+#: its elite; niches that emptied as bounds moved, less those that filled so; slots whose evaluation an earlier slot had
+#: asked for, and whose source is a parent's, to the letter; and what its answers cost, missing unless that is known of
+#: every answer.
 GENERATIONS = (
-    {"temperature": "float64", "candidates": "int64", "trained": "int64", "best": "float64"}
-    | dict.fromkeys(("generation_median", "qd_score", "coverage"), "float64")
+    _LINE
     | {f"rejected_{stage}": "int64" for stage in Stage}
     | dict.fromkeys(("elites", "growth", "new", "improved", "lost", "repeated", "unchanged"), "int64")
     | dict.fromkeys(("answers", "tokens", "input_tokens", "output_tokens"), "Int64")
@@ -87,7 +94,7 @@ def progress(run: RecordedRun) -> pd.DataFrame:
         stages = Counter(first[0] for slot in slots if (first := slot.first_rejection))
         elites = round(line.coverage * run.places)
         growth = elites - (rows[-1]["elites"] if rows else 0)
-        row = {name: getattr(line, name) for name in list(GENERATIONS)[:7]}
+        row = {name: getattr(line, name) for name in _LINE}
         row |= {f"rejected_{stage}": stages[stage] for stage in Stage} | {"elites": elites, "growth": growth}
         row |= {"new": statuses[AddStatus.new], "improved": statuses[AddStatus.improved]}
         row |= {"lost": statuses[AddStatus.new] - growth}

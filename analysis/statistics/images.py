@@ -1,4 +1,4 @@
-"""What test images say of networks, beside seeds: a bootstrap over both, and tests of ensembles image by image. Pure.
+"""What test images say of networks, beside seeds: a bootstrap over both, and a test of ensembles image by image. Pure.
 
 A network has a prediction for each of t images under each of S seeds. docs/statistics.md says what each of these asks.
 """
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binomtest, rankdata, wilcoxon
+from scipy.stats import rankdata, wilcoxon
 
 from analysis.statistics.effects import Interval, interval
 from tacevo.rounding import rounded
@@ -22,6 +22,9 @@ IMAGE_RESAMPLES = 1_999
 
 #: Sums of whole numbers of at most this many bits are exact in floating point, in whatever order they are added.
 _EXACT_BITS = 53
+
+#: Decimals that probabilities keep, so that those which should tie do, on every CPU.
+_DECIMALS = 12
 
 #: Differences up to which every assignment of signs is counted, if no two of them tie.
 _COUNTED = 50
@@ -79,29 +82,10 @@ class Paired:
     #: Images on which the first does better, and on which the second does; on the others they do equally well.
     first: int
     second: int
-    #: How far the first is ahead, by what the test counts: images, or ranks; below 0 it is behind.
+    #: How far the first is ahead, in ranks; below 0 it is behind.
     lead: float
     #: Two-sided, in (0, 1].
     p: float
-
-
-def mcnemar(first: ArrayLike, second: ArrayLike) -> Paired:
-    """Test whether two classifiers are right equally often, by the images that one of them alone is right on.
-
-    McNemar's (1947) test, exact: of these images each network has half by chance.
-
-    Args:
-        first: booleans, shape (t,): whether the first is right on each image.
-        second: the same of the second.
-
-    Raises:
-        ValueError: the shapes differ, or the samples are empty.
-    """
-    x, y = np.asarray(first, dtype=bool), np.asarray(second, dtype=bool)
-    _check_pair(x, y)
-    only_x, only_y = int((x & ~y).sum()), int((y & ~x).sum())
-    p = float(binomtest(only_x, only_x + only_y).pvalue) if only_x + only_y else 1.0
-    return Paired(first=only_x, second=only_y, lead=only_x - only_y, p=rounded(p))
 
 
 def signed_rank(first: ArrayLike, second: ArrayLike) -> Paired:
@@ -140,6 +124,20 @@ def average(predictions: Sequence[NDArray[np.floating]]) -> Floats:
     for one in predictions:
         total += one
     return total / len(predictions)
+
+
+def probabilities(logits: ArrayLike) -> Floats:
+    """Return the softmax of finite logits, shape (t, K), to 12 decimals."""
+    values = np.asarray(logits, dtype=np.float64)
+    powers = np.exp(values - values.max(axis=1, keepdims=True))
+    chances: Floats = np.round(powers / sum(powers.T)[:, None], _DECIMALS)
+    return chances
+
+
+def predicted(chances: Floats) -> NDArray[np.int64]:
+    """Return the most probable class of each image, shape (t,); the first of equally probable ones."""
+    classes: NDArray[np.int64] = chances.round(_DECIMALS).argmax(axis=1)
+    return classes
 
 
 def squared_errors(predictions: ArrayLike, labels: ArrayLike) -> Floats:

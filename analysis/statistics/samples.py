@@ -1,7 +1,5 @@
 """Samples as the statistics take them: checked before anything is computed."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -22,12 +20,7 @@ def checked(values: ArrayLike, *, name: str) -> Sample:
     sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or len(sample) < 2:
         raise ValueError(f"{name} must have shape (n,) with n >= 2 seeds; got shape {sample.shape}")
-    broken = not_finite(sample)
+    broken = np.flatnonzero(~np.isfinite(sample)).tolist()
     if broken:
         raise ValueError(f"{name} is not finite for seeds {broken}; drop or rerun those seeds first")
     return sample
-
-
-def not_finite(values: Sequence[float] | Sample) -> list[int]:
-    """List the positions of the values that are NaN or infinite."""
-    return [int(position) for position in np.flatnonzero(~np.isfinite(np.asarray(values, dtype=np.float64)))]

@@ -79,14 +79,6 @@ def study_pilot(pilots: Sequence[tuple[RecordedRun, RecordedStudy]]) -> Pilot:
     )
 
 
-def spread_of(study: RecordedStudy) -> float | None:
-    """Return how the seeds of a study's networks spread; None of a single seed, or where an error is 0."""
-    try:
-        return _study_spread([study]).deviation
-    except RunError:
-        return None
-
-
 def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
     """Return what sweeps say of the next one: by their test scores, or by their best fitness where a job has none.
 

@@ -1,20 +1,32 @@
 """How many seeds a study or a sweep needs to find a wished effect, and what they cost, in all ways that are weighed.
 
-A way is a spread, the pilot's own or its upper limit, and of a sweep a number of training seeds for what each job
-found. The plan is the cheapest cautious one: a pilot is small, and what is planned by its own spread finds the effect
-less often than wished in about half of all cases.
+Of a study there is one way; of a sweep one for each number of training seeds for what a job found. The spread is the
+upper limit of the pilot's: what is planned by its own spread finds the effect less often than wished in about half of
+all cases, because a pilot is small. The plan is the cheapest way.
 """
 
 import math
 from dataclasses import dataclass
 
-from analysis.statistics.planning import Needed, median_deviation, needed
+import pandas as pd
+
+from analysis.statistics.planning import median_deviation, needed
 from analysis.sweeps.pilots import Pilot, is_error
 from tacevo.rounding import rounded
 from tacevo.storage.plan import Measure, SeedPlan
 
 #: Training seeds of a job's network that are weighed.
 RETRAININGS = (1, 3, 5, 10, 20)
+
+#: The columns of the ways, and the type of each: the spread that it is planned with; training seeds of a job's network,
+#: missing of a study and where jobs are not tested; the seeds it needs, and the simulated chance of so many, or of
+#: `analysis.statistics.planning.MOST` where these do not suffice. What follows costs, and is missing there: searches,
+#: full trainings, epochs of both, and hours, where the pilot recorded its times.
+WAYS = (
+    {"spread": "float64", "retraining": "Int64", "seeds": "Int64", "chance": "float64"}
+    | dict.fromkeys(("searches", "trainings", "epochs"), "Int64")
+    | {"hours": "float64"}
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,39 +39,23 @@ class Wish:
     comparisons: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Way:
-    """One way to find the effect, and what it costs; without enough seeds nothing is costed."""
-
-    #: Whether its spread is the upper limit of the pilot's.
-    cautious: bool
-    spread: float
-    #: Training seeds of a job's network; None of a study, and where jobs are not tested.
-    retraining: int | None
-    needed: Needed
-    searches: int
-    #: Full trainings.
-    trainings: int
-    #: Of full trainings and searches.
-    epochs: int
-    hours: float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Planned:
     """All ways, and the plan."""
 
     pilot: Pilot
     wish: Wish
-    ways: tuple[Way, ...]
-    #: The cautious one of the fewest epochs; None where no number of seeds suffices.
-    chosen: Way | None
+    #: A row each (`WAYS`).
+    ways: pd.DataFrame
+    #: Row of the fewest epochs; None where no number of seeds suffices.
+    chosen: int | None
 
     @property
     def plan(self) -> SeedPlan | None:
         """What plan.json holds."""
-        if self.chosen is None or self.chosen.needed.seeds is None:
+        if self.chosen is None:
             return None
+        way = self.ways.loc[self.chosen].to_dict()
         return SeedPlan(
             kind=self.pilot.kind,
             task=self.pilot.task,
@@ -68,13 +64,13 @@ class Planned:
             alpha=self.wish.alpha,
             power=self.wish.power,
             comparisons=self.wish.comparisons,
-            seeds=self.chosen.needed.seeds,
-            retraining=self.chosen.retraining,
+            seeds=int(way["seeds"]),
+            retraining=None if pd.isna(way["retraining"]) else int(way["retraining"]),
             epochs=self.pilot.epochs,
-            spread=self.chosen.spread,
-            chance=rounded(self.chosen.needed.chance),
-            trainings=self.chosen.trainings,
-            hours=self.chosen.hours,
+            spread=way["spread"],
+            chance=rounded(way["chance"]),
+            trainings=int(way["trainings"]),
+            hours=None if pd.isna(way["hours"]) else way["hours"],
             pilots=self.pilot.runs,
         )
 
@@ -84,15 +80,13 @@ def plan(pilot: Pilot, wish: Wish) -> Planned:
     numbers: tuple[int | None, ...] = (None,)
     if pilot.kind == "sweep" and pilot.epochs is not None:
         numbers = RETRAININGS if pilot.within else (1,)  # one training seed a job does not split the spread
-    ways = tuple(_way(pilot, wish, cautious, number) for cautious in (False, True) for number in numbers)
-    found = [way for way in ways if way.cautious and way.needed.seeds is not None]
-    chosen = min(found, key=lambda way: way.epochs) if found else None
-    return Planned(pilot=pilot, wish=wish, ways=ways, chosen=chosen)
+    ways = pd.DataFrame([_way(pilot, wish, number) for number in numbers], columns=list(WAYS)).astype(WAYS)
+    costs = ways.epochs.dropna()
+    return Planned(pilot=pilot, wish=wish, ways=ways, chosen=int(costs.idxmin()) if len(costs) else None)
 
 
-def _way(pilot: Pilot, wish: Wish, cautious: bool, retraining: int | None) -> Way:
-    total = pilot.spread.upper if cautious else pilot.spread.deviation
-    between = math.sqrt(max(0.0, total**2 - pilot.tested**2))
+def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | int | None]:
+    between = math.sqrt(max(0.0, pilot.spread.upper**2 - pilot.tested**2))
     spread = math.hypot(between, pilot.within * median_deviation(retraining or 1))
     found = needed(
         shift=_shift(wish.effect, pilot.metric) / spread if spread else math.inf,
@@ -100,22 +94,17 @@ def _way(pilot: Pilot, wish: Wish, cautious: bool, retraining: int | None) -> Wa
         alpha=wish.alpha,
         power=wish.power,
     )
-    seeds = found.seeds or 0
-    samples = (wish.comparisons + 1) * seeds
+    way = {"spread": rounded(spread), "retraining": retraining, "seeds": found.seeds, "chance": found.chance}
+    if found.seeds is None:
+        return way
+    samples = (wish.comparisons + 1) * found.seeds
     searches, trainings = 0, samples
     if pilot.kind == "sweep":
-        searches, trainings = samples, (samples + seeds) * (retraining or 0)  # the baseline once a seed, for all arms
+        # The baseline is trained once a seed, for all arms.
+        searches, trainings = samples, (samples + found.seeds) * (retraining or 0)
     epochs = searches * pilot.search_epochs + trainings * (pilot.epochs or 0)
-    return Way(
-        cautious=cautious,
-        spread=rounded(spread),
-        retraining=retraining,
-        needed=found,
-        searches=searches,
-        trainings=trainings,
-        epochs=epochs,
-        hours=None if pilot.seconds is None else rounded(epochs * pilot.seconds / 3600),
-    )
+    hours = None if pilot.seconds is None else rounded(epochs * pilot.seconds / 3600)
+    return {**way, "searches": searches, "trainings": trainings, "epochs": epochs, "hours": hours}
 
 
 def _shift(effect: float, metric: Measure) -> float:

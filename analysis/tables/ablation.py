@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
 from statistics import median
 
 import pandas as pd
@@ -12,18 +11,15 @@ from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTS, Metric
-from analysis.sweeps.pilots import sweep_pilot
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
-from analysis.tables.plan import counts, planned_table
+from analysis.tables.plan import plan_notes
 from tacevo.choices import ChosenBy
-from tacevo.errors import RunError
 from tacevo.evolution.chance import is_at_chance
 from tacevo.results.sweep import REFERENCE, Missing, RecordedSweep
 from tacevo.results.sweep_checks import arm_settings
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
-from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.text import counted, listed
 
 #: The columns of a median with its interval.
@@ -61,42 +57,12 @@ def ablation_tables(sweep: RecordedSweep, found: Ablation, archive: str) -> tupl
     `archive` is what is to be said of the common archive.
     """
     metrics = (metric_table(sweep, found, metric, archive) for metric in found.arms)
-    plan = sweep.terms.plan
-    planned = () if plan is None else (_planned_table(sweep, found, plan),)
     return (
         arms_table(sweep, found, archive),
-        *planned,
         settings_table(sweep),
         *metrics,
         runs_table(sweep, found, archive),
     )
-
-
-def _planned_table(sweep: RecordedSweep, found: Ablation, plan: SeedPlan) -> Table:
-    stated = sweep.terms.retraining
-    table = planned_table(
-        sweep.task,
-        plan,
-        [
-            ("jobs of each arm", plan.seeds, counts(next(iter(found.arms.values())).runs.tolist())),
-            ("arms beside the reference", plan.comparisons, len(found.names) - 1),
-            ("alpha", plan.alpha, ALPHA),
-            ("training seeds of a job", plan.retraining, None if stated is None else stated.seeds),
-            ("epochs of these", plan.epochs, None if stated is None else stated.epochs),
-            ("jobs with a test score", None, sum(one.tested is not None for one in sweep.finished)),
-            ("spread", plan.spread, _spread(sweep, plan.metric)),
-        ],
-    )
-    return replace(table, name=f"ablation_{table.name}")
-
-
-def _spread(sweep: RecordedSweep, metric: Measure) -> float | None:
-    """Return how the jobs of the arms spread; None where no arm has two, or where they have values of another kind."""
-    try:
-        found = sweep_pilot([sweep])
-    except RunError:
-        return None
-    return found.spread.deviation if found.metric is metric else None
 
 
 def arms_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
@@ -115,6 +81,7 @@ def arms_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
         last=[("trivial", None, *trivial)] if trivial[0] is not None else [],
         notes=(
             *_primary_note(sweep, found),
+            *plan_notes(sweep.terms.plan),
             *_trivial_note(sweep, first),
             _median_note([n for frame in found.arms.values() for n in frame.n]),
             archive,

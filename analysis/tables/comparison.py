@@ -13,15 +13,13 @@ from analysis.statistics.samples import Sample
 from analysis.studies.comparison import late, of_whole
 from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
-from analysis.sweeps.pilots import spread_of
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
-from analysis.tables.plan import planned_table
+from analysis.tables.plan import plan_notes
 from tacevo.choices import MarginKind
 from tacevo.records import Kind
 from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
 from tacevo.results.trivial import at_chance, trivial_metrics, trivial_score
 from tacevo.rounding import rounded
-from tacevo.storage.plan import SeedPlan
 from tacevo.text import counted, listed
 
 #: What a reader of a study on one data set has to know.
@@ -39,31 +37,13 @@ def study_tables(study: RecordedStudy, found: pd.DataFrame | None, *, is_alone: 
     """
     warning = (ONE_SPLIT,) if is_alone else ()
     scores = scores_table(study)
-    tables = [replace(scores, notes=(*scores.notes, *warning)), metrics_table(study)]
+    tables = [replace(scores, notes=(*scores.notes, *warning, *plan_notes(study.plan))), metrics_table(study)]
     if found is not None:
         verdicts = verdicts_table(study, found)
         tables += [replace(verdicts, notes=(*verdicts.notes, *warning)), effects_table(study, found)]
     if found is not None and found.output.notna().any():
         tables.append(outputs_table(study, found))
-    if study.plan is not None:
-        tables.append(_planned_table(study, study.plan))
     return tuple(tables)
-
-
-def _planned_table(study: RecordedStudy, plan: SeedPlan) -> Table:
-    variants = len(study.networks) - 1
-    return planned_table(
-        study.task,
-        plan,
-        [
-            ("seeds of each network", plan.seeds, study.seeds),
-            ("variants", plan.comparisons, variants),
-            ("alpha", plan.alpha, study.terms.alpha),
-            ("epochs", plan.epochs, study.recipe.epochs),
-            ("trainings", plan.trainings, study.seeds * len(study.networks)),
-            ("spread", plan.spread, spread_of(study)),
-        ],
-    )
 
 
 def scores_table(study: RecordedStudy) -> Table:

@@ -1,8 +1,9 @@
-"""Tables of motifs: how often each occurs, beside the published counts, and how the best networks are built."""
+"""The table of motifs: how often each occurs, beside the published counts."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
-from analysis.motifs.motifs import Count, count_motifs
+from analysis.motifs.motifs import count_motifs
 from analysis.motifs.structure import Anatomy
 from analysis.table import PValue, Table
 from tacevo.results.run import TOP, RecordedRun
@@ -42,36 +43,31 @@ def motifs_table(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int
     """Show how often each motif occurs, with its p, beside the counts that the authors published for the task."""
     counts = count_motifs(run, anatomies, top=top)
     published = SUPPLEMENT.get(run.task, {})
-    best = f"top {counts.top}"
-    ours = {
-        entry.motif: (
-            "yes" if entry.baseline else None,
-            *_cells(entry.top, counts.top),
-            *_cells(entry.archive, counts.archive),
-            f"{entry.evaluated} of {counts.evaluated}",
-        )
-        for entry in counts.found
-        if entry.baseline or entry.evaluated or entry.motif in published
-    }
-    return Table(
+    best, archive, evaluated = counts[["top_of", "archive_of", "evaluated_of"]].iloc[0]
+    shown = counts[counts.baseline | (counts.evaluated > 0) | counts.motif.isin(list(published))].assign(
+        has=lambda rows: rows.baseline.map({True: "yes", False: None}),
+        variants=lambda rows: rows.motif.map(lambda name: _variants(published.get(name))),
+    )
+    without = {name: _variants(numbers) for name, numbers in published.items() if name not in set(counts.motif)}
+    return Table.of(
+        shown,
+        {
+            **{"motif": "motif", "baseline": "has"},
+            **_columns(f"top {best}", "top"),
+            **_columns("archive", "archive"),
+            **{"evaluated": (_of, "evaluated", "evaluated_of"), "published variants": "variants"},
+        },
+        last=((name, *(None,) * 8, variants) for name, variants in without.items()),
         name="motifs",
         caption=f"Motifs of the networks of {run.name}.",
-        columns=(
-            *("motif", "baseline", best, f"p, {best}", f"p, Holm, {best}"),
-            *("archive", "p, archive", "p, Holm, archive", "evaluated", "published variants"),
-        ),
-        rows=(
-            *((name, *cells, _variants(published.get(name))) for name, cells in ours.items()),
-            *((name, *(None,) * 8, _variants(numbers)) for name, numbers in published.items() if name not in ours),
-        ),
         notes=(
-            f"Evaluated: the {counts.evaluated} different networks that were trained, in any generation. Archive: "
-            f"the {counts.archive} of them that are elites. Top {counts.top}: the elites of the lowest validation "
+            f"Evaluated: the {evaluated} different networks that were trained, in any generation. Archive: "
+            f"the {archive} of them that are elites. Top {best}: the elites of the lowest validation "
             "loss. The baseline is not counted.",
             "p: the chance of at least as many networks with the motif if the top, or the archive, were drawn at "
             "random from the evaluated networks (hypergeometric, one-sided); corrected after Holm over all "
-            f"{counted(counts.tested, 'count')} that have a p. Where all or none of the evaluated networks have a "
-            "motif, there is nothing to test.",
+            f"{counted(int(counts.top_p.count() + counts.archive_p.count()), 'count')} that have a p. Where all or "
+            "none of the evaluated networks have a motif, there is nothing to test.",
             "A motif may be frequent in the archive because of the niches that it leads to. Networks descend from each "
             "other, so their motifs are not independent, as the test supposes.",
             f"Published variants: how many of {VARIANTS} have the change, and which, by the authors' supplement "
@@ -81,50 +77,17 @@ def motifs_table(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int
     )
 
 
-def _cells(count: Count, total: int) -> tuple[str, PValue | None, PValue | None]:
-    if count.p is None or count.p_holm is None:
-        return f"{count.number} of {total}", None, None
-    return f"{count.number} of {total}", PValue(count.p), PValue(count.p_holm)
+def _columns(head: str, group: str) -> dict[str, str | tuple[Any, ...]]:
+    return {
+        head: (_of, group, f"{group}_of"),
+        f"p, {head}": (PValue, f"{group}_p"),
+        f"p, Holm, {head}": (PValue, f"{group}_p_holm"),
+    }
+
+
+def _of(number: int, total: int) -> str:
+    return f"{number} of {total}"
 
 
 def _variants(numbers: Sequence[int] | None) -> str | None:
     return None if numbers is None else f"{len(numbers)} of {VARIANTS}: {listed(map(str, numbers))}"
-
-
-def anatomies_table(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> Table:
-    """Show how the baseline and the best networks are built."""
-    named = [("baseline", run.baseline.id), *((best.id, best.id) for best in run.best(top))]
-    columns = ("network", "convolutions", "1x1", "strided", "pooling", "head", "activations", "normalisation")
-    return Table(
-        name="anatomies",
-        caption=f"How the baseline and the best networks of {run.name} are built.",
-        columns=(*columns, "dropout", "attention", "residuals", "output"),
-        rows=tuple(_row(name, anatomies[candidate]) for name, candidate in named),
-        notes=(
-            "Convolutions: output channels, with the kernel where it is not 3; head: features of its linear layers.",
-        ),
-    )
-
-
-def _row(name: str, anatomy: Anatomy) -> tuple[str | int, ...]:
-    pools = [
-        f"{count} {kind}" for kind, count in (("max", anatomy.max_pools), ("average", anatomy.average_pools)) if count
-    ]
-    convolutions = [
-        f"{layer.channels}{'' if layer.kernel == 3 else f' ({layer.kernel}x{layer.kernel})'}"
-        for layer in anatomy.convolutions
-    ]
-    return (
-        name,
-        listed(convolutions),
-        anatomy.pointwise,
-        anatomy.strided,
-        f"{listed(pools)}, then {listed(sorted(anatomy.global_pools))}",
-        listed(map(str, anatomy.head)),
-        listed(sorted(anatomy.activations)),
-        listed(f"{operation} ({place})" for operation, place in sorted(anatomy.norms)),
-        listed(f"{rate:g} ({place})" for place, rate in anatomy.dropouts),
-        listed(sorted(anatomy.attention)),
-        anatomy.residuals,
-        listed(sorted(anatomy.output), nothing="free"),
-    )

@@ -129,22 +129,17 @@ def noise_outcome(found: Reestimates, task: str, trivial: float | None) -> Table
 
 
 def _finding(found: Reestimates) -> str | None:
-    """Say whether the networks are better than the baseline, by the intervals of their chances to beat it.
+    """Say how many networks are better than the baseline, which, and how many are not.
+
+    That rests on the intervals of their chances to beat it, widened so that they hold for all of them together
+    (Bonferroni).
 
     Returns:
         None where no other network than the baseline was trained with every seed.
     """
-    if len(found.networks) < 2:
-        return None
-    return _finding_of_one(found) if len(found.networks) == 2 else _finding_of_several(found)
-
-
-def _finding_of_several(found: Reestimates) -> str:
-    """Say how many are better, which, and how many are not.
-
-    The intervals are widened so that they hold for all of the networks together (Bonferroni).
-    """
     baseline, *others = found.estimates
+    if not others:
+        return None
     chances = [superiority(values, baseline, level=_level(len(others))) for values in others]
     ranked = sorted(
         zip(found.noise.networks[1:], found.networks[1:], chances, strict=True), key=lambda one: one[0].median
@@ -159,9 +154,9 @@ def _finding_of_several(found: Reestimates) -> str:
     named = f": {listed(better, most=MOST)}" if better else ""
     trained = " that trained with every seed" if found.failed else ""
     return (
-        f"Of the {len(others)} best elites on record{trained}, {len(better) or 'none'} can be called better than the "
-        f"baseline, whose loss is {shown(found.noise.networks[0].median)}{named}{''.join(f'; {one}' for one in rest)} "
-        f"(medians of {counted(found.noise.seeds, 'other seed')})."
+        f"Of {counted(len(others), 'elite')}, the best on record{trained}, {len(better) or 'none'} can be called "
+        f"better than the baseline, whose loss is {shown(found.noise.networks[0].median)}{named}"
+        f"{''.join(f'; {one}' for one in rest)} (medians of {counted(found.noise.seeds, 'other seed')})."
     )
 
 
@@ -179,36 +174,6 @@ def _undecidable(found: Reestimates) -> tuple[str, ...]:
         f"{counted(seeds, 'seed')} cannot tell any of {counted(others, 'network')} from the baseline, however far "
         "apart they are: take more seeds= or fewer elites=.",
     )
-
-
-def _finding_of_one(found: Reestimates) -> str:
-    """Say whether the best network on record is better than the baseline, and in how many pairs of seeds it wins."""
-    baseline, best = found.noise.networks[:2]
-    chance = best.beats
-    assert chance is not None  # only the baseline has none
-    if chance.low > 0.5:
-        verdict = "is better than"
-    elif chance.high < 0.5:
-        verdict = "is worse than"
-    else:
-        verdict = "cannot be told from"
-    pairs = [(own, other) for own in found.estimates[1] for other in found.estimates[0]]
-    wins, all_pairs = sum(own < other for own, other in pairs), counted(len(pairs), "pair")
-    won = f"all {all_pairs}" if wins == len(pairs) > 1 else f"{wins} of {all_pairs}"
-    return (
-        f"{_called(found)}, {found.networks[1].id}, {verdict} the baseline: its loss is {shown(best.median)} where the "
-        f"baseline's is {shown(baseline.median)} (medians of {counted(found.noise.seeds, 'other seed')}); it wins in "
-        f"{won} of seeds, chance {shown(between(chance))}."
-    )
-
-
-def _called(found: Reestimates) -> str:
-    """Call the best of the networks that every seed trained, beside the baseline, what it is."""
-    best = "The search's best network"
-    baseline, winner = found.networks[:2]
-    if any(one.fitness < winner.fitness for one in found.failed):
-        return f"{best} of those that trained with every seed"
-    return f"{best} apart from the baseline" if baseline.fitness < winner.fitness else best
 
 
 def _score(study: RecordedStudy, network: str) -> Cell:

@@ -1,11 +1,9 @@
-"""The tables of a plan: the ways that it weighed, and later what was planned beside what was done."""
-
-from collections.abc import Iterable, Sequence
+"""The table of a plan, with the ways that it weighed; and what tables say of the plan that was followed."""
 
 from analysis.rounding import shown
 from analysis.statistics.planning import CONFIDENCE, MOST, TRIALS
-from analysis.sweeps.plans import Planned, Way
-from analysis.table import Cell, Percent, Table
+from analysis.sweeps.plans import Planned
+from analysis.table import Percent, Table
 from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.text import counted
 
@@ -15,21 +13,32 @@ _VALUES = {Measure.mse: "test MSE", Measure.accuracy: "test accuracy", Measure.f
 
 def plan_table(planned: Planned) -> Table:
     """Show what each way needs and costs."""
-    pilot, wish, cells = planned.pilot, planned.wish, _cells(planned.ways[0], planned)
+    pilot, wish = planned.pilot, planned.wish
     value, scale = _VALUES[pilot.metric], "" if pilot.metric is Measure.accuracy else "the logarithm of a "
-    return Table(
+    ways = planned.ways.assign(
+        needed=planned.ways.seeds.astype("object").fillna(f"more than {MOST}"),
+        plan=["chosen" if row == planned.chosen else None for row in planned.ways.index],
+    )
+    return Table.of(
+        ways,
+        {
+            "spread": "spread",
+            **({"training seeds of a job": "retraining"} if pilot.kind == "sweep" else {}),
+            "seeds": "needed",
+            "chance": (Percent, "chance"),
+            **({"searches": "searches"} if pilot.kind == "sweep" else {}),
+            **{"full trainings": "trainings", "epochs": "epochs", "hours": "hours", "plan": "plan"},
+        },
         name=f"plan_{pilot.kind}_{pilot.task}",
         caption=f"Seeds that find {_effect(pilot.metric, wish.effect)} with a chance of {shown(Percent(wish.power))} "
         f"({pilot.task}, {pilot.kind}).",
-        columns=tuple(cells),
-        rows=tuple(tuple(_cells(way, planned).values()) for way in planned.ways),
         notes=(
             f"Seeds: a number, found by halving, that finds the effect so often in {TRIALS:,} simulated cases, by "
             f"two-sided Mann-Whitney tests and Holm's correction over {wish.comparisons}, at alpha {wish.alpha:g}; of "
             f"the family one differs. At most {MOST} are tried.",
-            f"Spread: the standard deviation of {scale}{value}, which is drawn from a normal distribution; of the "
-            f"pilot, with {counted(pilot.spread.freedom, 'degree')} of freedom, or its upper limit, below which the "
-            f"true one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
+            f"Spread: the standard deviation of {scale}{value}, which is drawn from a normal distribution; the upper "
+            f"limit of the pilot's, {shown(pilot.spread.deviation)} with {counted(pilot.spread.freedom, 'degree')} of "
+            f"freedom, below which the true one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
             "pilot's candidates were gated and trained; without the answers.",
             *_fitness_note(pilot.metric),
@@ -37,43 +46,15 @@ def plan_table(planned: Planned) -> Table:
     )
 
 
-def planned_table(task: str, plan: SeedPlan, done: Iterable[tuple[str, Cell, Cell]]) -> Table:
-    """Show what was planned beside what was done: a name, the planned value and the one that came."""
-    return Table(
-        name="planned",
-        caption=f"What was planned, and what was done ({task}).",
-        columns=("what", "planned", "done"),
-        rows=tuple(done),
-        notes=(
-            f"The plan was to find {_effect(plan.metric, plan.effect)} with a chance of {shown(Percent(plan.power))}, "
-            f"from {counted(len(plan.pilots), 'pilot run')}; simulated {shown(Percent(plan.chance))}. With "
-            "fewer seeds, more comparisons or a wider spread the chance was lower.",
-            *([f"The plan was {plan.dated}, which proves nothing by itself."] if plan.made else []),
-        ),
+def plan_notes(plan: SeedPlan | None) -> tuple[str, ...]:
+    """Say what a study or a sweep was planned to find; nothing without a plan."""
+    if plan is None:
+        return ()
+    each = "seeds of each network" if plan.kind == "study" else "jobs of each arm"
+    return (
+        f"Planned: {plan.seeds} {each} and {counted(plan.comparisons, 'comparison')}, to find "
+        f"{_effect(plan.metric, plan.effect)} with a chance of {shown(Percent(plan.power))}; {plan.dated}.",
     )
-
-
-def counts(numbers: Sequence[int]) -> Cell:
-    """Show one number, or the least and the greatest of several."""
-    found = sorted(numbers)
-    return found[0] if found[0] == found[-1] else f"{found[0]} to {found[-1]}"
-
-
-def _cells(way: Way, planned: Planned) -> dict[str, Cell]:
-    """Return a row by the names of its columns; those of searches are a sweep's."""
-    found, is_sweep = way.needed.seeds is not None, planned.pilot.kind == "sweep"
-    return {
-        "spread": way.spread,
-        "it is": "the upper limit" if way.cautious else "the pilot's",
-        **({"training seeds of a job": way.retraining} if is_sweep else {}),
-        "seeds": way.needed.seeds if found else f"more than {MOST}",
-        "chance": Percent(way.needed.chance),
-        **({"searches": way.searches if found else None} if is_sweep else {}),
-        "full trainings": way.trainings if found else None,
-        "epochs": way.epochs if found else None,
-        "hours": way.hours if found else None,
-        "plan": "chosen" if way == planned.chosen else None,
-    }
 
 
 def _effect(metric: Measure, effect: float) -> str:

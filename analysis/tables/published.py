@@ -1,28 +1,70 @@
-"""Tables of what the paper prints: its statistics beside the correct ones, and its searches beside ours."""
+"""Tables of what the paper prints: its statistics beside the correct ones, and its searches beside ours.
 
+A printed p stands for an interval: 0.0018 for everything that rounds to it, `<0.001` for everything below. Holm's
+corrected values never fall when a p rises, so the correction of the intervals' ends bounds what a table may print.
+"""
+
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from enum import StrEnum
+from importlib.resources import files
+from typing import Any
+
+import pandas as pd
 
 from analysis.rounding import shown
 from analysis.runs.dynamics import improvement
-from analysis.statistics import published
-from analysis.statistics.published import Corrected, Finding, PrintedTest, corrected, verdicts_that_change
+from analysis.statistics.tests import holm
 from analysis.table import Cell, Percent, PValue, Table, percent
 from tacevo.choices import DataSource
 from tacevo.results.run import RecordedRun
 from tacevo.text import listed
 
-#: What is set beside each other of a search.
-RESULTS = ("trainable candidates", "improvement on generation 0", "improvement on the baseline", "coverage")
+#: What the paper prints. P-values are text, because their digits say how they were rounded.
+PRINTED: dict[str, Any] = json.loads(files(__package__).joinpath("published.json").read_text(encoding="utf-8"))
 
-UNKNOWN = (None,) * len(RESULTS)
+#: Of each test.
+_ROWS = "p, p after the correction"
+
+ALPHA = 0.05
 
 NOT_STATED = "not stated"
 
 
+class Finding(StrEnum):
+    """What a printed corrected p-value is worth; the values are what a table says."""
+
+    agrees = "agrees"
+    #: Below, or above, everything that the rounding of the printed p-values allows.
+    too_small = "too small"
+    too_large = "too large"
+    #: The printed p is a bound, and what is printed is among what it allows.
+    open = "not refuted by a bound"
+
+
 def published_tables() -> tuple[Table, ...]:
     """Return all tables that need no run: both tests, the searches, the scores."""
-    return (*(_test_table(test) for test in published.TESTS), _searches_table(), _scores_table())
+    set_up = PRINTED["set-up"]
+    searches = Table(
+        name="published_searches",
+        caption="What the paper prints of its searches.",
+        columns=("task", "trainable candidates", "improvement of the best fitness", "coverage"),
+        rows=tuple(
+            (task, Percent(one["trainable"]), Percent(one["improvement"]), Percent(one["coverage"]))
+            for task, one in PRINTED["searches"].items()
+        ),
+        notes=(
+            f"{set_up['generations']} generations of {set_up['candidates']} candidates, {set_up['epochs']} epochs "
+            f"each, {set_up['model']}.",
+        ),
+    )
+    scores = Table(
+        name="published_scores",
+        caption="What the paper prints of its networks.",
+        columns=("task", "network", "measure", "value"),
+        rows=tuple(map(tuple, PRINTED["scores"])),
+    )
+    return (*map(_test_table, PRINTED["tests"]), searches, scores)
 
 
 def beside_published(runs: Sequence[RecordedRun]) -> Table:
@@ -36,137 +78,134 @@ def beside_published(runs: Sequence[RecordedRun]) -> Table:
     """
     if not runs:
         raise ValueError("a table beside the published figures needs at least one run; got none")
+    set_ups = {run.name: _set_up(run) for run in runs}
     return Table(
         name="beside_published",
         caption="Searches of this project beside the published ones.",
         columns=("run", "quantity", "published", "ours"),
-        rows=tuple((run.name, *row) for run in runs for row in _rows(run)),
+        rows=tuple(
+            (run.name, *row) for run in runs for row in (*_results(run), *(row[:3] for row in set_ups[run.name]))
+        ),
         notes=(
             "The paper does not say against what the best fitness improved, so its figure stands beside both ours.",
             "Improvements compare single draws, one training seed a network, here and there.",
             "Trainable candidates: mean over the generations after the first, of first answers.",
             "The number of niches is not stated; the published coverages fit 25, 50 and 100.",
-            *(_differences(run) for run in runs),
+            *(
+                f"Set up otherwise in {name}: {listed(row[0] for row in set_up if row[3])}."
+                for name, set_up in set_ups.items()
+            ),
         ),
     )
 
 
-def _test_table(test: PrintedTest) -> Table:
-    rows = corrected(test)
-    wrong = [found.row.variant for found in rows if found.finding in {Finding.too_small, Finding.too_large}]
-    changed = verdicts_that_change(rows)
+def corrected(rows: Sequence[tuple[str, str]]) -> pd.DataFrame:
+    """Correct a table's printed p-values after Holm, and compare the printed corrections with the result.
+
+    Args:
+        rows: of each variant, p and p after the correction as they are printed, e.g. `0.0018` or `<0.001`.
+
+    Returns:
+        A row each: `holm`, of the p-values as they stand; `bound`, whether the correct value is known to lie below that
+        only; `finding`; `changes`, whether the verdict at 0.05 is another by the correct value than by the printed one.
+    """
+    ends = [_range(p) for p, _ in rows]
+    lows, highs = holm([low for low, _ in ends]), holm([high for _, high in ends])
+    found = pd.DataFrame({"holm": holm([_nominal(p) for p, _ in rows]), "bound": [_is_bound(p) for p, _ in rows]})
+    printed = pd.Series([_nominal(adjusted) for _, adjusted in rows])
+    return found.assign(
+        finding=[_finding(*row, low, high).value for row, low, high in zip(rows, lows, highs, strict=True)],
+        changes=(printed <= ALPHA) != (found.holm <= ALPHA),
+    )
+
+
+def _finding(p: str, adjusted: str, low: float, high: float) -> Finding:
+    """Place what is printed beside the range of what would be correct."""
+    least, most = _range(adjusted)
+    if most < low:
+        return Finding.too_small
+    if least > high:
+        return Finding.too_large
+    return Finding.open if _is_bound(p) else Finding.agrees
+
+
+def _is_bound(printed: str) -> bool:
+    return printed.startswith("<")
+
+
+def _nominal(printed: str) -> float:
+    """Return the number that is printed; of a bound, the bound."""
+    return float(printed.removeprefix("<"))
+
+
+def _range(printed: str) -> tuple[float, float]:
+    """Return the ends of what a printed probability may have been before it was rounded."""
+    value = _nominal(printed)
+    if _is_bound(printed):
+        return 0.0, value
+    half = 0.5 * 10.0 ** -len(printed.partition(".")[2])
+    return max(0.0, value - half), min(1.0, value + half)
+
+
+def _test_table(test: dict[str, Any]) -> Table:
+    found = corrected(test[_ROWS])
+    found.index = pd.Index([f"variant {number}" for number in range(1, len(found) + 1)])
+    wrong = found.index[found.finding.isin([Finding.too_small, Finding.too_large])]
     return Table(
-        name=f"published_{test.task}",
-        caption=f"{test.name} of the paper ({test.task}, {test.metric}) beside Holm's correction of its p-values.",
+        name=f"published_{test['task']}",
+        caption=f"{test['name']} of the paper ({test['task']}, {test['metric']}) beside Holm's correction of its "
+        "p-values.",
         columns=("network", "p", "adjusted, printed", "adjusted, Holm", "printed value"),
         rows=tuple(
-            (found.row.variant, found.row.p, found.row.adjusted, _holm_cell(found), found.finding.value)
-            for found in rows
+            (one.Index, *printed, f"<{shown(PValue(one.holm))}" if one.bound else PValue(one.holm), one.finding)
+            for printed, one in zip(test[_ROWS], found.itertuples(), strict=True)
         ),
         notes=(
-            f"Mann-Whitney U against the baseline, {published.SEEDS} training seeds each, as the paper reports it.",
+            f"Mann-Whitney U against the baseline, {PRINTED['seeds']} training seeds each, as the paper reports it.",
             f"The printed table lacks the running maximum of Holm's method: {listed(wrong)}.",
-            f"Verdicts at {published.ALPHA} that change: {listed(changed)}.",
+            f"Verdicts at {ALPHA} that change: {listed(found.index[found.changes])}.",
             "A p printed as a bound gives a bound.",
         ),
     )
 
 
-def _holm_cell(found: Corrected) -> Cell:
-    return f"<{shown(PValue(found.holm))}" if found.bound else PValue(found.holm)
-
-
-def _searches_table() -> Table:
-    return Table(
-        name="published_searches",
-        caption="What the paper prints of its searches.",
-        columns=("task", "trainable candidates", "improvement of the best fitness", "coverage"),
-        rows=tuple(
-            (search.task, Percent(search.trainable), Percent(search.improvement), Percent(search.coverage))
-            for search in published.SEARCHES
-        ),
-        notes=(
-            f"{published.GENERATIONS} generations of {published.CANDIDATES} candidates, {published.EPOCHS} epochs "
-            f"each, {published.MODEL}.",
-        ),
-    )
-
-
-def _scores_table() -> Table:
-    return Table(
-        name="published_scores",
-        caption="What the paper prints of its networks.",
-        columns=("task", "network", "measure", "value"),
-        rows=tuple((score.task, score.network, score.measure, score.value) for score in published.SCORES),
-    )
-
-
-def _rows(run: RecordedRun) -> tuple[tuple[str, Cell, Cell], ...]:
-    """Return quantity, published and own value of all that is set beside each other."""
-    return (*_results(run), *((one.quantity, one.published, one.ours) for one in _set_up(run)))
-
-
 def _results(run: RecordedRun) -> tuple[tuple[str, Cell, Cell], ...]:
     """Return quantity, published and own value of what a search found."""
-    printed = next((search for search in published.SEARCHES if search.task == run.task), None)
-    found = improvement(run)
-    theirs = printed and (printed.trainable, printed.improvement, printed.improvement, printed.coverage)
-    ours = found and (found.trainable, found.over_first, found.over_baseline, found.coverage)
+    theirs, ours = PRINTED["searches"].get(run.task, {}), improvement(run)
     return tuple(
-        (quantity, percent(published_share), percent(own_share))
-        for quantity, published_share, own_share in zip(RESULTS, theirs or UNKNOWN, ours or UNKNOWN, strict=True)
+        (quantity, percent(theirs.get(printed)), percent(getattr(ours, own, None)))
+        for quantity, printed, own in (
+            ("trainable candidates", "trainable", "trainable"),
+            ("improvement on generation 0", "improvement", "over_first"),
+            ("improvement on the baseline", "improvement", "over_baseline"),
+            ("coverage", "coverage", "coverage"),
+        )
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Setting:
-    """One quantity of how a search was set up."""
+def _set_up(run: RecordedRun) -> tuple[tuple[str, Cell, Cell, bool], ...]:
+    """Return quantity, published and own value of how a search was set up, and whether they differ.
 
-    quantity: str
-    published: Cell
-    ours: Cell
-    differs: bool
-
-
-def _set_up(run: RecordedRun) -> tuple[_Setting, ...]:
-    """List how a search was set up; what the paper does not state counts as no difference."""
-    config = run.config
-    images, stated = sum(run.facts.counts), published.IMAGES.get(run.task)
-    return (
-        _niches(run),
-        _equal("candidates per generation", published.CANDIDATES, config.search.candidates),
-        _equal("generations", published.GENERATIONS, config.search.generations),
-        _equal("epochs", published.EPOCHS, config.training.epochs),
-        _model(run.model if run.answered else "none was asked"),
-        _data(config.data.source),
-        _Setting(quantity="images", published=stated or NOT_STATED, ours=images, differs=stated not in {None, images}),
-        _equal("image size in pixels", published.IMAGE_SIZE, run.facts.image_size),
-    )
-
-
-def _niches(run: RecordedRun) -> _Setting:
-    """Compare the archives; the paper's has niches, whose number it does not state."""
-    ours = run.places if run.has_niches else f"none; the best {run.places}"
-    return _Setting(quantity="niches", published=NOT_STATED, ours=ours, differs=not run.has_niches)
-
-
-def _equal(quantity: str, theirs: int, ours: int) -> _Setting:
-    return _Setting(quantity=quantity, published=theirs, ours=ours, differs=theirs != ours)
-
-
-def _model(name: str) -> _Setting:
-    printed = f"{published.MODEL} ({published.MODEL_ID})"
-    return _Setting(quantity="model", published=printed, ours=name, differs=name != published.MODEL_ID)
-
-
-def _data(source: DataSource) -> _Setting:
-    """Compare simulated with recorded; the form of the files does not count."""
+    What the paper does not state counts as no difference, and of the data the form of the files does not count.
+    """
+    printed, config, source = PRINTED["set-up"], run.config, run.config.data.source
+    images, stated = sum(run.facts.counts), PRINTED["searches"].get(run.task, {}).get("images")
+    model = run.model if run.answered else "none was asked"
     simulated = source is DataSource.simulated
-    ours = source.value if simulated else f"{published.DATA} ({source})"
-    return _Setting(quantity="data", published=published.DATA, ours=ours, differs=simulated)
-
-
-def _differences(run: RecordedRun) -> str:
-    """Name what was set up otherwise."""
-    differing = [setting.quantity for setting in _set_up(run) if setting.differs]
-    return f"Set up otherwise in {run.name}: {listed(differing)}."
+    ours = {
+        "candidates": ("candidates per generation", config.search.candidates),
+        "generations": ("generations", config.search.generations),
+        "epochs": ("epochs", config.training.epochs),
+        "image size": ("image size in pixels", run.facts.image_size),
+    }
+    candidates, generations, epochs, size = (
+        (quantity, printed[name], value, printed[name] != value) for name, (quantity, value) in ours.items()
+    )
+    return (
+        ("niches", NOT_STATED, run.places if run.has_niches else f"none; the best {run.places}", not run.has_niches),
+        *(candidates, generations, epochs),
+        ("model", f"{printed['model']} ({printed['model id']})", model, model != printed["model id"]),
+        ("data", printed["data"], source.value if simulated else f"{printed['data']} ({source})", simulated),
+        ("images", stated or NOT_STATED, images, stated not in {None, images}),
+        size,
+    )

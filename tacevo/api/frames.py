@@ -45,22 +45,6 @@ CANDIDATES: Columns = {
     "source": "str",
 }
 
-GENERATIONS: Columns = {
-    "generation": "Int64",
-    "temperature": "float64",
-    "next_temperature": "float64",
-    "candidates": "Int64",
-    "trained": "Int64",
-    "repaired": "Int64",
-    "reevaluated": "Int64",
-    "best": "float64",
-    "generation_best": "float64",
-    "generation_median": "float64",
-    "coverage": "float64",
-    "qd_score": "float64",
-    "prompt_coverage": "float64",
-}
-
 ELITES: Columns = {
     "niche": "Int64",
     "id": "str",

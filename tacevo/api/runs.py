@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
+from analysis.runs import dynamics
 from analysis.table import Table as Rows
 from tacevo.api import frames, network
 from tacevo.api.replaying import replay
@@ -79,7 +80,7 @@ class Run:
     @property
     def generations(self) -> pd.DataFrame:
         """A row a generation, from 0 (the baseline and the initial networks); columns: docs/python.md."""
-        return frames.frame(map(asdict, self.recorded.generations), frames.GENERATIONS, index="generation")
+        return dynamics.progress(self.recorded)
 
     @property
     def elites(self) -> pd.DataFrame:
@@ -175,7 +176,7 @@ class Run:
         try:
             return tables_of(self.collection, recall_profiles(self.recorded)), []
         except (CacheMissError, RunError) as error:
-            return tables_of(self.collection, None), [f"no tables of motifs: {error}"]
+            return tables_of(self.collection, None), [f"no table of motifs: {error}"]
 
     def __repr__(self) -> str:
         count = len(self.recorded.candidates)

@@ -18,7 +18,7 @@ from analysis.sweeps.plans import Wish, plan
 from analysis.tables.plan import plan_table
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, Parser, output_directory, whole_number
-from tacevo.cli.tables import print_table, say, show
+from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -94,7 +94,7 @@ _NOISE_EPILOG = """\
 examples:
   tacevo noise runs/NAME
   tacevo noise runs/NAME elites=10 seeds=20 executor.workers=8
-  tacevo noise sweep=sweeps/NAME                      # then `tacevo ablations` has the corrected archives of the arms
+  tacevo noise sweep=sweeps/NAME
 
 """
 
@@ -255,8 +255,7 @@ examples:
   tacevo study run=runs/NAME seeds=SEEDS plan=build/plan/plan.json
   tacevo search -m ... 'seed=range(0,SEEDS)' --plan plans/plan.json
 
-The plan is kept in the study or the sweep that it is given to, whose tables show what was planned beside what was
-done. docs/statistics.md says how it is simulated."""
+The plan is kept in the study or the sweep that it is given to. docs/statistics.md says how it is simulated."""
 
 
 def add_plan(parser: Parser) -> None:
@@ -303,12 +302,9 @@ def _plan(options: argparse.Namespace) -> int:
     )
     planned = plan(pilot, wish)
     directory = output_directory(options.output)
-    show(plan_table(planned), directory)
+    print_table(plan_table(planned), Console())
     if planned.plan is None:
-        stood = directory / "plan.json"
-        if stood.exists():
-            stood.unlink()  # else a study would follow another wish than the last
-            print(f"removed: {stood}, of an earlier wish")
+        (directory / "plan.json").unlink(missing_ok=True)  # else a study would follow another wish than the last
         print("no plan: wish for a larger effect or a lower power, or compare fewer")
         return DIFFERENT
     made = replace(planned.plan, made=datetime.now(UTC).date().isoformat())

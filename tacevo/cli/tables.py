@@ -18,13 +18,12 @@ from analysis.report.writing import is_for_paper, place_of, remove_outdated, wri
 from analysis.rounding import shown
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
-from analysis.tables.rendering import WRITERS, as_latex, as_markdown, numeric_columns, table_texts
+from analysis.tables.rendering import WRITERS, as_latex, as_markdown, numeric_columns
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import ConfigError
-from tacevo.storage.files import write_durably
 from tacevo.text import listed, printable
 
 #: What these commands read, in their help.
@@ -136,13 +135,6 @@ def remarks_of(one: Run | Sweep) -> list[str]:
 def status_of(one: Run | Sweep) -> int:
     """Return the exit status: a study of a run that was left out is a failed check."""
     return DIFFERENT if isinstance(one, Run) and one.collection.left_out else DONE
-
-
-def show(table: Table, directory: Path) -> None:
-    """Print a table, and write it into a directory in every format."""
-    print(as_markdown(table))
-    for ending, text in table_texts(table).items():
-        write_durably(directory / f"{table.name}{ending}", text)
 
 
 def print_table(table: Table, console: Console) -> None:

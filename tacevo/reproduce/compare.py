@@ -15,7 +15,6 @@ from tacevo.evolution.files import Line, RunLine
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Json
 from tacevo.results.run import read_run
-from tacevo.results.study_directory import Scores, studies_of
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import first_difference, place_of
 from tacevo.text import counted
@@ -25,9 +24,6 @@ _PLACES = {"run.dir", "store.root"}
 
 #: What is shown of a run's end.
 _FIGURES = ("best", "coverage", "qd_score")
-
-#: Ranks of fewer values say nothing.
-_LEAST_RANKED = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,8 +37,6 @@ class Compared:
     lines: tuple[Line, ...]
     #: Hashes of the elites' sources, by niche of the final network archive.
     elites: Mapping[int, str | None]
-    #: Every finished study by what it is, e.g. `4 elites, 20 seeds, 50 epochs`.
-    studies: Mapping[str, Scores]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,8 +65,6 @@ class Agreement:
     #: Largest and median absolute difference of fitness; 0 where nothing is shared.
     largest: float
     median: float
-    #: Spearman's, in [-1, 1]; None where fewer than three sources are shared, or a run gave them all one fitness.
-    rank_correlation: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,17 +77,6 @@ class Overlap:
     sources: int
     #: Niches that both fill, and those of them with one source; None if the niches differ, or a run has none.
     niches: tuple[int, int] | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudyAgreement:
-    """How the scores of one study compare in two runs."""
-
-    name: str
-    #: Rows of both, and those that are equal.
-    rows: int
-    same: int
-    first: Divergence | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +97,6 @@ class Comparison:
     overlap: Overlap
     #: The figures of each one's last generation.
     ends: tuple[Mapping[str, float | None], Mapping[str, float | None]]
-    studies: tuple[StudyAgreement, ...]
 
     @property
     def is_equal(self) -> bool:
@@ -132,13 +112,11 @@ def read_compared(path: Path) -> Compared:
     """
     run = read_run(path)
     sources = {line.id: line.source for line in run.candidates}
-    finished = [study.read_scores() for study in studies_of(path) if study.read().digest is not None]
     return Compared(
         config=run.record.config,
         has_niches=run.config.archive.kind is not ArchiveKind.best,
         lines=run.ledger.lines,
         elites={elite.niche: sources[elite.id] for elite in run.elites},
-        studies={_kind_of_study(scores): scores for scores in finished},
     )
 
 
@@ -157,9 +135,6 @@ def compare(one: Compared, other: Compared) -> Comparison:
         agreement=agreement(fitness_by_source(one.lines), fitness_by_source(other.lines)),
         overlap=_overlap(one, other),
         ends=(_end(one), _end(other)),
-        studies=tuple(
-            _study(name, one.studies[name], other.studies[name]) for name in one.studies if name in other.studies
-        ),
     )
 
 
@@ -171,18 +146,13 @@ def fitness_by_source(lines: Iterable[Line]) -> dict[str, float]:
 
 def agreement(one: Mapping[str, float], other: Mapping[str, float]) -> Agreement:
     """Compare the fitness of the sources that two runs share."""
-    from scipy.stats import spearmanr  # a second to import, which a replay would wait for
-
     shared = sorted(one.keys() & other.keys())
-    first, second = [one[source] for source in shared], [other[source] for source in shared]
-    apart = [abs(a - b) for a, b in zip(first, second, strict=True)]
-    ranked = len(shared) >= _LEAST_RANKED and len(set(first)) > 1 and len(set(second)) > 1
+    apart = [abs(one[source] - other[source]) for source in shared]
     return Agreement(
         shared=len(shared),
         same=sum(difference == 0 for difference in apart),
         largest=max(apart, default=0.0),
         median=statistics.median(apart) if apart else 0.0,
-        rank_correlation=float(spearmanr(first, second).statistic) if ranked else None,
     )
 
 
@@ -194,7 +164,6 @@ def describe(found: Comparison) -> str:
             *(f"setting {setting.field}: {setting.values[0]} and {setting.values[1]}" for setting in found.settings),
             *_agreeing(found.agreement),
             *_ends(found),
-            *(_of_study(study) for study in found.studies),
         ]
     )
 
@@ -213,10 +182,9 @@ def _parting(found: Comparison) -> list[str]:
 def _agreeing(found: Agreement) -> list[str]:
     if not found.shared:
         return ["no source was trained in both runs"]
-    ranks = "undefined" if found.rank_correlation is None else f"{found.rank_correlation:.4f}"
     return [
         f"{counted(found.shared, 'source')} trained in both: {found.same} with the same fitness; differences up to "
-        f"{found.largest:.3g}, median {found.median:.3g}; rank correlation {ranks}"
+        f"{found.largest:.3g}, median {found.median:.3g}"
     ]
 
 
@@ -231,11 +199,6 @@ def _ends(found: Comparison) -> list[str]:
         *(f"{name.replace('_', ' ')}: {one[name]} and {other[name]}" for name in _FIGURES),
         shared,
     ]
-
-
-def _of_study(study: StudyAgreement) -> str:
-    same = f"study of {study.name}: {study.same} of {study.rows} scores are equal"
-    return same if study.first is None else f"{same}; first difference: {study.first}"
 
 
 def _divergence(one: object, other: object) -> Divergence:
@@ -267,16 +230,3 @@ def _overlap(one: Compared, other: Compared) -> Overlap:
         sources=len(set(first.values()) & set(second.values())),
         niches=(len(both), sum(first[niche] == second[niche] for niche in both)) if alike else None,
     )
-
-
-def _kind_of_study(scores: Scores) -> str:
-    elites = len(scores.header.networks) - 1
-    where = f", {scores.header.where}" if scores.header.where else ""
-    return f"{elites} elites, {scores.header.seeds} seeds, {scores.header.recipe.epochs} epochs{where}"
-
-
-def _study(name: str, one: Scores, other: Scores) -> StudyAgreement:
-    pairs = list(zip(one.rows, other.rows, strict=False))
-    apart = [pair for pair in pairs if pair[0] != pair[1]]
-    first = next((_divergence(*pair) for pair in apart), None)
-    return StudyAgreement(name=name, rows=len(pairs), same=len(pairs) - len(apart), first=first)

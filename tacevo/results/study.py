@@ -1,7 +1,7 @@
 """A finished study as statistics see it: the scores of every network under every training seed, checked to be whole."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory
-from tacevo.results.study_lines import Design, FailedLine, Network, ScoreLine, Terms
-from tacevo.text import counted, listed
+from tacevo.results.study_lines import Design, FailedLine, ScoreLine, Terms
+from tacevo.text import listed
 
 BASELINE = "baseline"
 
@@ -158,40 +158,31 @@ def check_study(study: RecordedStudy) -> None:
     """Check that statistics can be made of a study.
 
     Raises:
-        RunError: the baseline is not the first network, or scores are missing, twice there, of an unknown network, or
-            of different metrics; the message names the rows.
+        RunError: the baseline is not the first network, or scores are missing, twice there, of an unknown network or
+            seed, or of different metrics; the message names the rows.
     """
     place = f"the study of {study.task}"
     names = [network.name for network in study.networks]
     if names[:1] != [BASELINE] or len(set(names)) < len(names):
         raise RunError(listed(names), place=place, expected="the baseline, then variants of different names")
-    unknown = sorted({score.network for score in study.scores} - set(names))
-    if unknown:
-        raise RunError(f"scores of {listed(unknown)}", place=place, expected=f"only scores of {listed(names)}")
+    wanted = [(name, seed) for name in names for seed in range(study.seeds)]
+    known = Counter((score.network, score.seed) for score in study.scores)
     metrics = {metric for score in study.scores for metric in score.metrics}
-    faults = [fault for network in study.networks for fault in _faults(study, network, sorted(metrics))]
-    if faults:
+    faults = {
+        "missing": [row for row in wanted if row not in known],
+        "twice": [row for row, times in known.items() if times > 1],
+        "not of the study": sorted(known.keys() - set(wanted)),
+        "without some metric": [(one.network, one.seed) for one in study.scores if one.metrics.keys() != metrics],
+    }
+    if any(faults.values()):
+        told = (
+            f"{words}: {listed((f'{name} with seed {seed}' for name, seed in rows), most=MOST)}"
+            for words, rows in faults.items()
+            if rows
+        )
         raise RunError(
-            f"{counted(len(faults), 'fault')}: {'; '.join(faults)}",
+            "; ".join(told),
             place=place,
             expected="one score for every network and seed",
             remedy="delete its directory; `tacevo study` writes it again from the store",
         )
-
-
-def _faults(study: RecordedStudy, network: Network, metrics: Collection[str]) -> Iterator[str]:
-    """List the faults of a network's scores."""
-    scores = sorted((score for score in study.scores if score.network == network.name), key=lambda score: score.seed)
-    counts = Counter(score.seed for score in scores)
-    expected = range(study.seeds)
-    for words, seeds in (
-        ("no score for", [seed for seed in expected if seed not in counts]),
-        ("more than one score for", [seed for seed, times in counts.items() if times > 1]),
-        (f"scores beyond the {study.seeds} seeds of the study, for", [seed for seed in counts if seed not in expected]),
-    ):
-        if seeds:
-            yield f"{network.name} has {words} seeds {seeds}"
-    for metric in metrics:
-        without = [score.seed for score in scores if metric not in score.metrics]
-        if without:
-            yield f"{network.name} has no {metric} for seeds {without}"

@@ -10,7 +10,7 @@ from tacevo.errors import RunError
 from tacevo.evolution.files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.tested import FailedTestError, JobScore, job_score
-from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms, name_arm
+from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms
 
 #: The arm that all others are compared with unless the sweep states another: the search as it is.
 REFERENCE = "none"
@@ -69,14 +69,13 @@ def load_sweep(path: Path, known: Mapping[str, RecordedRun] | None = None) -> Re
         known: finished runs that were read already, by their jobs' names.
 
     Raises:
-        RunError: this is not a sweep, none of its jobs is finished, an arm has a seed twice or another name than its
-            overrides give, or a run was damaged or edited or is not that of its job.
+        RunError: this is not a sweep, none of its jobs is finished, an arm has a seed twice, or a run was damaged or
+            edited or is not that of its job.
     """
     directory = SweepDirectory(path)
     record = directory.read()
     jobs, terms = record.jobs, record.terms
     _check_distinct(path, jobs)
-    _check_names(path, jobs)
     finished, missing = [], []
     for job in jobs:
         run = (known or {}).get(job.name)
@@ -141,16 +140,4 @@ def _check_distinct(path: Path, jobs: tuple[Job, ...]) -> None:
                 place=f"{path}/sweep.json",
                 expected="one job for each arm and seed",
                 remedy="sweep the settings in which they differ, so that each job has an arm of its own",
-            )
-
-
-def _check_names(path: Path, jobs: tuple[Job, ...]) -> None:
-    """Check that arms have the names of what they change; a published sweep has no overrides, and names are labels."""
-    for job in jobs:
-        if job.overrides and job.arm != name_arm(job.overrides):
-            raise RunError(
-                repr(job.arm),
-                place=f"{path}/sweep.json, arm of job {job.name}",
-                expected=f"{name_arm(job.overrides)!r}, the name that follows from its overrides",
-                remedy="restore the file; or delete it, and the command that began the sweep writes it again",
             )

@@ -6,10 +6,18 @@ from dataclasses import dataclass, replace
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
-from tacevo.costs import Spending, in_words, token_cells, total, usd
+from tacevo.costs import Spending, in_words, total
 from tacevo.evolution.chance import shortfall
 from tacevo.evolution.files import Line, eras_in_words, eras_of
-from tacevo.evolution.lines import TEMPERATURE, CandidateLine, GenerationLine, gate_stages, misreported, not_sent
+from tacevo.evolution.lines import (
+    TEMPERATURE,
+    CandidateLine,
+    GateStage,
+    GenerationLine,
+    gate_stages,
+    misreported,
+    not_sent,
+)
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import Operator
 from tacevo.results.run import answered_by
@@ -29,24 +37,14 @@ def summarise(
     elites: Collection[str],
     spent: Mapping[str, Spending],
 ) -> str:
-    """Write the summary of a run as Markdown.
+    """Write the summary of a run as Markdown: what fits one screen, what it rests on, and a table of generations.
 
-    The page has the search's size, its best networks, a table of the gate's stages, one of generations, and the cost of
-    the answers, as far as it is known. Elites, those of the network archive, and costs are by the candidates' ids.
+    Elites, those of the network archive, and costs are by the candidates' ids.
     """
-    candidates, generations = _candidates(lines), _generations(lines)
-    headline = f"{_headline(run, config, candidates.values(), len(generations))} {_data(run)}"
-    parts = [f"# {run.name}", headline, *_rules(lines), *_not_sent(candidates.values())]
-    if found := _found(run, lines, elites):
-        short = f"{found.shortfall}\n\n" if found.shortfall else ""
-        parts += [
-            f"## Found\n\n{short}Best {found.sentence} {_draws(config)}: `tacevo noise` trains the elites with other "
-            f"seeds, and `tacevo tables` says what is left of an improvement.\n\n{found.best}"
-        ]
-        parts += [_stages(candidates.values()), *_repaired(candidates.values())]
-        parts += _unpromised(candidates.values())
-        parts += [_progress(generations, config), *_costs(candidates, generations, spent)]
-    return "\n\n".join(parts) + "\n"
+    short, _ = in_short(run, config, lines, elites, spent)
+    generations = _generations(lines)
+    parts = [f"# {run.name}", short.rstrip(), _data(run), *_rules(lines), *_unpromised(_candidates(lines).values())]
+    return "\n\n".join([*parts, *([_progress(generations, config)] if generations else [])]) + "\n"
 
 
 def in_short(
@@ -56,7 +54,7 @@ def in_short(
     elites: Collection[str],
     spent: Mapping[str, Spending],
 ) -> tuple[str, bool]:
-    """Write what of the summary fits one screen: size, best networks, the gate's rate, and what was paid.
+    """Write what of a run fits one screen: size, best networks, the gate's rate, and what was paid.
 
     Where nothing was found it begins with that, and calls nothing the best.
 
@@ -69,7 +67,7 @@ def in_short(
         told = [found.shortfall, f"Lowest {found.sentence}"]
         parts += told if found.shortfall else [f"Best {found.sentence} {_draws(config)}."]
         parts += [found.best]
-        parts += ["\n".join([_rate(candidates.values()), *_paid(candidates, spent)])]
+        parts += ["\n".join([*_gate(candidates.values()), *_paid(candidates, spent)])]
     return "\n\n".join(parts) + "\n", found is None or not found.shortfall
 
 
@@ -171,32 +169,23 @@ def _fitness(line: CandidateLine) -> float:
     return math.nan if line.fitness is None else line.fitness
 
 
-def _stages(lines: Collection[CandidateLine]) -> str:
-    """Tabulate where first answers were rejected, corrected or not; what is left at the end is the paper's rate.
+def _gate(lines: Collection[CandidateLine]) -> list[str]:
+    """Say how many first answers the gate let through, where and why others ended, and what came of second ones.
 
-    Reasons are in the order of their names, as published pages have them.
+    The share that is left is the paper's rate.
     """
-    stages = gate_stages(lines)
-    rows = [
-        [one.stage.value, str(one.rejected), str(one.left), "-" if one.left_share is None else f"{one.left_share:.1%}",
-         ", ".join(f"{reason} {count}" for reason, count in sorted(one.reasons)) or "-"]
-        for one in stages
-    ]  # fmt: skip
-    page = "## Gate\n\nOf first answers; the baseline is not an answer.\n\n" + table(
-        ["stage", "rejected", "left", "of all", "reasons"], rows
-    )
-    return "\n\n".join([page, *misreported(stages)])
-
-
-def _rate(lines: Collection[CandidateLine]) -> str:
-    """Say in a line how many first answers the gate let through, and at which stages others ended."""
     stages = gate_stages(lines)
     left, share = stages[-1].left, stages[-1].left_share
     if share is None:
-        return "Gate: no model was asked."
+        return ["Gate: no model was asked."]
     answers = counted(left + sum(one.rejected for one in stages), "first answer")
-    rejected = listed(f"{one.stage} {one.rejected}" for one in stages if one.rejected)
-    return f"Gate: {left} of {answers} trained ({share:.1%}); rejected: {rejected}."
+    rejected = listed(f"{one.stage} {one.rejected} ({_reasons(one)})" for one in stages if one.rejected)
+    rate = f"Gate: {left} of {answers} trained ({share:.1%}); rejected: {rejected}."
+    return [rate, *misreported(stages), *_repaired(lines)]
+
+
+def _reasons(stage: GateStage) -> str:
+    return ", ".join(f"{reason} {count}" for reason, count in sorted(stage.reasons))
 
 
 def _repaired(lines: Collection[CandidateLine]) -> list[str]:
@@ -209,7 +198,7 @@ def _repaired(lines: Collection[CandidateLine]) -> list[str]:
     trained = sum(line.fitness is not None for line in sent_back)
     return [
         f"Repaired: {len(sent_back)} answers were sent back, {attempts} times in all; {admitted} then passed the gate, "
-        f"and {trained} of these trained. The table above counts them as rejected, where their first answer was."
+        f"and {trained} of these trained. They count as rejected above, where their first answer was."
     ]
 
 
@@ -225,34 +214,14 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in named.items() if names]
 
 
-def _costs(
-    candidates: Mapping[str, CandidateLine], generations: Sequence[GenerationLine], spent: Mapping[str, Spending]
-) -> list[str]:
-    """Add up what the answers cost when they were recorded, generation by generation."""
-    known = _known(candidates, spent)
+def _paid(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> list[str]:
+    """Say in a line what the answers cost when they were recorded; nothing where they were free."""
+    known = {name: spent[name] for name in candidates if name in spent}
     run = total(known.values())
-    if not run.answers:
-        return []
-    rows = []
-    for line in generations:
-        part = total(known[name] for name in known if candidates[name].generation == line.generation)
-        rows.append([str(line.generation), str(part.answers), *token_cells(part), usd(part)])
-    header = ["generation", "answers", "input tokens", "output tokens", "cost"]
     asked = sum(line.request is not None for line in candidates.values())
     missing = asked - sum(part.answers > 0 for part in known.values())
-    gap = f" The cost of {missing} candidates is not in timings.jsonl." if missing else ""
-    whole = f"{in_words(run)} (input + output), by the prices of the day each was recorded.{gap}"
-    return [f"## Cost\n\n{whole}\n\n{table(header, rows)}"]
-
-
-def _known(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> dict[str, Spending]:
-    return {name: spent[name] for name in candidates if name in spent}
-
-
-def _paid(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> list[str]:
-    """Say in a line what the answers cost; nothing where they were free."""
-    run = total(_known(candidates, spent).values())
-    return [f"Cost: {in_words(run)}."] if run.usd or run.unpriced else []
+    gap = f" That of {counted(missing, 'candidate')} is not in timings.jsonl." if missing else ""
+    return [f"Cost: {in_words(run)}.{gap}"] if run.usd or run.unpriced else []
 
 
 def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:

@@ -18,7 +18,6 @@ from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming
 from tacevo.studies.study import Studied, estimate_noise, study
-from tacevo.text import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,11 +48,6 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep
     retraining = Retraining(seeds=config.seeds, epochs=config.epochs, choose=config.choose)
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
-    planned = sweep.terms.plan
-    if planned is not None and planned.retraining not in {None, config.seeds}:
-        view.say(
-            f"this is not what was planned, which is {counted(planned.retraining, 'training seed')} of each network"
-        )
     return _each(directory, finished, lambda run: study(replace(config, run=run, sweep=None), view), view)
 
 

@@ -320,15 +320,6 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
         view.say(f"elites chosen by the noise run {names[plan.header.chosen_by]}{several}")
     if len(networks) <= wanted:
         view.say(f"the archive has {len(networks) - 1} elites with a source of their own, fewer than elites={wanted}")
-    planned = plan.header.plan
-    if planned is not None and terms is not None:
-        wished = (planned.seeds, planned.comparisons, planned.epochs or plan.header.recipe.epochs, planned.alpha)
-        if wished != (seeds, len(networks) - 1, plan.header.recipe.epochs, terms.alpha):
-            asked = f"{counted(wished[0], 'seed')} and {counted(wished[1], 'variant')}"
-            view.say(
-                f"this is not what was planned, which is {asked}, {counted(wished[2], 'epoch')}, alpha {wished[3]:g}"
-            )
-        view.say(f"its plan was {planned.dated}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
             f"no comparison with the baseline will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "

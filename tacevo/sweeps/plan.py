@@ -31,7 +31,7 @@ from tacevo.runs.session import needed_llm
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.status import Standing, Status, best_in_words, check_is_run_of, status_of
-from tacevo.sweeps.terms import Asked, check_varied, is_planned_by_primary, settled, with_reference
+from tacevo.sweeps.terms import Asked, check_varied, settled, with_reference
 from tacevo.text import counted
 
 #: What distinguishes jobs even if it has one value only, so that more can be added.
@@ -108,11 +108,6 @@ def sweep(
             terms = with_reference(terms, {job.arm for job in every})
             if terms.reference is None:
                 view.say("no arm is called none, so nothing is tested against it: --reference ARM names another")
-            if terms.plan is not None and not is_planned_by_primary(terms):
-                view.say(
-                    f"the plan is for {terms.plan.metric}, so its chance is not that of the primary metric, which is "
-                    f"{terms.primary}; --primary names another"
-                )
         directory.write(SweepRecord(overrides=shared, jobs=every, terms=terms))
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
         _run(directory, statuses, planned, launcher=launcher, view=view, run=run)

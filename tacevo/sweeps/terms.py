@@ -12,15 +12,8 @@ from tacevo.config.ablation import NONE
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import Kind
-from tacevo.storage.plan import Measure, SeedPlan, read_plan
+from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
-
-#: What a plan may be of, by the primary metric; others cannot be planned.
-_PLANNED_BY = {
-    Primary.test_score: {Measure.mse, Measure.accuracy},
-    Primary.best_fitness: {Measure.fitness},
-}
-
 
 #: The test score, as tables call it.
 _SCORES = {Kind.regression: "test_mse", Kind.classification: "test_accuracy"}
@@ -84,12 +77,6 @@ def with_reference(terms: SweepTerms, arms: Collection[str]) -> SweepTerms:
         expected = f"one of the arms: {', '.join(map(repr, sorted(arms)))}"
         raise ConfigError(repr(terms.reference), place="--reference", expected=expected)
     return terms
-
-
-def is_planned_by_primary(terms: SweepTerms) -> bool:
-    """Return whether the plan of a sweep, if it has one, is for its primary metric."""
-    of_primary = set() if terms.primary is None else _PLANNED_BY.get(terms.primary, set())
-    return terms.plan is None or terms.plan.metric in of_primary
 
 
 def read_primary(text: str, task: TaskConfig) -> Primary:

@@ -146,7 +146,7 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
     """The summary, and one candidate with its instruction, numbers, losses and source."""
     run = str(whole_search[0] / "run")
     assert main(["show", run]) == 0
-    assert "## Gate" in capsys.readouterr().out
+    assert "## Generations" in capsys.readouterr().out
     assert main(["show", run, "g00s00"]) == 0
     shown = capsys.readouterr().out
     assert "this is the task's baseline" in shown

@@ -131,7 +131,7 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     path.write_text(path.read_text() + "# edited\n")
     assert main(["tables", str(run)]) == 0
     told = capsys.readouterr()
-    assert "no tables of motifs: " in told.err
+    assert "no table of motifs: " in told.err
     assert "g00s00.py" in told.err
     assert (run / "tables" / "gate.md").exists()
     assert not (run / "tables" / "more" / "motifs.md").exists()
@@ -241,5 +241,5 @@ def test_no_code_of_a_published_candidate_runs(
     entries = [entry for entry in entries_of(members) if entry["kind"] != "probes"]
     stripped = resealed(with_entries(members, entries), tmp_path / "stripped.zip")
     assert main(["tables", str(stripped), "-o", str(tmp_path / "out")]) == 0
-    assert "no tables of motifs" in capsys.readouterr().err
+    assert "no table of motifs" in capsys.readouterr().err
     assert not (tmp_path / "out" / "more" / "motifs.md").exists()

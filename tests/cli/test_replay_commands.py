@@ -23,7 +23,7 @@ def without_sandbox(published: Path, swept: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_edited_summary_in_a_folder_is_found(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It follows from the records; where another version wrote it, that is said, too."""
-    (run / "summary.md").write_text((run / "summary.md").read_text().replace("Best fitness 0", "Best fitness -0"))
+    (run / "summary.md").write_text((run / "summary.md").read_text().replace("Lowest fitness 0", "Lowest fitness -0"))
     described = json.loads((run / "run.json").read_text())
     described["versions"]["tacevo"] = "0.0.1"
     (run / "run.json").write_text(json.dumps(described))

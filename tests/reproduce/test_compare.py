@@ -4,13 +4,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from ledger_lines import candidate, ended, header, score, study_header, trained
+from ledger_lines import candidate, ended, header, trained
 
 from tacevo.evolution.files import Line, RunLine
 from tacevo.reproduce.compare import Compared, agreement, compare, describe, fitness_by_source
-from tacevo.results.study_directory import Scores
 
-HEADER, STUDY = header(), study_header()
+HEADER = header()
 
 
 def recorded(*lines: Line, first: RunLine = HEADER, **changes: Any) -> Compared:
@@ -20,7 +19,6 @@ def recorded(*lines: Line, first: RunLine = HEADER, **changes: Any) -> Compared:
         has_niches=True,
         lines=(first, *lines),
         elites={0: "source 00", 4: "source 01"},
-        studies={},
     )
     return replace(run, **changes)
 
@@ -81,22 +79,11 @@ def test_settings_that_differ_are_listed_but_not_where_the_runs_lie() -> None:
 
 
 def test_agreement_is_that_of_equal_sources_only() -> None:
-    """By hand: of three shared sources one is equal, the others are 0.1 and 0.3 apart; two that swap ranks give 1/2."""
+    """By hand: of three shared sources one is equal, the others are 0.1 and 0.3 apart."""
     found = agreement({"a": 1.0, "b": 2.0, "c": 3.0, "d": 9.0}, {"a": 1.0, "b": 2.1, "c": 3.3, "e": 0.0})
     assert (found.shared, found.same) == (3, 1)
     assert found.largest == pytest.approx(0.3)
     assert found.median == pytest.approx(0.1)
-    assert found.rank_correlation == pytest.approx(1.0)
-    swapped = agreement({"a": 1.0, "b": 2.0, "c": 3.0}, {"a": 2.0, "b": 1.0, "c": 3.0})
-    assert swapped.rank_correlation == pytest.approx(0.5)  # 1 - 6 * (1 + 1) / (3 * 8)
-
-
-@pytest.mark.parametrize(
-    ("one", "other"), [({}, {}), ({"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 3.0}), ({"a": 1, "b": 1, "c": 1},) * 2]
-)
-def test_ranks_that_say_nothing_are_undefined(one: dict[str, float], other: dict[str, float]) -> None:
-    """Too few sources, or all alike, have no rank correlation, and no warning comes of asking."""
-    assert agreement(one, other).rank_correlation is None
 
 
 def test_rejected_candidate_has_no_fitness_to_compare() -> None:
@@ -129,14 +116,3 @@ def test_places_of_the_best_are_not_compared() -> None:
     found = compare(best, best)
     assert (found.overlap.niches, found.overlap.sources) == (None, 2)
     assert "niches are not compared" in describe(found)
-
-
-def test_studies_of_one_kind_are_compared_row_by_row() -> None:
-    """The header, which names the run, is left out; a study that one run lacks is passed over."""
-    rows = tuple(score("variant 1", seed, 0.1 * seed) for seed in range(3))
-    one = Scores(header=STUDY, rows=rows, hashes=())
-    other = Scores(header=STUDY, rows=(*rows[:2], score("variant 1", 2, 0.7)), hashes=())
-    (study,) = compare(replace(RUN, studies={"s": one, "x": one}), replace(RUN, studies={"s": other})).studies
-    assert (study.rows, study.same) == (3, 2)
-    assert study.first is not None
-    assert (study.first.place, study.first.field) == ("variant 1, seed 2", "metrics.mse")

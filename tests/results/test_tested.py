@@ -140,10 +140,9 @@ def test_failure_counts_only_of_the_network_that_was_found(run: Path) -> None:
         with_failure("variant 1")
 
 
-def test_score_needs_a_value_of_every_seed(run: Path) -> None:
+def test_score_needs_every_seed(run: Path) -> None:
     """A median over fewer would be another one."""
     study = studied(0.5, 0.4, 0.45)
-    own = [row for row in study.scores if row.network == "variant 1"]
-    rows = [replace(row, metrics={"mse": value}) for row, value in zip(own, (0.3, 0.5), strict=False)]
-    with refused(RunError, place="variant 1", expected="3 scores", got="(0.3, 0.5)"):
-        _score(read_run(run), study, rows)
+    rows = [row for row in study.scores if row.network == "variant 1"]
+    with refused(RunError, place="variant 1", expected="3 scores"):
+        _score(read_run(run), study, rows[:2])

@@ -20,7 +20,7 @@ def test_profiles_are_those_of_the_ledger(folder: Path) -> None:
     assert [(name, profile.parameters) for name, profile in profiles.items()] == [
         (candidate.id, candidate.parameters) for candidate in hand.trained
     ]
-    assert read_anatomies(hand, profiles)["g00s00"].head == (512, 3)
+    assert read_anatomies(hand, profiles)["g00s00"].hidden == 512
 
 
 def test_missing_probe_is_an_error(folder: Path) -> None:

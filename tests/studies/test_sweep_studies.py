@@ -215,30 +215,18 @@ def test_score_that_no_training_gave_is_found_in_a_published_sweep(
 
 
 @pytest.mark.slow
-def test_noise_runs_of_all_jobs_give_the_arms_corrected_archives(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Recorded beside re-estimated, of the elites alone; where a job has none there is no table, and a note says so."""
+def test_every_job_has_a_noise_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of all its elites, with the seeds that were asked for."""
     assert main(["noise", "sweep=sweep", "seeds=2", "store.root=cache"]) == 0
     assert "tacevo ablations sweep" in capsys.readouterr().out
-    assert main(["ablations", "sweep", "--store", "cache", "-o", "all"]) == 0
-    with Path("all/more/ablation_corrected.csv").open(encoding="utf-8", newline="") as file:
-        (row,) = (row for row in csv.DictReader(file) if row["arm"] == "fixed_temperature")
-    (lines,) = folder.glob("sweep/fixed_temperature-seed0/studies/noise*/scores.jsonl")
-    rows = [json.loads(line) for line in lines.read_text().splitlines()[1:]]
-    archive = json.loads((folder / "sweep" / "fixed_temperature-seed0" / "archive.json").read_text())
-    elites = {elite["id"]: elite["fitness"] for elite in archive["elites"]}
-    medians = {name: median(row["validation_loss"] for row in rows if row["id"] == name) for name in elites}
-    assert float(row["best fitness"]) == pytest.approx(min(elites.values()), rel=1e-8)
-    assert float(row["best fitness, corrected"]) == pytest.approx(min(medians.values()), rel=1e-8)
-    assert float(row["QD-score, corrected"]) <= sum(1 / (1 + loss) for loss in medians.values()) + 1e-8
-    (noise,) = folder.glob("sweep/none-seed1/studies/noise*")
-    for spoil in (lambda: (noise / "study.json").write_text("damaged"), lambda: shutil.rmtree(noise)):
-        spoil()
-        assert main(["ablations", "sweep", "--store", "cache", "-o", "some"]) == 0
-        assert not Path("some/more/ablation_corrected.csv").exists()
-        notes = Path("some/ablation.md").read_text()
-        assert "No corrected figures: tacevo noise has not trained all elites of none-seed1 again." in notes
+    runs = [path.parent for path in folder.glob("sweep/*/archive.json")]
+    assert len(runs) > 1
+    for run in runs:
+        (lines,) = run.glob("studies/noise*/scores.jsonl")
+        rows = [json.loads(line) for line in lines.read_text().splitlines()[1:]]
+        elites = {elite["id"] for elite in json.loads((run / "archive.json").read_text())["elites"]}
+        assert elites <= {row["id"] for row in rows}
+        assert {row["seed"] for row in rows} == {0, 1}
 
 
 def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.results.sweep_jobs import check_jobs
-from tacevo.storage.plan import Measure, plan_text
+from tacevo.storage.plan import plan_text
 from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms
 from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.searches import overrides_of
@@ -185,26 +185,6 @@ def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
     with refused(RunError, place="terms.plan", expected="the plan for 12 jobs of each arm", got="for 4 jobs"):
         begun(MODELS, Asked(plan=Path("plan.json")))
     assert directory.read().terms.plan == PLAN
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize(
-    ("metric", "primary", "told"),
-    [
-        (Measure.mse, None, False),
-        (Measure.fitness, None, True),
-        (Measure.fitness, Primary.best_fitness, False),
-        (Measure.mse, Primary.coverage, True),
-    ],
-)
-def test_plan_for_another_metric_than_the_primary_is_told(
-    metric: Measure, primary: Primary | None, told: bool, place: Path
-) -> None:
-    """Its chance does not hold for the metric that arms are compared by first."""
-    Path("plan.json").write_text(plan_text(replace(PLAN, metric=metric)))
-    view = Heard()
-    sweep(MODELS, str(ALL), view, Launched(), asked=Asked(plan=Path("plan.json"), primary=primary))
-    assert any(line.startswith(f"the plan is for {metric},") for line in view.lines) is told
 
 
 def test_plan_of_another_task_is_refused_before_a_job_runs(place: Path) -> None:

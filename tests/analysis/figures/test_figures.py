@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawings import CALIBRATED, CENTROIDS, ELITES, FORCES, MEDIANS, RUN, SLOTS, confused, of_networks
+from drawings import CENTROIDS, ELITES, FORCES, MEDIANS, RUN, SLOTS, confused, of_networks
 from hand_runs import altered, bounds_of, closed, run, trained
-from kept import gratings
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -17,12 +16,10 @@ from studies import study_of
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
-from analysis.figures.studies import confusion_matrices, reliability, seed_boxes
+from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
-from analysis.report.figure_list import study_pictures
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.studies.images import image_findings
 from tacevo.records import Kind
 
 
@@ -231,15 +228,6 @@ def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
     found = {tuple(map(int, text.get_position())): text.get_text() for text in axes.texts}
     assert found == {(0, 0): "4\n100", (1, 1): "2\n67", (2, 1): "1\n33", (2, 2): "3\n100"}
-
-
-def test_reliability_of_a_classification_is_among_its_pictures() -> None:
-    """With a panel for each network, and none beside them."""
-    study, predictions = gratings()
-    found = image_findings(study, predictions)
-    names = [picture.name for picture in study_pictures(study, None, found)]
-    assert names == [f"{name}_{study.task}" for name in ("seed_boxes", "confusion_matrices", "reliability")]
-    assert len(reliability(CALIBRATED * 2).axes) == 2 * len(CALIBRATED) < 6
 
 
 def test_confusion_shows_every_network_at_its_median_seed() -> None:

@@ -9,7 +9,7 @@ from motif_cases import SIZE, anatomy_of, profile_of
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
-from analysis.motifs.attention import AttentionKind, find_attention
+from analysis.motifs.attention import find_gates
 from analysis.motifs.step_graph import Flow
 
 C = 8
@@ -63,7 +63,7 @@ def rescaled(net: Weighted, x: Tensor) -> Tensor:
 
 
 def fused_positions(net: Weighted, x: Tensor) -> Tensor:
-    """The function that torch's layer is made of; query, key and value come from one layer."""
+    """The function that torch's layer is made of, whose weights no step applies."""
     return F.scaled_dot_product_attention(*net.qkv(net.tokens(x)).chunk(3, dim=-1)).mean(1)
 
 
@@ -94,31 +94,30 @@ def soft_argmax(net: Weighted, x: Tensor) -> Tensor:
     return weights @ torch.linspace(0, 1, weights.shape[-1])
 
 
-ATTENDING: dict[str, tuple[AttentionKind, Attend]] = {
-    "gate": (AttentionKind.spatial, spatial_gate),
-    "gate that no layer computes": (AttentionKind.spatial, lambda net, x: x.mean(1, keepdim=True).sigmoid().mul(x)),
-    "gate written out for every channel": (AttentionKind.spatial, lambda net, x: net.one(x).sigmoid().expand_as(x) * x),
+#: Whether the weights are of positions, and the network.
+ATTENDING: dict[str, tuple[bool, Attend]] = {
+    "gate": (True, spatial_gate),
+    "gate that no layer computes": (True, lambda net, x: x.mean(1, keepdim=True).sigmoid().mul(x)),
+    "gate written out for every channel": (True, lambda net, x: net.one(x).sigmoid().expand_as(x) * x),
     "softmax over positions": (
-        AttentionKind.spatial,
+        True,
         lambda net, x: (x * F.softmax(net.one(x).flatten(1), 1).view(len(x), 1, *x.shape[2:])).sum((2, 3)),
     ),
     "weighted mean as a matrix product": (
-        AttentionKind.spatial,
+        True,
         lambda net, x: torch.bmm(x.flatten(2), F.softmax(net.one(x).flatten(2), dim=-1).mT).squeeze(2),
     ),
-    "gate on a smaller map": (AttentionKind.spatial, rescaled),
-    "squeeze and excitation": (AttentionKind.channel, lambda net, x: x * net.excitation(x)[:, :, None, None]),
+    "gate on a smaller map": (True, rescaled),
+    "squeeze and excitation": (False, lambda net, x: x * net.excitation(x)[:, :, None, None]),
     "excitation by an Einstein sum": (
-        AttentionKind.channel,
+        False,
         lambda net, x: torch.einsum("nchw,nc->nchw", x, net.excitation(x)),
     ),
-    "moved and scaled gate": (AttentionKind.channel, shifted_excitation),
-    "weight for every value": (AttentionKind.element, lambda net, x: x * torch.sigmoid(net.full(x))),
-    "layer over positions": (AttentionKind.self, lambda net, x: net.layer(*[net.tokens(x)] * 3)[0].mean(1)),
-    "function over positions": (AttentionKind.self, fused_positions),
-    "positions by hand": (AttentionKind.self, positions_by_hand),
-    "positions whose scores come twice": (AttentionKind.self, scores_twice),
-    "positions by Einstein sums": (AttentionKind.self, summed_positions),
+    "moved and scaled gate": (False, shifted_excitation),
+    "weight for every value": (False, lambda net, x: x * torch.sigmoid(net.full(x))),
+    "positions by hand": (False, positions_by_hand),
+    "positions whose scores come twice": (False, scores_twice),
+    "positions by Einstein sums": (False, summed_positions),
 }
 
 
@@ -145,31 +144,31 @@ DECOYS: dict[str, nn.Module] = {
     ),
     "activation by hand": Weighted(lambda net, x: x * torch.sigmoid(x)),
     "product of maps that nothing holds in a range": Weighted(lambda net, x: x * net.one(x)),
-    "single key, whose weight is 1": Weighted(
-        lambda net, x: net.layer(*[x.mean((2, 3)).unsqueeze(1)] * 3)[0].squeeze(1)
-    ),
     "image as a weight": ImageAsWeight(),
     "where the map is brightest": Weighted(soft_argmax),
+    "layer over positions": Weighted(lambda net, x: net.layer(*[net.tokens(x)] * 3)[0].mean(1)),
+    "function over positions": Weighted(fused_positions),
 }
 
 
-@pytest.mark.parametrize(("kind", "attend"), ATTENDING.values(), ids=ATTENDING)
-def test_attention_is_found_however_it_is_written(kind: AttentionKind, attend: Attend) -> None:
-    """One place, of one kind."""
-    found = find_attention(Flow.of(profile_of(Weighted(attend))))
-    assert [attending.kind for attending in found] == [kind]
+@pytest.mark.parametrize(("is_spatial", "attend"), ATTENDING.values(), ids=ATTENDING)
+def test_gate_is_found_however_it_is_written(is_spatial: bool, attend: Attend) -> None:
+    """One place, and what its weights are of."""
+    assert [gate.is_spatial for gate in find_gates(Flow.of(profile_of(Weighted(attend))))] == [is_spatial]
 
 
 @pytest.mark.parametrize("decoy", DECOYS.values(), ids=DECOYS)
-def test_decoy_attends_to_nothing(decoy: nn.Module) -> None:
+def test_decoy_has_no_gate(decoy: nn.Module) -> None:
     """What is called attention, looks like it, or has no effect is none."""
-    assert find_attention(Flow.of(profile_of(decoy))) == ()
+    assert find_gates(Flow.of(profile_of(decoy))) == ()
 
 
-@pytest.mark.parametrize("attend", [spatial_gate, shifted_excitation, rescaled])
-def test_gate_is_no_part_of_the_trunk(attend: Attend) -> None:
+@pytest.mark.parametrize(
+    ("attend", "is_spatial"), [(spatial_gate, True), (shifted_excitation, False), (rescaled, True)]
+)
+def test_gate_is_no_part_of_the_trunk(attend: Attend, is_spatial: bool) -> None:
     """Its convolution is not a block, nor its sigmoid an activation, its pooling a pooling, x + x * gate a shortcut."""
-    assert replace(anatomy_of(Weighted(attend)), attention=frozenset()) == anatomy_of(Weighted())
+    assert anatomy_of(Weighted(attend)) == replace(anatomy_of(Weighted()), has_spatial_attention=is_spatial)
 
 
 def test_images_have_more_positions_than_channels() -> None:

@@ -22,9 +22,8 @@ CHANGES = {
     ("grating", 4): _GRATING | {"residual connection"},
 }
 
-#: Says nothing here: the number of blocks has a test of its own, and widths are compared one by one in order, so that
-#: a further convolution in the first block moves all others.
-BESIDE = {"2 to 4 convolutional blocks", "narrower convolutions"}
+#: Says nothing here: the number of blocks has a test of its own.
+BESIDE = {"2 to 4 convolutional blocks"}
 
 #: Attributes conv1, conv2, ... of the force variants: 3 to 2 blocks twice, and a fourth one.
 BLOCKS = {1: 2, 2: 2, 3: 3, 4: 4}

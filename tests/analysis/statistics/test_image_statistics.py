@@ -1,4 +1,4 @@
-"""Promise: tests and intervals over images are those of SciPy and statsmodels, and have equal bits everywhere."""
+"""Promise: tests and intervals over images are those of SciPy, and have equal bits everywhere."""
 
 import itertools
 from fractions import Fraction
@@ -7,39 +7,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import softmax
 from scipy.stats import rankdata, wilcoxon
-from statsmodels.stats.contingency_tables import mcnemar as reference
 
 from analysis.statistics.images import (
     average,
     image_weights,
-    mcnemar,
     mean_difference,
+    predicted,
+    probabilities,
     resampled_means,
     signed_rank,
     squared_errors,
 )
 
-ANSWERS = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=60)
-
 #: A few sizes, so that differences tie and vanish.
 ERRORS = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=9)
-
-
-@given(ANSWERS)
-def test_mcnemar_is_statsmodels(answers: list[tuple[bool, bool]]) -> None:
-    """Exact, by the images that one alone is right on; without any, nothing speaks against equality."""
-    first, second = (np.array(each) for each in zip(*answers, strict=True))
-    found = mcnemar(first, second)
-    counts = [[int((first & second).sum()), found.first], [found.second, int((~first & ~second).sum())]]
-    assert found.p == pytest.approx(min(reference(counts, exact=True).pvalue, 1.0))
-    assert found.lead == found.first - found.second == -mcnemar(second, first).lead
-    assert found.p == mcnemar(second, first).p
-
-
-def test_mcnemar_by_hand() -> None:
-    """Right alone on five images and on none: twice 1 / 32."""
-    assert mcnemar([True] * 5 + [False], [False] * 6).p == 0.0625
 
 
 @given(ERRORS)
@@ -69,7 +52,7 @@ def test_tied_signed_ranks_are_scipys_approximation() -> None:
 
 def test_networks_that_err_alike_do_not_differ() -> None:
     """No division by nothing, and no warning."""
-    assert signed_rank([1.0, 2.0], [1.0, 2.0]).p == mcnemar([True, False], [True, False]).p == 1.0
+    assert signed_rank([1.0, 2.0], [1.0, 2.0]).p == 1.0
 
 
 def test_smaller_error_on_more_images_is_not_always_ahead() -> None:
@@ -154,3 +137,11 @@ def test_average_and_squared_errors_by_hand() -> None:
     mean = average([np.array([[1.0, 2.0], [3.0, 4.0]], np.float32), np.array([[3.0, 2.0], [3.0, 0.0]], np.float32)])
     assert mean.tolist() == [[2.0, 2.0], [3.0, 2.0]]
     assert squared_errors(mean, [[1.0, 2.0], [0.0, 2.0]]).tolist() == [0.5, 4.5]
+
+
+def test_probabilities_are_scipys_softmax() -> None:
+    """Without overflow; equal logits give equal probabilities, of which the first is predicted."""
+    logits = np.random.default_rng(0).normal(size=(50, 5)) * 30
+    assert probabilities(logits) == pytest.approx(softmax(logits, axis=1), abs=1e-12)
+    assert probabilities([[1e30, 1e30, 0.0]]).tolist() == [[0.5, 0.5, 0.0]]
+    assert predicted(np.array([[0.1, 0.1 + 0.2, 0.3, 0.3]])).tolist() == [1]

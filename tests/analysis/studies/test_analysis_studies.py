@@ -72,17 +72,17 @@ def failed(scores: list[Row]) -> list[Row]:
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        (lambda scores: scores[:4], "variant 1 has no score for seeds [1, 2]"),
-        (lambda scores: [*scores[:1], *scores[2:]], "baseline has no score for seeds [1]"),
+        (lambda scores: scores[:4], "missing: variant 1 with seed 1, variant 1 with seed 2"),
+        (lambda scores: [*scores[:1], *scores[2:]], "missing: baseline with seed 1"),
         (
             lambda scores: [*scores, replace(scores[0], seed=3)],
-            "baseline has scores beyond the 3 seeds of the study, for seeds [3]",
+            "not of the study: baseline with seed 3",
         ),
-        (lambda scores: [*scores, scores[2]], "baseline has more than one score for seeds [2]"),
+        (lambda scores: [*scores, scores[2]], "twice: baseline with seed 2"),
         (failed, "2 that failed (out_of_time): baseline with seed 1, variant 1 with seed 2"),
         (
             lambda scores: [*scores[:5], replace(scores[5], metrics={"mae": 1.0})],
-            "variant 1 has no mse for seeds [2]",
+            "without some metric: baseline with seed 0",
         ),
     ],
 )

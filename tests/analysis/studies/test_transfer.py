@@ -10,13 +10,13 @@ from studies import around, study_of
 
 from analysis.report.collection import Collection, Compared, tables_of, with_largest_studies
 from analysis.runs.niches import Niches
-from analysis.studies.comparison import Verdict, compare
-from analysis.studies.transfer import OWN, transfers
+from analysis.studies.comparison import compare
+from analysis.studies.transfer import is_alone, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
-from analysis.tables.transfer import counts_table, transfer_table, transfer_tables
+from analysis.tables.transfer import OWN, transfer_table
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
@@ -54,57 +54,26 @@ def collection(*studies: RecordedStudy) -> Collection:
     return Collection(run=searched, niches=niches, studies=tuple(compared), reestimates=(), left_out=())
 
 
-def test_ranks_and_verdicts_are_those_of_each_data_set() -> None:
+def test_table_is_network_by_data_set() -> None:
     """The run's own data come first; by hand, the variants change places on the other split."""
     studies = [study for study, _ in both()]
     (found,) = transfers((study, compare(study)) for study in studies)
-    first, second = found.data
-    assert (first.where, second.where) == (OWN, "split_seed=7")
-    assert {name: one.rank for name, one in first.results.items()} == {"baseline": 2, "a": 1, "b": 3}
-    assert {name: one.rank for name, one in second.results.items()} == {"baseline": 2, "a": 3, "b": 1}
-    assert [one.verdict for one in first.results.values()] == [None, Verdict.better, Verdict.worse]
-    assert [one.verdict for one in second.results.values()] == [None, Verdict.worse, Verdict.better]
-    assert (first.agreement, second.agreement) == (None, -1)
-
-
-def test_table_is_network_by_data_set() -> None:
-    """A row for each pair, and the counts of a network over all data sets."""
-    studies = [study for study, _ in both()]
-    (found,) = transfers((study, compare(study)) for study in studies)
-    rows = [(*row[:3], *row[3:5], row[6]) for row in transfer_table(found).rows]
-    assert rows == [
-        (OWN, 1, "baseline", 0.02, 2, None),
-        (OWN, 1, "a", 0.01, 1, "better"),
-        (OWN, 1, "b", 0.04, 3, "worse"),
-        ("split_seed=7", 1, "baseline", 0.02, 2, None),
-        ("split_seed=7", 1, "a", 0.04, 3, "worse"),
-        ("split_seed=7", 1, "b", 0.01, 1, "better"),
+    assert [(*row[:4], row[5]) for row in transfer_table(found).rows] == [
+        (OWN, 1, "baseline", 0.02, None),
+        (OWN, 1, "a", 0.01, "better"),
+        (OWN, 1, "b", 0.04, "worse"),
+        ("split_seed=7", 1, "baseline", 0.02, None),
+        ("split_seed=7", 1, "a", 0.04, "worse"),
+        ("split_seed=7", 1, "b", 0.01, "better"),
     ]
-    assert "split_seed=7 \N{MINUS SIGN}1.00" in transfer_table(found).notes[-1]
-    assert counts_table(found).columns[4:] == ("better", "worse", "equivalent", "undecided")
-    assert counts_table(found).rows == (
-        ("baseline", 2, 2, 2, None, None, None, None),
-        ("a", 2, 1, 3, 1, 1, 0, 0),
-        ("b", 2, 1, 3, 1, 1, 0, 0),
-    )
 
 
-def test_accuracy_is_better_where_it_is_larger() -> None:
-    """Ranks follow the metric; shares are percentages, and a tie shares the lower number."""
-    values = {"baseline": [0.5] * 4, "a": [0.5] * 4, "b": [0.75] * 4}
-    own = study_of(values, kind=Kind.classification)
+def test_shares_are_percentages() -> None:
+    """And without a comparison, there are the medians."""
+    own = study_of({"baseline": [0.5] * 4, "a": [0.5] * 4, "b": [0.75] * 4}, kind=Kind.classification)
     moved = replace(own, data=replace(own.data, fingerprint="e" * 64), other_data=(("light", "dim"),))
     (found,) = transfers([(own, None), (moved, None)])
-    assert [one.rank for one in found.data[1].results.values()] == [2, 2, 1]
-    assert transfer_table(found).rows[2][3] == Percent(0.75)
-
-
-def test_baseline_alone_has_nothing_to_count() -> None:
-    """Its scores on each data set are a table all the same."""
-    alone = {"baseline": ONE["baseline"]}
-    (found,) = transfers([(study_of(alone), None), (elsewhere(alone, 1), None)])
-    (table,) = transfer_tables(found)
-    assert len(table.rows) == 2
+    assert transfer_table(found).rows[2][3:] == (Percent(0.75), None, None)
 
 
 def test_studies_that_differ_otherwise_are_not_set_beside_each_other() -> None:
@@ -122,7 +91,7 @@ def test_warning_of_one_split_goes_with_a_second_one() -> None:
     assert warned == {"study1/scores", "study1/verdicts"}
     tables = tables_of(collection(study_of(ONE), elsewhere(OTHER, 7)), None)
     assert not [table.name for table in tables if ONE_SPLIT in table.notes]
-    assert {"study1/transfer", "study1/transfer_counts"} <= {table.name for table in tables}
+    assert "study1/transfer" in {table.name for table in tables}
 
 
 def test_study_on_other_data_says_so() -> None:
@@ -155,7 +124,7 @@ def test_study_that_follows_a_plan_is_compared_with_one_elsewhere() -> None:
     written = plan(pilot, Wish(effect=0.1, alpha=0.05, power=0.8, comparisons=2)).plan
     planned, other = replace(study_of(ONE), plan=written), elsewhere(OTHER, 7)
     (found,) = transfers([(planned, None), (study_of(ONE), None), (other, None)])
-    assert [on.where for on in found.data] == [OWN, "split_seed=7"]
-    assert found.has(planned)
-    assert found.has(study_of(ONE))
+    assert [study.where for study, _ in found] == ["", "split_seed=7"]
+    assert not is_alone(planned, [other])
+    assert is_alone(planned, [study_of(ONE)])
     assert not transfers([(planned, None), (study_of(ONE), None)])

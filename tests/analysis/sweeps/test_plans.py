@@ -14,10 +14,10 @@ from refusals import refused
 from studies import FOUR, study_of
 
 from analysis.statistics.planning import Spread, median_deviation
-from analysis.sweeps.pilots import Pilot, spread_of, study_pilot, sweep_pilot
+from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import RETRAININGS, Wish, plan
 from analysis.table import Percent
-from analysis.tables.plan import plan_table, planned_table
+from analysis.tables.plan import plan_notes, plan_table
 from tacevo.choices import ChosenBy
 from tacevo.costs import Spending
 from tacevo.errors import RunError
@@ -51,52 +51,46 @@ PLANNED = functools.cache(functools.partial(plan, SWEEP, WISH))
 def test_costs_of_a_study_by_hand() -> None:
     """Each network with each seed, for all epochs; an epoch takes a thousandth of an hour."""
     planned = plan(STUDY, WISH)
-    assert [way.cautious for way in planned.ways] == [False, True]
-    for way in planned.ways:
-        assert way.needed.seeds is not None
-        assert (way.trainings, way.searches) == (3 * way.needed.seeds, 0)
-        assert way.epochs == 150 * way.needed.seeds
-        assert way.hours == pytest.approx(way.epochs / 1000)
-    assert planned.chosen is planned.ways[1]
-    own, cautious = (way.needed.seeds or 0 for way in planned.ways)
-    assert own < cautious
+    (way,) = planned.ways.itertuples()
+    assert (way.trainings, way.searches, way.epochs) == (3 * way.seeds, 0, 150 * way.seeds)
+    assert way.hours == pytest.approx(way.epochs / 1000)
+    assert planned.chosen == way.Index
+
+
+def test_plan_is_cautious() -> None:
+    """It takes the upper limit of the pilot's spread, so that a smaller pilot needs more seeds."""
+    small, large = (plan(replace(STUDY, spread=Spread(deviation=0.1, freedom=n)), WISH) for n in (4, 1000))
+    assert small.ways.spread[0] == Spread(deviation=0.1, freedom=4).upper > 0.1
+    assert small.ways.seeds[0] > large.ways.seeds[0]
 
 
 def test_costs_of_a_sweep_by_hand() -> None:
     """Three arms: so many searches, and a training of each job's network and of the baseline with each seed."""
     planned = PLANNED()
-    assert [way.retraining for way in planned.ways] == [*RETRAININGS, *RETRAININGS]
-    for way in planned.ways:
-        seeds, number = way.needed.seeds or 0, way.retraining or 0
-        assert (way.searches, way.trainings) == (3 * seeds, 4 * seeds * number)
+    assert planned.ways.retraining.tolist() == list(RETRAININGS)
+    for way in planned.ways.itertuples():
+        assert (way.searches, way.trainings) == (3 * way.seeds, 4 * way.seeds * way.retraining)
         assert way.epochs == 1000 * way.searches + 50 * way.trainings
-        spread = SWEEP.spread.upper if way.cautious else 0.1
-        between = math.sqrt(spread**2 - 0.05**2)
-        assert way.spread == pytest.approx(math.hypot(between, 0.2 * median_deviation(number)), rel=1e-8)
-    assert planned.chosen is not None
-    assert planned.chosen.epochs == min(way.epochs for way in planned.ways if way.cautious)
+        between = math.sqrt(SWEEP.spread.upper**2 - 0.05**2)
+        assert way.spread == pytest.approx(math.hypot(between, 0.2 * median_deviation(int(way.retraining))), rel=1e-8)
+    assert planned.ways.epochs[planned.chosen] == planned.ways.epochs.min()
 
 
 def test_plan_holds_what_was_chosen() -> None:
     """All that the choice followed from, and what came out."""
     planned = PLANNED()
-    written, chosen = planned.plan, planned.chosen
+    written, chosen = planned.plan, planned.ways.loc[planned.chosen]
     assert written is not None
-    assert chosen is not None
     assert (written.effect, written.power, written.comparisons, written.pilots) == (0.1, 0.8, 2, ("a",))
-    assert (written.seeds, written.retraining, written.spread) == (
-        chosen.needed.seeds,
-        chosen.retraining,
-        chosen.spread,
-    )
+    assert (written.seeds, written.retraining, written.spread) == (chosen.seeds, chosen.retraining, chosen.spread)
 
 
 def test_unreachable_effect_has_no_plan_and_no_costs() -> None:
     """The table says that all seeds that were tried do not suffice."""
     planned = plan(STUDY, replace(WISH, effect=0.001))
     assert (planned.chosen, planned.plan) == (None, None)
-    row = dict(zip(plan_table(planned).columns, plan_table(planned).rows[1], strict=True))
-    assert (row["seeds"], row["full trainings"], row["hours"]) == ("more than 200", None, None)
+    row = dict(zip(plan_table(planned).columns, plan_table(planned).rows[0], strict=True))
+    assert (row["seeds"], row["full trainings"], row["hours"], row["plan"]) == ("more than 200", None, None, None)
 
 
 def test_accuracy_has_an_effect_in_its_own_unit() -> None:
@@ -104,7 +98,8 @@ def test_accuracy_has_an_effect_in_its_own_unit() -> None:
     accuracy = replace(STUDY, metric=Measure.accuracy, spread=Spread(deviation=0.02, freedom=1000))
     error = replace(STUDY, spread=Spread(deviation=-math.log(0.98), freedom=1000))
     wish = replace(WISH, effect=0.02)
-    assert plan(accuracy, wish).ways[0].needed == plan(error, wish).ways[0].needed
+    needed = [plan(pilot, wish).ways[["seeds", "chance"]].to_dict() for pilot in (accuracy, error)]
+    assert needed[0] == needed[1]
     assert "2.00 percentage points of test accuracy" in plan_table(plan(accuracy, wish)).caption
 
 
@@ -112,7 +107,7 @@ def test_table_marks_the_plan() -> None:
     """One row of all."""
     table = plan_table(PLANNED())
     assert [row[-1] for row in table.rows].count("chosen") == 1
-    assert table.rows[0][4] == Percent(PLANNED().ways[0].needed.chance)
+    assert table.rows[0][3] == Percent(PLANNED().ways.chance[0])
 
 
 def test_pilot_of_a_study_pools_its_networks() -> None:
@@ -144,12 +139,6 @@ def test_study_without_a_spread_is_not_a_pilot(values: Mapping[str, Sequence[flo
     """One seed does not spread, and 0 has no logarithm."""
     with refused(RunError, place=place):
         study_pilot([(run([trained(0, 0)], []), study_of(values))])
-
-
-@pytest.mark.parametrize("values", [[0.1], [0.1, 0.0]])
-def test_study_without_a_spread_has_none_beside_its_plan(values: Sequence[float]) -> None:
-    """The table of what was planned and done stays, with an empty cell."""
-    assert spread_of(study_of({"baseline": values})) is None
 
 
 def test_pilots_of_two_tasks_are_refused() -> None:
@@ -230,16 +219,17 @@ def test_sweep_without_every_test_is_planned_by_its_best_fitness() -> None:
     assert (found.metric, found.epochs, found.within) == ("fitness", None, 0)
     assert found.spread.deviation == pytest.approx(math.log(0.6 / 0.5) / math.sqrt(2), rel=1e-8)
     planned = plan(found, replace(WISH, effect=0.5))
-    assert [way.retraining for way in planned.ways] == [None, None]
+    assert planned.ways.retraining.isna().tolist() == [True]
     assert any("not every job of the pilot has a test score" in note for note in plan_table(planned).notes)
     with refused(RunError, expected="two jobs of an arm"):
         sweep_pilot([sweep_of(jobs[:1])])
 
 
-def test_what_was_done_stands_beside_the_plan() -> None:
-    """Row by row, with the wish below."""
+def test_plan_that_was_followed_is_told() -> None:
+    """Its seeds, what they were to find, and when; without one, nothing."""
     written = plan(STUDY, WISH).plan
     assert written is not None
-    table = planned_table("force", written, [("seeds of each network", written.seeds, 3)])
-    assert table.rows == (("seeds of each network", written.seeds, 3),)
-    assert "10.0 % less test MSE" in table.notes[0]
+    (note,) = plan_notes(replace(written, made="2026-11-22"))
+    for part in (f"{written.seeds} seeds of each network", "10.0 % less test MSE", "2026-11-22"):
+        assert part in note
+    assert plan_notes(None) == ()

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hand_runs import altered
-from hand_sweeps import NONE, PLAN, WORSE, compared, finished, jobs_of, run_to, sweep_of
+from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms
 from analysis.sweeps.common_archive import Extent
@@ -16,7 +16,6 @@ from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
 from tacevo.results.sweep import Finished, Missing, RecordedSweep
 from tacevo.results.tested import JobScore
-from tacevo.storage.plan import Measure
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
 ARCHIVE = common_note("none-seed0")
@@ -289,14 +288,3 @@ def test_few_seeds_of_many_arms_are_warned_of() -> None:
     arms = [jobs_of(f"arm {number}", WORSE) for number in range(7)]
     sweep, found = compared(*jobs_of("none", NONE), *(job for arm in arms for job in arm))
     assert any("no result of so few seeds is significant after Holm" in note for note in best(sweep, found).notes)
-
-
-def test_spread_of_single_jobs_is_an_empty_cell_beside_the_plan() -> None:
-    """One job of an arm does not spread; two do, as the plan counts it."""
-    written = replace(PLAN, metric=Measure.fitness, retraining=None, epochs=None, spread=0.5)
-    for bests, known in (([0.5], False), ([0.5, 0.6], True)):
-        sweep, found = compared(*jobs_of("none", bests), *jobs_of("other", bests))
-        tables = ablation_tables(replace(sweep, terms=SweepTerms(plan=written)), found, ARCHIVE)
-        (planned,) = (table for table in tables if table.name == "ablation_planned")
-        (row,) = (row for row in planned.rows if row[0] == "spread")
-        assert (row[1], row[2] is not None) == (0.5, known)

@@ -5,17 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 from hand_runs import closed, elite, prompt_trial, rejected, run, trained
-from kept import gratings
 from matplotlib.figure import Figure
 from studies import study_of
 
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
-from analysis.figures.studies import confusion_matrices, reliability, seed_boxes
+from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
-from analysis.studies.images import image_findings
 from tacevo.evolution.archive import find_centroids
 from tacevo.records import Kind, Reason, Stage
 from tacevo.results.study import RecordedStudy
@@ -54,7 +52,6 @@ RUN = replace(
 #: Of the archive after each generation.
 MEDIANS = [0.7, 0.5, 0.5]
 
-CALIBRATED = image_findings(*gratings()).calibrations
 FORCES = study_of({"baseline": [0.006, 0.007, 0.0065], "variant 1": [0.004, 0.005, 0.0045]})
 
 
@@ -88,6 +85,5 @@ DRAWN: dict[str, tuple[Callable[[], Figure], float]] = {
     "seed_boxes": (lambda: seed_boxes(FORCES, {"variant 1": "better"}), 3.5),
     "confusion_matrix": (lambda: confusion_matrices(of_networks(confused(), 1)), 3.5),
     "confusion_of_two": (lambda: confusion_matrices(of_networks(confused(), 2)), 7.16),
-    "reliability": (lambda: reliability(CALIBRATED), 7.16),
     "confusion_matrices": (lambda: confusion_matrices(confused()), 7.16),
 }

@@ -8,42 +8,21 @@ from checkout import GOLDEN
 from hand_runs import altered
 from studies import in_text
 
-from analysis.statistics.published import (
-    FORCE,
-    SCORES,
-    TESTS,
-    Finding,
-    PrintedRow,
-    PrintedTest,
-    corrected,
-    verdicts_that_change,
-)
 from analysis.table import Percent
-from analysis.tables.published import beside_published, published_tables
+from analysis.tables.published import PRINTED, Finding, beside_published, corrected, published_tables
 from tacevo.config.compose import compose
 from tacevo.results.run import RecordedRun
 
-
-def table_of(*rows: tuple[str, str]) -> PrintedTest:
-    """Make a table of printed p-values and corrections."""
-    printed = tuple(
-        PrintedRow(variant=f"variant {at}", p=p, adjusted=adjusted) for at, (p, adjusted) in enumerate(rows)
-    )
-    return PrintedTest(task="force", name="Table 0", metric="test MSE", rows=printed)
-
-
-def findings(test: PrintedTest) -> list[Finding]:
-    """List what is found of each row."""
-    return [row.finding for row in corrected(test)]
+#: Of Tables II and III: p, and p after the correction.
+TESTS = {test["name"]: corrected(test["p, p after the correction"]) for test in PRINTED["tests"]}
 
 
 def test_exactly_three_rows_are_too_small() -> None:
     """Variant 3 of Table II, and variants 1 and 2 of Table III."""
     small = [
-        (test.name, found.row.variant, found.holm)
-        for test in TESTS
-        for found in corrected(test)
-        if found.finding is Finding.too_small
+        (name, f"variant {one.Index + 1}", one.holm)
+        for name, found in TESTS.items()
+        for one in found[found.finding == Finding.too_small].itertuples()
     ]
     assert small == [
         ("Table II", "variant 3", 0.4),
@@ -54,19 +33,18 @@ def test_exactly_three_rows_are_too_small() -> None:
 
 def test_bounds_give_bounds_and_no_accusation() -> None:
     """Four times a p below 0.001 is below 0.004; that it is below 0.001, as printed, cannot be refuted."""
-    for found in corrected(FORCE)[:2]:
-        assert (found.holm, found.bound, found.finding) == (0.004, True, Finding.open)
+    for one in TESTS["Table II"][:2].itertuples():
+        assert (one.holm, one.bound, one.finding) == (0.004, True, Finding.open)
 
 
 def test_no_verdict_changes() -> None:
     """At 0.05 the correct values tell the same story as the printed ones; one that does not is named."""
-    assert [verdicts_that_change(corrected(test)) for test in TESTS] == [(), ()]
-    uncorrected = table_of(("0.020", "0.060"), ("0.030", "0.030"))
-    assert verdicts_that_change(corrected(uncorrected)) == ("variant 0",)
-    assert verdicts_that_change(corrected(table_of(("0.030", "0.030"), ("0.040", "0.040")))) == (
-        "variant 0",
-        "variant 1",
-    )
+    assert not any(found.changes.any() for found in TESTS.values())
+    for rows, changes in (
+        ([("0.020", "0.060"), ("0.030", "0.030")], [True, False]),
+        ([("0.030", "0.030"), ("0.040", "0.040")], [True, True]),
+    ):
+        assert corrected(rows).changes.tolist() == changes
 
 
 def test_rounding_is_no_error() -> None:
@@ -78,12 +56,12 @@ def test_rounding_is_no_error() -> None:
         ("0.0034", Finding.too_small),
         ("0.0038", Finding.too_large),
     ):
-        assert findings(table_of(("0.0018", adjusted), ("0.5000", "0.5000")))[0] is expected
+        assert corrected([("0.0018", adjusted), ("0.5000", "0.5000")]).finding[0] == expected
 
 
 def test_printed_figures_fit_each_other() -> None:
     """The root of the hardness baseline's MSE is its RMSE; the grating baseline has 350 of 351 images right."""
-    printed = {(score.task, score.network, score.measure): score.value for score in SCORES}
+    printed = {(task, network, measure): value for task, network, measure, value in PRINTED["scores"]}
     mse, rmse = (float(printed["hardness", "baseline", measure]) for measure in ("MSE", "RMSE"))
     assert mse**0.5 == pytest.approx(rmse, abs=1e-4)
     assert printed["grating", "baseline", "test accuracy, median of 20 seeds"] == f"{350 / 351:.1%}".replace("%", " %")
