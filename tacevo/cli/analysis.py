@@ -16,6 +16,7 @@ from analysis.figures.style import render
 from analysis.report.collection import side_by_side, with_largest_studies
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
+from analysis.report.following import follow
 from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
 from analysis.report.page.of_run import RunMaterial, read_texts
@@ -59,6 +60,11 @@ def add_report(parser: Parser) -> None:
         "Write one HTML file with which a finished run and its studies, or a finished sweep, can be looked into."
     )
     parser.add_argument("run", metavar="RUN", help="the directory or bundle of a run or a sweep")
+    parser.add_argument(
+        "--follow",
+        action="store_true",
+        help="write it again while searches are at work, until they are finished; the page reloads itself",
+    )
     parser.add_argument(
         "-o", "--output", metavar="FILE", help="file to write (default for a directory: RUN/report.html)"
     )
@@ -113,6 +119,9 @@ def _report(options: argparse.Namespace) -> int:
     store, name = existing_store(options.store), source.resolve().name
     if source.parent.is_file():
         name = f"{source.parent.name}/{name}"
+    if options.follow and source.is_dir():
+        print(f"report: {path}", flush=True)
+        follow(source, path, None if store is None else Path(store))
     place = opened(source)
     gathered = [Run(place, place.read(run, store)) for run in place.runs]
     if place.jobs is None:

@@ -19,18 +19,18 @@ from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.files import (
     EliteEntry,
     Line,
-    RulesLine,
     RunLine,
     TrialEntry,
     check_references,
-    eras_of,
     read_archives,
     read_finished,
+    rules_of,
 )
 from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, not_sent
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import DataFacts, Task, to_json
 from tacevo.results.run import answered_by, read_config
+from tacevo.rules import Rules
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -59,8 +59,8 @@ class RecordedRun:
     #: What the archive ended with; None where nothing was trained, or there are no niches.
     bounds: Bounds | None
     prompt_trials: tuple[TrialEntry, ...]
-    #: The rules that it was made under, from which generation on; at least one.
-    eras: tuple[RulesLine, ...]
+    #: What it was made under.
+    rules: Rules
     #: Of Python and packages, by name.
     versions: Mapping[str, str]
     #: What the answers of a candidate cost, by its id, as far as timings.jsonl has it.
@@ -216,7 +216,7 @@ def as_run(path: Path, record: RunRecord, ledger: Sealed[Line]) -> RecordedRun:
         elites=(),
         bounds=generations[-1].bounds,
         prompt_trials=(),
-        eras=eras_of(ledger.lines),
+        rules=rules_of(ledger.lines),
         versions=record.versions,
         spent=directory.read_spending(),
         cpu_seconds={one.id: one.cpu_seconds for one in directory.read_timings() if one.id and one.cpu_seconds},

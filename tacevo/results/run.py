@@ -16,13 +16,13 @@ from tacevo.evolution.files import (
     Line,
     NetworkArchiveFile,
     PromptFile,
-    RulesLine,
-    eras_of,
     read_archives,
     read_finished,
+    rules_of,
 )
 from tacevo.evolution.lines import CandidateLine, GenerationLine, trained_networks, training_flops
 from tacevo.records import DataFacts, Task, to_json
+from tacevo.rules import Rules
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -38,8 +38,8 @@ class RecordedRun:
     #: As this machine may use it, see `read_settings`.
     config: RunConfig
     ledger: Sealed[Line]
-    #: In order; more than one where the run was continued under other rules.
-    eras: tuple[RulesLine, ...]
+    #: What it was made under.
+    rules: Rules
     #: Whether its stores keep the test predictions of its studies; those of a published sweep do not.
     has_predictions: bool = True
     #: The entries of its bundle; None where its stores are the directory that the configuration names.
@@ -91,7 +91,7 @@ def read_recorded(path: Path, store: str | None = None) -> RecordedRun:
     directory = RunDirectory(path)
     record, ledger = read_finished(directory)
     config = read_settings(directory, record, store)
-    return RecordedRun(directory=directory, record=record, config=config, ledger=ledger, eras=eras_of(ledger.lines))
+    return RecordedRun(directory=directory, record=record, config=config, ledger=ledger, rules=rules_of(ledger.lines))
 
 
 def answered_by(record: RunRecord, llm: LLMConfig) -> str:

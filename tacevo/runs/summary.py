@@ -8,7 +8,7 @@ from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, token_cells, total, usd
 from tacevo.evolution.chance import shortfall
-from tacevo.evolution.files import Line, eras_in_words, eras_of
+from tacevo.evolution.files import Line
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine, GenerationLine, gate_stages, misreported, not_sent
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import Operator
@@ -36,7 +36,7 @@ def summarise(
     """
     candidates, generations = _candidates(lines), _generations(lines)
     headline = f"{_headline(run, config, candidates.values(), len(generations))} {_data(run)}"
-    parts = [f"# {run.name}", headline, *_rules(lines), *_not_sent(candidates.values())]
+    parts = [f"# {run.name}", headline, *_not_sent(candidates.values())]
     if found := _found(run, lines, elites):
         short = f"{found.shortfall}\n\n" if found.shortfall else ""
         parts += [
@@ -99,12 +99,6 @@ def _data(run: RunRecord) -> str:
         f"{size} x {size} pixels; the test images play no part in a search."
         + ("" if run.trivial is None else f" {_TRIVIAL}: {_number(run.trivial)}.")
     )
-
-
-def _rules(lines: Sequence[Line]) -> list[str]:
-    """Say from which generation on other rules hold, where a run was continued under others."""
-    eras = eras_of(lines) if lines else ()
-    return [f"Made under more than one set of rules: {eras_in_words(eras)}."] if len(eras) > 1 else []
 
 
 def _not_sent(lines: Collection[CandidateLine]) -> list[str]:

@@ -13,7 +13,7 @@ from refusals import refused
 from tacevo.bundles.format import sealed
 from tacevo.bundles.verify import check_sizes, table_difference
 from tacevo.errors import RunError
-from tacevo.evolution.files import Line, RulesLine
+from tacevo.evolution.files import Line
 from tacevo.evolution.lines import SeedLine
 from tacevo.results.run import RecordedRun
 from tacevo.rules import FIRST
@@ -43,10 +43,9 @@ def sized(*lines: Line, **groups: dict[str, Any]) -> RecordedRun:
     """Make a run of its lines alone, whose generations may have one candidate after the baseline."""
     search = {"generations": 1, "candidates": 1, "initial": 0} | groups.pop("search", {})
     run = RunDirectory(Path("nowhere"))
-    eras = (RulesLine(generation=0, rules=FIRST),)
     ledger: Sealed[Line] = Sealed(lines=(header(), *lines))
     return RecordedRun(
-        directory=run, record=run_record(), config=configured(search=search, **groups), ledger=ledger, eras=eras
+        directory=run, record=run_record(), config=configured(search=search, **groups), ledger=ledger, rules=FIRST
     )
 
 

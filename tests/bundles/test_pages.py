@@ -13,6 +13,7 @@ from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.errors import ConfigError
 from tacevo.evolution.files import Line
 from tacevo.results.run import RecordedRun
+from tacevo.rules import FIRST
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
 
@@ -32,7 +33,7 @@ def subject(*, provider: str, source: str) -> Subject:
         machine={"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
     )
     ledger: Sealed[Line] = Sealed(lines=(candidate("g00s00"), *(candidate("g00s01"),) * 85), hashes=("d" * 64,))
-    run = RecordedRun(directory=RunDirectory(Path("one")), record=record, config=config, ledger=ledger, eras=())
+    run = RecordedRun(directory=RunDirectory(Path("one")), record=record, config=config, ledger=ledger, rules=FIRST)
     return Subject(runs=(run,), studies=({"s": "e" * 64, "t": "f" * 64},))
 
 

@@ -12,7 +12,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, Bounds
-from tacevo.evolution.files import EliteEntry, RulesLine, TrialEntry
+from tacevo.evolution.files import EliteEntry, TrialEntry
 from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
 from tacevo.records import DataFacts, Kind, Operator, Reason, Stage
 from tacevo.results.run import RecordedRun
@@ -144,7 +144,7 @@ def run(
         elites=tuple(elites),
         bounds=None if bounds is None else bounds_of(*bounds),
         prompt_trials=(),
-        eras=(RulesLine(generation=0, rules=FIRST),),
+        rules=FIRST,
         versions={},
         spent=spent or {},
         cpu_seconds={},
