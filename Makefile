@@ -70,6 +70,12 @@ bench: $(PEERS)/.ready ## measure speed and memory beside a peer, in the same ru
 bench-quick: $(PEERS)/.ready ## run each of its benchmarks once on next to nothing, to see that it runs
 	$(BIN)/python -m benchmarks --quick
 
+# As it stood when it answered, with the code of then: make answered NAME="evidence --trials 200"
+ANSWERED := b2f46d5c54ec455f1106bb9899ca329f95253a5f
+answered: $(READY) ## run a benchmark of an answered question: NAME=evidence, niches, difficulty, curves or linear
+	@test -d build/answered || git worktree add --detach build/answered $(ANSWERED)
+	cd build/answered && $(abspath $(BIN))/python -m benchmarks.$(NAME)
+
 # The peer's own environment; the packages of ours are seen in it, so that both train with one torch.
 $(PEERS)/.ready: $(READY) benchmarks/peers.txt
 	$(BIN)/python -m venv --without-pip $(PEERS)

@@ -19,7 +19,6 @@ from ribs.archives import CVTArchive
 from rich.console import Console
 
 from benchmarks import confinement
-from benchmarks.linear import linear
 from benchmarks.llm import asking, memory_of_many
 from benchmarks.peers import REQUIREMENT, peers
 from benchmarks.record import record, write
@@ -187,7 +186,6 @@ def _silent() -> Progress:
 BENCHMARKS: Mapping[Callable[..., Figure | Iterable[Figure]], Mapping[str, Any]] = {
     peers: {"numerics": [Numerics.fast], "answers": 1, "epochs": 1, "rounds": 0},
     archive_insertions: {"insertions": 50, "rounds": 1},
-    linear: {"marks": (500, 1_000), "niches": (10,)},
     candidate_processes: {"forks": 1, "rounds": 1},
     confinement.walls: {"rounds": 1},
     confinement.training: {"epochs": {64: 1}, "rounds": 1},

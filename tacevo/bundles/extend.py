@@ -16,9 +16,8 @@ from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.evolution.files import RulesLine
 from tacevo.results.run import read_run
-from tacevo.rules import CURRENT
+from tacevo.rules import CURRENT, Rules
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, needed_llm, record
@@ -34,9 +33,7 @@ _HERE = ("store", "run", "tracking", "executor", "sandbox")
 Check = Callable[[Opened], Collection[Path]]
 
 
-def continue_run(
-    published: Opened, overrides: Sequence[str], view: Progress, *, check: Check, mix_rules: bool
-) -> Result:
+def continue_run(published: Opened, overrides: Sequence[str], view: Progress, *, check: Check) -> Result:
     """Continue a finished run in a new run directory.
 
     Args:
@@ -44,11 +41,10 @@ def continue_run(
         overrides: settings as `tacevo search` takes them, among them `search.generations`.
         view: shows how far the search is.
         check: raises if the published run is not as it should be.
-        mix_rules: whether generations under the current rules may follow those under others.
 
     Raises:
         ConfigError: an override would make it another run, or not a longer one; or its networks were given.
-        RunError: it is a sweep; or its rules are not the current ones, and they must not be mixed.
+        RunError: it is a sweep; or its rules are not the current ones.
         DataError: the data set is not there, or is another one.
         TacevoError: what `check` raises, and as `tacevo.runs.session.search`.
     """
@@ -64,7 +60,7 @@ def continue_run(
             remedy="`tacevo search` searches the task; `tacevo study networks=` studies more networks",
         )
     config = continued(recorded.config, overrides, end=end, spent=recorded.training_flops)
-    eras = _eras(recorded.eras, end, mix_rules, view)
+    _check_rules(recorded.rules)
     if config.run.dir is not None and Path(config.run.dir).resolve() == run.resolve():
         raise ConfigError(config.run.dir, place="run.dir", expected="another directory than that of the published run")
     llm = needed_llm(config)
@@ -73,26 +69,19 @@ def continue_run(
     written, _ = take_in(published.store, map(read_entry, read), Path(config.store.root))
     lines = counted(len(recorded.ledger.lines), "ledger line")
     view.say(f"{lines} replayed; {written} of {len(read)} store entries were new here")
-    return record(config, recorded.record.task, data, view, begun=recorded.ledger, eras=eras, llm=llm)
+    return record(config, recorded.record.task, data, view, begun=recorded.ledger, llm=llm)
 
 
-def _eras(eras: tuple[RulesLine, ...], generations: int, mix_rules: bool, view: Progress) -> tuple[RulesLine, ...]:
-    """List the eras of a continued run: those of the published one and, where its rules are old, one more."""
-    last = eras[-1].rules
-    if last == CURRENT:
-        return eras
-    was, now = asdict(last), asdict(CURRENT)
-    changed = [part for part in now if was[part] != now[part]]
-    if not mix_rules:
-        others = ", ".join(f"{part} {was[part]} instead of {now[part]}" for part in changed)
+def _check_rules(rules: Rules) -> None:
+    """Check that the generations that follow would be judged as those that are there."""
+    was, now = asdict(rules), asdict(CURRENT)
+    others = ", ".join(f"{part} {was[part]} instead of {now[part]}" for part in now if was[part] != now[part])
+    if others:
         raise RunError(
             f"one under others ({others}), whose candidates and new ones would be judged differently",
             expected="a run under the current rules",
-            remedy="continue all the same with --rules current, which the ledger records",
+            remedy="continue it with the release that made it, or begin a search of your own",
         )
-    apply = ", ".join(f"{part} {now[part]} instead of {was[part]}" for part in changed)
-    view.say(f"from generation {generations + 1} on, the current rules apply: {apply}")
-    return (*eras, RulesLine(generation=generations + 1, rules=CURRENT))
 
 
 def continued(published: RunConfig, overrides: Sequence[str], *, end: int, spent: int) -> RunConfig:

@@ -140,7 +140,7 @@ def check_sizes(run: RecordedRun) -> None:
     # A ledger that lies about what was spent differs from its replay before the generation that it lacks is planned.
     if search.training_flops is not None and run.training_flops >= search.training_flops:
         generations = min(len(run.generations) - 1, generations)
-    expected = 1 + (1 + search.initial + 1) + generations * (search.candidates + 1) + len(run.eras) - 1
+    expected = 1 + (1 + search.initial + 1) + generations * (search.candidates + 1)
     if lines != expected:
         raise RunError(f"{lines}", place=str(run.directory.ledger), expected=f"{expected} lines, by run.json")
     trained = [line for line in run.ledger.lines if isinstance(line, TrainedLine) and line.fitness is not None]

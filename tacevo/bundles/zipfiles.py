@@ -1,8 +1,8 @@
-"""Zip files whose bytes do not depend on the machine that wrote them. A reader checks every field.
+"""Zip files whose bytes do not depend on the machine that wrote them.
 
-What reading promises: nothing is written, and no more is held than the limits below. Every byte that is not a member's
-data must be the one that `packed` writes there, so no link, directory, encryption, extra field, comment, zip64 record,
-overlap or hidden byte is possible. The data themselves may differ: libraries deflate in different ways.
+What reading promises: nothing is written, and no more is held than the limits below. Every member that the directory
+lists is a plain file of a known place, once, of the size and checksum that stand there. What it does not: bytes that no
+member has, before or between them, are not looked at, and nothing reads them.
 """
 
 import io
@@ -13,7 +13,6 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 from tacevo.errors import BundleError
 from tacevo.storage.entries import Budget
@@ -31,6 +30,9 @@ MOST_OF_A_MEMBER = 32 * 1024**2
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*(/[A-Za-z0-9][A-Za-z0-9._-]*)*")
 
 _MODE = stat.S_IFREG | 0o644
+
+#: Bytes of a zip file without members.
+_EMPTY = 22
 
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
@@ -65,48 +67,43 @@ def read_members(source: Path, places: re.Pattern[str], budget: Budget) -> dict[
         BundleError: it is damaged, or holds what `packed` never writes, or a member whose name is not one of `places`.
         StoreError: it unpacks to more than the budget.
     """
-    with source.open("rb") as file:
-        infos = _listed(source, file)
-        members: dict[str, bytes] = {}
-        seen: set[str] = set()
-        directory, end = bytearray(), 0
-        for info in infos:
-            name = _checked_name(source, info)
-            if places.fullmatch(name) is None or name.casefold() in seen:
-                raise _refusal(source, "only files of a published run, each once", repr(name), _PACKED_AGAIN)
-            seen.add(name.casefold())
-            header, entry = _written(info, end)
-            file.seek(end)
-            if info.header_offset != end or file.read(len(header)) != header:
-                raise _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN)
-            members[name] = _content(source, info, file.read(info.compress_size))
-            budget.spend(info.file_size, repr(name))
-            directory += entry
-            end = file.tell()
-        count = len(infos)
-        directory += struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, count, count, len(directory), end, 0)
-        if file.read(len(directory) + 1) != directory:
-            raise _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN)
+    members: dict[str, bytes] = {}
+    seen: set[str] = set()
+    try:
+        with zipfile.ZipFile(io.BytesIO(source.read_bytes())) as archive:
+            for info in _listed(source, archive):
+                name = _checked_name(source, info)
+                if places.fullmatch(name) is None or name.casefold() in seen:
+                    raise _refusal(source, "only files of a published run, each once", repr(name), _PACKED_AGAIN)
+                seen.add(name.casefold())
+                members[name] = _content(source, archive, info)
+                budget.spend(info.file_size, repr(name))
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError, struct.error) as error:
+        raise _unreadable(source) from error
     return members
 
 
-def _listed(source: Path, file: BinaryIO) -> list[zipfile.ZipInfo]:
+def _listed(source: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     """List the members that the directory at the end of a zip file names."""
-    try:
-        infos = zipfile.ZipFile(file).infolist()
-    except (zipfile.BadZipFile, NotImplementedError, ValueError, struct.error) as error:
-        if zipfile.is_zipfile(file):
-            raise _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN) from error
-        file.seek(0)
-        if file.read(4) == b"PK\x03\x04":
-            raise _refusal(source, "a complete zip file", "one that ends early", _PACKED_AGAIN) from error
-        infos = []
+    infos = archive.infolist()
     if not infos:
-        remedy = f"name one, or fetch it again; if another program packed it, {_SEND}"
-        raise BundleError("a file that is not one", place=str(source), expected=_PUBLISHED, remedy=remedy)
+        raise _unreadable(source)
     if len(infos) > MOST_MEMBERS:
         raise _refusal(source, f"at most {MOST_MEMBERS} members", "more")
+    if archive.comment:
+        raise _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN)
     return infos
+
+
+def _unreadable(source: Path) -> BundleError:
+    """Return the error of a file that is no zip file, or a damaged one."""
+    if zipfile.is_zipfile(source) and source.stat().st_size > _EMPTY:
+        return _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN)
+    with source.open("rb") as file:
+        if file.read(4) == b"PK\x03\x04":
+            return _refusal(source, "a complete zip file", "one that ends early", _PACKED_AGAIN)
+    remedy = f"name one, or fetch it again; if another program packed it, {_SEND}"
+    return BundleError("a file that is not one", place=str(source), expected=_PUBLISHED, remedy=remedy)
 
 
 def _refusal(source: Path, expected: str, got: str, remedy: str = "fetch the file again") -> BundleError:
@@ -116,8 +113,8 @@ def _refusal(source: Path, expected: str, got: str, remedy: str = "fetch the fil
 def _checked_name(source: Path, info: zipfile.ZipInfo) -> str:
     """Return the name of a plain member."""
     name = info.orig_filename
-    if info.flag_bits or info.extra or info.date_time != _TIME:
-        expected = "plain members, stored or deflated, without times, flags and extra fields"
+    if info.flag_bits or info.extra or info.date_time != _TIME or info.external_attr != _MODE << 16:
+        expected = "plain members, stored or deflated, without times, modes, flags and extra fields"
         raise _refusal(source, expected, "a file that another program packed again, or a damaged one", _SEND)
     if len(name) > LONGEST_NAME or _NAME.fullmatch(name) is None:
         raise _refusal(source, "names of files inside a published run", repr(name), _PACKED_AGAIN)
@@ -128,28 +125,10 @@ def _checked_name(source: Path, info: zipfile.ZipInfo) -> str:
     return name
 
 
-def _written(info: zipfile.ZipInfo, start: int) -> tuple[bytes, bytes]:
-    """Return the header before a member's data, and its entry in the directory, as `packed` writes them."""
-    plain = zipfile.ZipInfo(info.orig_filename, _TIME)
-    plain.compress_type, plain.CRC = info.compress_type, info.CRC
-    plain.compress_size, plain.file_size = info.compress_size, info.file_size
-    header = plain.FileHeader(zip64=False)
-    fixed, name = header[4:30], header[30:]
-    made_on_unix = bytes([20, 3])
-    return header, b"PK\x01\x02" + made_on_unix + fixed + struct.pack("<3H2L", 0, 0, 0, _MODE << 16, start) + name
-
-
-def _content(source: Path, info: zipfile.ZipInfo, data: bytes) -> bytes:
-    """Return what a member's data unpack to, and no more of it than its header says."""
-    is_whole = len(data) == info.compress_size
-    if info.compress_type == zipfile.ZIP_DEFLATED:
-        unpacker = zlib.decompressobj(-zlib.MAX_WBITS)
-        try:
-            data = unpacker.decompress(data, info.file_size + 1)
-        except zlib.error as error:
-            raise _refusal(source, "members that can be unpacked", str(error)) from error
-        is_whole = unpacker.eof and not unpacker.unused_data
-    if not is_whole or len(data) != info.file_size or zlib.crc32(data) != info.CRC:
-        expected = f"{info.filename!r} of the size and checksum in its header"
-        raise _refusal(source, expected, "others: it is damaged")
+def _content(source: Path, archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> bytes:
+    """Return what a member's data unpack to, and no more of it than the directory says; its checksum is compared."""
+    with archive.open(info) as file:
+        data = file.read(info.file_size + 1)  # without a size, all of a bomb is unpacked
+    if len(data) != info.file_size:
+        raise _refusal(source, f"{info.filename!r} of the size in its header", "another: it is damaged")
     return data

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from tacevo import __version__
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
 from tacevo.cli.edge import Terminated, check_analysis, edge
-from tacevo.errors import BundleError, DivergenceError, TacevoError
+from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.text import printable
 
 #: By group, each command's module, whose `add_<command>` describes it, and its line in the help. A module is imported
@@ -107,7 +107,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Read the command line; overrides may stand after options too, where argparse itself accepts no more of them."""
-    parser = _parser(next((word for word in arguments if not word.startswith("-")), None))
+    command = next((word for word in arguments if not word.startswith("-")), None)
+    if command == "watch":  # of the last release
+        remedy = "`tacevo report RUN --follow` writes the same page, without a server"
+        raise ConfigError("watch, which is no longer there", place="tacevo", remedy=remedy)
+    parser = _parser(command)
     try:
         options, rest = parser.parse_known_args(arguments)
     except UnicodeDecodeError:

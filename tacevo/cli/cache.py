@@ -20,8 +20,8 @@ def add_cache(parser: Parser) -> None:
 
     verify = actions.add_parser("verify", help="check every entry; the exit status is 1 if one is damaged")
 
-    explain = actions.add_parser("explain", help="show an entry, or how a request differs from the nearest recording")
-    explain.add_argument("key", metavar="KEY", help="the first digits of a key, or a JSON file with a request")
+    explain = actions.add_parser("explain", help="show an entry, and how it differs from the nearest other recording")
+    explain.add_argument("key", metavar="KEY", help="the first digits of a key")
 
     export = actions.add_parser("export", help="write exactly the entries that a run needs into one file")
     export.add_argument("run", metavar="RUN", help="the directory of a run")

@@ -7,8 +7,9 @@ from rich.console import Console
 
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
 from tacevo.environment import as_typed
+from tacevo.records import to_json
 from tacevo.runs.data_check import inspect_data, show, simulate
-from tacevo.runs.data_report import describe, report
+from tacevo.runs.data_report import report
 
 _EPILOG = """\
 examples:
@@ -44,7 +45,7 @@ def add_data(parser: Parser) -> None:
     show.add_argument("-o", "--output", metavar="FILE", required=True, help="the figure: .png, .pdf or .svg")
     show.add_argument("--width", choices=["single", "double"], default="double", help="columns of a paper")
 
-    line = "write a simulated data set as images and labels, in TacVerse's layout"
+    line = "write a simulated data set as images and a table of labels"
     simulate = choices.add_parser("simulate", help=line, description=f"W{line[1:]}; the directory is whole or absent.")
 
     settings = f"out=DIR, n=IMAGES, or an override: {OVERRIDE}"
@@ -57,8 +58,8 @@ def add_data(parser: Parser) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     found = inspect_data(options.overrides, options.output, Console(stderr=True))
-    print(json.dumps(describe(found), indent=2) if options.json else report(found))
-    return DIFFERENT if found.survey.leaks else DONE
+    print(json.dumps(to_json(found), indent=2) if options.json else report(found))
+    return DIFFERENT if found.leaks else DONE
 
 
 def _show(options: argparse.Namespace) -> int:

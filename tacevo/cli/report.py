@@ -6,6 +6,7 @@ from pathlib import Path
 
 from analysis.report.collection import side_by_side, with_largest_studies
 from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
+from analysis.report.following import follow
 from analysis.report.page.html import as_html
 from tacevo.api.report import page_of_run, page_of_sweep
 from tacevo.api.runs import Run, remarks_on
@@ -33,6 +34,11 @@ def add_report(parser: Parser) -> None:
         help="file to write (default for a directory: RUN/report.html), or with --latex directory (build/paper)",
     )
     parser.add_argument(
+        "--follow",
+        action="store_true",
+        help="write the page again while searches are at work, until they are finished; it reloads itself",
+    )
+    parser.add_argument(
         "--latex", action="store_true", help="write a LaTeX document of all, with their tables and figures"
     )
     add_store(parser)
@@ -50,6 +56,9 @@ def _report(options: argparse.Namespace) -> int:
     store, name = existing_store(options.store), source.resolve().name
     if source.parent.is_file():
         name = f"{source.parent.name}/{name}"
+    if options.follow and source.is_dir():
+        print(f"report: {path}", flush=True)
+        follow(source, path, None if store is None else Path(store))
     place = opened(source)
     runs = [Run(place, place.read(run, store)) for run in place.runs]
     if place.jobs is None:

@@ -155,11 +155,6 @@ def add_continue(parser: Parser) -> None:
     parser.add_argument(
         "overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; a larger search.generations is needed"
     )
-    parser.add_argument(
-        "--rules",
-        choices=["current"],
-        help="search on under this release's rules if the run has others; the ledger records the change",
-    )
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
     parser.set_defaults(command=_continue)
 
@@ -172,8 +167,7 @@ def _continue(options: argparse.Namespace) -> int:
     with Progress() as view:
         moved = found.digest is None and options.store is not None
         published = replace(found, entries=Path(options.store)) if moved else found
-        mix = options.rules is not None
-        result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view), mix_rules=mix)
+        result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view))
     print_end(result)
     return DONE
 

@@ -1,6 +1,7 @@
 """From what a user typed to a checked configuration: the only module that composes with Hydra."""
 
 import contextlib
+import itertools
 import re
 import sys
 from collections.abc import Collection, Iterator, Sequence
@@ -13,9 +14,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser import overrides_parser
 from hydra.core.override_parser.types import Override
-from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from tacevo.config.ablation import check_change, read_arm, split_arm
 from tacevo.config.folder import conf_root, groups
@@ -238,16 +237,13 @@ def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "searc
 
 
 def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str], command: str) -> ConfigError:
-    """Return the error that says what Hydra or OmegaConf found wrong, and what the user may have meant."""
+    """Return the error in words of ours for a wrong name and a missing model, else in Hydra's or OmegaConf's own."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()] or [type(error).__name__]
     unknown = re.match(r"Could not override '([^']+)'", lines[0])
     if unknown:
         # The cause names the key of a group that was set as a whole.
         name = max(unknown.group(1), getattr(error.__cause__, "full_key", None) or "", key=len)
         return ConfigError("not a setting", place=name, remedy=near(name, names, command))
-    if lines[0].startswith("Ambiguous value"):
-        key, _, several = lines[0].partition("'")[2].rstrip("'").partition("=")
-        return ConfigError(several, place=key, expected="one value", remedy="`tacevo search -m` runs each of several")
     if lines[0].startswith("You must specify 'llm'"):
         experiment = dict(override.split("=", 1) for override in overrides).get("experiment")
         return ConfigError(
@@ -256,26 +252,8 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
             remedy="add llm=anthropic (Claude), llm=openai llm.model=NAME (a server of yours), or llm=grammar (a "
             "control without a language model, whose results are not a reproduction of the paper's)",
         )
-    missing = re.search(r"Could not find '(.+)/([^/]*)'", lines[0])
-    options = [index for index, line in enumerate(lines) if line.startswith("Available options in")]
-    if missing and options:
-        left = [line for line in lines[options[0] + 1 :] if not line.startswith(("Config search path", "provider="))]
-        return ConfigError(missing.group(2), place=missing.group(1), expected=f"one of {', '.join(left)}")
-    if isinstance(error, OverrideParseException):
-        remedy = "quote a value with special characters, as in 'KEY=\"VALUE\"', and write a home directory in full"
-        return ConfigError("a value that cannot be read", place=str(error.override), remedy=remedy)
-    place = _unresolved(error, lines[0], overrides)
-    said = re.sub(
-        r"\w+ raised while resolving interpolation: \"?(.*?)\"?$", r"\1", lines[0].partition(", possible ")[0]
-    )
-    remedy = "write the value itself, or set what is named by ${...}" if place else ""
-    return ConfigError(": ".join([said, *str(error.__cause__ or "").splitlines()[:1]]), place=place, remedy=remedy)
-
-
-def _unresolved(error: Exception, said: str, overrides: Sequence[str]) -> str:
-    """Return the setting or group whose value OmegaConf could not resolve; empty where that was not the trouble."""
-    if isinstance(error, OmegaConfBaseException) and error.full_key:
-        return error.full_key.partition("[")[0]  # an item of a list is not a setting
-    if said.startswith("Error resolving interpolation"):  # of a group: Hydra may name another one that follows from it
-        return next((override.partition("=")[0] for override in overrides if "${" in override), "")
-    return ""
+    said = [*itertools.takewhile(lambda line: not line.startswith("Config search path"), lines)]
+    missing = re.search(r"Could not find '(.+)/([^/]*)'", said[0])
+    if missing:
+        return ConfigError(missing.group(2), place=missing.group(1), expected=f"one of {', '.join(said[2:])}")
+    return ConfigError(" ".join(said), place=getattr(error, "full_key", None) or "")

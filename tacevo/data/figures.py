@@ -56,8 +56,8 @@ ZOOM = 3
 #: Vermillion of the Okabe-Ito palette, which people with any colour vision distinguish from grey.
 ACCENT = "#D55E00"
 
-#: Inches.
-MARGIN, GAP, LINE = 0.03, 0.07, 0.105
+#: The height of a line of text in inches.
+LINE = 0.105
 
 #: Points.
 FONT = 6.5
@@ -160,56 +160,38 @@ def _signs(lines: Sequence[str]) -> tuple[str, ...]:
 
 
 def _draw(panels: Sequence[Panel], *, width: str, zoom: bool, title: str | None) -> Figure:
-    """Put panels into rows of equal length, as far as they go; all sizes in inches."""
+    """Put panels into rows of equal length, as far as they go, each above its magnified part where there is one."""
     rows = math.ceil(len(panels) / COLUMNS[width])
     columns = math.ceil(len(panels) / rows)
-    side = (WIDTHS[width] - 2 * MARGIN - (columns - 1) * GAP) / columns
-    text = LINE * max(len(panel.lines) for panel in panels) + LINE / 2
-    pictures = 2 * side + GAP / 2 if zoom else side
-    head = 0.0 if title is None else 2 * LINE
-    height = head + rows * (pictures + text + GAP) + MARGIN - GAP
-    windows = _windows([panel.image for panel in panels]) if zoom else [None] * len(panels)
+    tall = 2 if zoom else 1
+    lines = rows * (1 + max(len(panel.lines) for panel in panels)) + (0 if title is None else 2)
+    height = rows * tall * WIDTHS[width] / columns + lines * LINE
     with style.context(_STYLE):
-        figure = Figure(figsize=(WIDTHS[width], height))
+        figure = Figure(figsize=(WIDTHS[width], height), layout="constrained")
         if title is not None:
-            figure.text(MARGIN / WIDTHS[width], 1 - MARGIN / height, title, va="top", parse_math=False)
-        for number, (panel, window) in enumerate(zip(panels, windows, strict=True)):
+            figure.suptitle(title, x=0.006, ha="left", fontsize=FONT, parse_math=False)
+        grid = figure.subplots(rows * tall, columns, squeeze=False)
+        for axes in grid.flat:
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set_visible(False)
+        for number, panel in enumerate(panels):
             row, column = divmod(number, columns)
-            left = MARGIN + column * (side + GAP)
-            top = height - MARGIN - head - row * (pictures + text + GAP)
-            _place(figure, panel, window, left=left, top=top, side=side)
+            pixels = panel.image.transpose(1, 2, 0)
+            grid[row * tall, column].imshow(pixels)
+            grid[row * tall + tall - 1, column].set_xlabel("\n".join(panel.lines), parse_math=False)
+        for number, window in enumerate(_windows([panel.image for panel in panels]) if zoom else []):
+            row, column = divmod(number, columns)
+            _magnify(grid[row * tall, column], grid[row * tall + 1, column], window)
     return figure
 
 
-def _place(
-    figure: Figure, panel: Panel, window: tuple[int, int, int] | None, *, left: float, top: float, side: float
-) -> None:
-    """Draw one panel: the picture, its magnified part where there is one, and the lines below."""
-    pixels = panel.image.transpose(1, 2, 0)
-    axes = _axes(figure, left, top - side, side)
-    axes.imshow(pixels)
-    below = top - side
-    if window is not None:
-        across, down, size = window
-        axes.add_patch(Rectangle((across - 0.5, down - 0.5), size, size, fill=False, edgecolor=ACCENT, linewidth=0.7))
-        below -= GAP / 2 + side
-        closer = _axes(figure, left, below, side)
-        closer.imshow(pixels[down : down + size, across : across + size])
-        for spine in closer.spines.values():
-            spine.set(visible=True, edgecolor=ACCENT, linewidth=0.7)
-    width, height = figure.get_size_inches()
-    middle = (left + side / 2) / width
-    for number, line in enumerate(panel.lines, start=1):
-        figure.text(middle, (below - number * LINE) / height, line, ha="center", va="baseline", parse_math=False)
-
-
-def _axes(figure: Figure, left: float, bottom: float, side: float) -> Axes:
-    """Add a bare square of axes, placed in inches."""
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes((left / width, bottom / height, side / width, side / height))
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_visible(False)
-    return axes
+def _magnify(whole: Axes, closer: Axes, window: tuple[int, int, int]) -> None:
+    """Mark a square of a picture, and draw it again below."""
+    across, down, size = window
+    pixels = np.asarray(whole.images[0].get_array())
+    whole.add_patch(Rectangle((across - 0.5, down - 0.5), size, size, fill=False, edgecolor=ACCENT, linewidth=0.7))
+    closer.imshow(pixels[down : down + size, across : across + size])
+    closer.spines[:].set(visible=True, edgecolor=ACCENT, linewidth=0.7)
 
 
 def _windows(images: Sequence[Picture]) -> list[tuple[int, int, int]]:

@@ -47,16 +47,14 @@ from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.storage.canonical import content_hash
 
 
-def run_search(
-    plan: Plan, effects: Effects, ledger: Ledger, observer: Observer, *, since: SearchState | None = None
-) -> SearchState:
-    """Run a search from its beginning, or from a later state, to generation G, or to the one that spends its budget.
+def run_search(plan: Plan, effects: Effects, ledger: Ledger, observer: Observer) -> SearchState:
+    """Run a search to generation G, or to the one that spends its budget.
 
     Raises:
         DivergenceError: the ledger holds a line that the search does not reproduce.
         CacheMissError: a store in replay mode lacks an answer.
     """
-    state = since or SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
+    state = SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
     while not state.is_past(plan):
         state = step(state, plan, effects, ledger, observer)
     return state

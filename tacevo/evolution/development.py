@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 from tacevo.errors import CacheMissError
@@ -109,27 +109,26 @@ def develop(proposals: Sequence[Job], effects: Effects, *, repairs: int, seeds: 
         SandboxError: the sandbox is broken.
     """
     trainings = _Trainings(effects, range(seeds))
-    judged: dict[int, Future[_Judged]] = {}
-    asked: dict[int, _Asked] = {}
+    judged: dict[int, Future[_Slot]] = {}
+    asked: dict[int, _Slot] = {}
     for index, proposal in enumerate(proposals):
+        slot = _Slot(proposal=proposal, request=proposal.request)
         if proposal.request is None:
-            judged[index] = effects.executor.submit(_judge, proposal, None, effects, trainings, None)
+            judged[index] = effects.executor.submit(_judge, slot, None, effects, trainings)
         else:
-            asked[index] = _Asked(request=proposal.request)
+            asked[index] = slot
     for round_ in range(1 + repairs):
         if round_ > 0:
-            asked = _sent_back(asked, judged)
+            asked = _sent_back({index: judged[index].result() for index in asked})
         if not asked:
             break
-        for index, completion in _answers(asked, proposals, effects.llm):
-            judged[index] = effects.executor.submit(
-                _judge, proposals[index], completion, effects, trainings, asked[index]
-            )
-    for index, proposal in enumerate(proposals):
-        yield _outcome(proposal, judged[index].result(), effects.evaluation_key)
+        for index, completion in _answers(asked, effects.llm):
+            judged[index] = effects.executor.submit(_judge, asked[index], completion, effects, trainings)
+    for index in range(len(proposals)):
+        yield _outcome(judged[index].result(), effects.evaluation_key)
 
 
-def _answers(asked: Mapping[int, "_Asked"], proposals: Sequence[Job], llm: LLM) -> Iterator[tuple[int, Completion]]:
+def _answers(asked: Mapping[int, "_Slot"], llm: LLM) -> Iterator[tuple[int, Completion]]:
     """Yield each answer with its place among the proposals.
 
     Raises:
@@ -138,11 +137,11 @@ def _answers(asked: Mapping[int, "_Asked"], proposals: Sequence[Job], llm: LLM) 
     places = list(asked)
     answered = 0
     try:
-        for position, completion in llm.complete([one.request for one in asked.values()]):
+        for position, completion in llm.complete([slot.request for slot in asked.values() if slot.request is not None]):
             answered += 1
             yield places[position], completion
     except CacheMissError as error:
-        _name_slot(error, proposals[places[answered]])
+        _name_slot(error, asked[places[answered]].proposal)
         raise
 
 
@@ -150,16 +149,16 @@ def _name_slot(error: CacheMissError, proposal: Job) -> None:
     error.place = f"generation {proposal.generation}, slot {proposal.slot}, {error.place}"
 
 
-def _sent_back(asked: Mapping[int, "_Asked"], judged: Mapping[int, "Future[_Judged]"]) -> dict[int, "_Asked"]:
-    """Wait until the gate has judged a round, and write the requests that send rejected answers back."""
-    again: dict[int, _Asked] = {}
-    for index, one in asked.items():
-        verdict = judged[index].result()
-        if verdict.completion is not None and isinstance(verdict.gated, Rejection):
-            repair = repair_request(one.request, verdict.completion.text, verdict.gated)
-            attempt = Attempt(completion=verdict.completion, rejection=verdict.gated)
-            if repair is not None:
-                again[index] = _Asked(request=repair, attempts=(*one.attempts, attempt), seconds=verdict.seconds)
+def _sent_back(judged: Mapping[int, "_Slot"]) -> dict[int, "_Slot"]:
+    """Return the slots whose rejected answers can be sent back, each with the request that does it."""
+    again: dict[int, _Slot] = {}
+    for index, slot in judged.items():
+        if slot.request is None or slot.completion is None or not isinstance(slot.gated, Rejection):
+            continue
+        repair = repair_request(slot.request, slot.completion.text, slot.gated)
+        if repair is not None:
+            attempt = Attempt(completion=slot.completion, rejection=slot.gated)
+            again[index] = replace(slot, request=repair, attempts=(*slot.attempts, attempt))
     return again
 
 
@@ -212,91 +211,76 @@ class _Trainings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Asked:
-    """What a model is asked."""
+class _Slot:
+    """How far a slot of a generation has come: what is asked, what was answered, what the gate made of it."""
 
-    request: Request
+    proposal: Job
+    #: What a model is asked; None for the baseline, a given network and an elite.
+    request: Request | None
     #: The answers that were sent back before.
     attempts: tuple[Attempt, ...] = ()
-    #: Wall time of the gate for these.
+    #: Wall time of the gate, for these too.
     seconds: float = 0.0
+    completion: Completion | None = None
+    #: None before the gate has judged.
+    gated: Admitted | Rejection | None = None
+    #: What comes of an admitted one, by the number of the training seed.
+    trainings: Mapping[int, Future[_Trained]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Judged:
-    """An answer behind the gate."""
-
-    completion: Completion | None
-    gated: Admitted | Rejection
-    #: What came of it in the end, by the number of the training seed; of a rejected one, that it was rejected.
-    trainings: Mapping[int, Future[_Trained]]
-    #: Wall time of the gate.
-    seconds: float
-    attempts: tuple[Attempt, ...]
-
-
-def _judge(
-    proposal: Job,
-    completion: Completion | None,
-    effects: Effects,
-    trainings: _Trainings,
-    asked: _Asked | None,
-) -> _Judged:
+def _judge(slot: _Slot, completion: Completion | None, effects: Effects, trainings: _Trainings) -> _Slot:
     """Take an answer, or a given source, through the gate and, where it passes, have it trained."""
     began = time.perf_counter()
     try:
-        gated = _gate(proposal, completion, effects, asked)
+        gated = _gate(slot, completion, effects)
     except CacheMissError as error:
-        _name_slot(error, proposal)
+        _name_slot(error, slot.proposal)
         raise
-    return _Judged(
+    return replace(
+        slot,
         completion=completion,
         gated=gated,
-        trainings={0: _done(gated)} if isinstance(gated, Rejection) else trainings.add(gated, proposal),
-        seconds=time.perf_counter() - began + (0.0 if asked is None else asked.seconds),
-        attempts=() if asked is None else asked.attempts,
+        trainings={} if isinstance(gated, Rejection) else trainings.add(gated, slot.proposal),
+        seconds=slot.seconds + time.perf_counter() - began,
     )
 
 
-def _gate(proposal: Job, completion: Completion | None, effects: Effects, asked: _Asked | None) -> Admitted | Rejection:
+def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admitted | Rejection:
     """Judge an answer, the baseline, or a source that was admitted once.
 
     The policy is not asked about that source again: a model may have written it for another version of Python, and a
     replay on this one must not parse it.
     """
+    proposal = slot.proposal
     if completion is not None:
-        messages = () if asked is None else asked.request.messages
+        messages = () if slot.request is None else slot.request.messages
         return effects.admit(completion, "\n".join(message.content for message in messages if message.role == "user"))
     if isinstance(proposal, Proposal) and proposal.operator is Operator.baseline:
         return effects.inspect(proposal.source)
     return effects.measure(proposal.source)
 
 
-def _done(rejection: Rejection) -> Future[_Trained]:
-    future: Future[_Trained] = Future()
-    future.set_result(_Trained(rejection, 0.0, 0.0))
-    return future
-
-
-def _outcome(proposal: Job, judged: _Judged, evaluation_key: Callable[[str, int], str]) -> Outcome:
+def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str]) -> Outcome:
     """Wait for the trainings of what the gate admitted."""
     try:
-        found = {seed: training.result() for seed, training in judged.trainings.items()}
+        found = {seed: training.result() for seed, training in slot.trainings.items()}
     except CacheMissError as error:
-        _name_slot(error, proposal)
+        _name_slot(error, slot.proposal)
         raise
     results = {seed: training.result for seed, training in found.items()}
+    if isinstance(slot.gated, Rejection):
+        results = {0: slot.gated}
     trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
-    admitted = judged.gated if isinstance(judged.gated, Admitted) else None
+    admitted = slot.gated if isinstance(slot.gated, Admitted) else None
     seed = _telling(results)
     return Outcome(
-        proposal=proposal,
-        completion=judged.completion,
+        proposal=slot.proposal,
+        completion=slot.completion,
         admitted=admitted,
         result=results[seed],
-        seconds=judged.seconds + sum(training.seconds for training in found.values()),
+        seconds=slot.seconds + sum(training.seconds for training in found.values()),
         cpu_seconds=sum(training.cpu_seconds for training in found.values()),
-        attempts=judged.attempts,
+        attempts=slot.attempts,
         seed=seed,
         trainings=trainings if len(trainings) == len(results) else {},
         keys={} if admitted is None else {seed: evaluation_key(admitted.source, seed) for seed in results},

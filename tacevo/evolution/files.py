@@ -1,14 +1,13 @@
-"""The files of a search: its ledger with header and eras, and both archives.
+"""The files of a search: its ledger with its header, and both archives.
 
-ledger.jsonl    the header, then the lines of the search (`tacevo.evolution.lines`), and where later rules begin
+ledger.jsonl    the header, then the lines of the search (`tacevo.evolution.lines`)
 archive.json    the network archive, niche by niche
 prompts.json    the prompt archive
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -50,20 +49,10 @@ class RunLine(Record):
     kind: Literal["run"] = "run"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RulesLine(Record):
-    """An era begins: the generations from here on were made under these rules."""
-
-    generation: int
-    rules: Rules
-    kind: Literal["rules"] = "rules"
-
-
-Line = RunLine | RulesLine | SearchLine
+Line = RunLine | SearchLine
 
 _KINDS: Mapping[str, type[Line]] = {
     "run": RunLine,
-    "rules": RulesLine,
     "candidate": CandidateLine,
     "reevaluation": ReevaluationLine,
     "generation": GenerationLine,
@@ -71,7 +60,14 @@ _KINDS: Mapping[str, type[Line]] = {
 
 
 def line_kind(entry: Mapping[str, Json]) -> type[Line] | None:
-    """Return the class of a line that is read as JSON; None where a search writes no such line."""
+    """Return the class of a line that is read as JSON; None where a search writes no such line.
+
+    Raises:
+        RunError: it is a change of rules, as releases before this one wrote where a run was continued under their own.
+    """
+    if entry.get("kind") == "rules":
+        got, remedy = "generations under several rules", "the release that continued the run reads it"
+        raise RunError(got, place="ledger.jsonl", expected="a run under one set of rules", remedy=remedy)
     return _KINDS.get(str(entry.get("kind")))
 
 
@@ -195,47 +191,22 @@ def check_references(place: Path, record: RunRecord, lines: Sequence[Line]) -> N
         generation += isinstance(line, GenerationLine)
 
 
-def eras_of(lines: Sequence[Line]) -> tuple[RulesLine, ...]:
-    """Return where each of a run's eras begins, in order: the first at generation 0, under the header's rules.
-
-    A run that was continued under later rules has more than one era.
+def rules_of(lines: Sequence[Line]) -> Rules:
+    """Return the rules that a run was made under: those of its header.
 
     Raises:
-        RunError: the ledger does not begin with a header, or an era does not follow the one before it.
+        RunError: the ledger does not begin with a header, or has several.
     """
-    eras: list[RulesLine] = []
-    for line in lines:
-        if isinstance(line, RunLine):
-            eras.append(RulesLine(generation=0, rules=line.rules))
-        elif not eras:
-            break
-        elif isinstance(line, RulesLine):
-            eras.append(line)
-    if not eras or any(after.generation <= before.generation for before, after in pairwise(eras)):
-        generations = [era.generation for era in eras]
-        expected = "a header, and then rules that begin at later and later generations"
-        raise RunError(f"rules from generations {generations}", place="ledger.jsonl", expected=expected)
-    return tuple(eras)
+    headers = [place for place, line in enumerate(lines) if isinstance(line, RunLine)]
+    if headers != [0] or not isinstance(lines[0], RunLine):
+        got, expected = f"headers in lines {[place + 1 for place in headers]}", "one header, in the first line"
+        raise RunError(got, place="ledger.jsonl", expected=expected)
+    return lines[0].rules
 
 
-def eras_in_words(eras: Sequence[RulesLine]) -> str:
-    """Write the numbers that a run began with, and from which generation on which of them changed."""
-    begun, *_ = eras
-    words = [", ".join(f"{part} {number}" for part, number in asdict(begun.rules).items())]
-    for before, era in pairwise(eras):
-        changed = asdict(era.rules).items() - asdict(before.rules).items()
-        words.append(f"from generation {era.generation} " + ", ".join(f"{part} {to}" for part, to in sorted(changed)))
-    return "; ".join(words)
-
-
-def by_rules(lines: Sequence[Line]) -> Iterator[tuple[Rules, TrainedLine]]:
-    """Yield every line of a candidate, or of its re-evaluation, with the rules that it was made under."""
-    rules = FIRST
-    for line in lines:
-        if isinstance(line, TrainedLine):
-            yield rules, line
-        elif not isinstance(line, GenerationLine):
-            rules = line.rules
+def rules_in_words(rules: Rules) -> str:
+    """Write the numbers of rules."""
+    return ", ".join(f"{part} {number}" for part, number in asdict(rules).items())
 
 
 def write_archives(directory: RunDirectory, files: tuple[NetworkArchiveFile, PromptFile]) -> None:

@@ -8,7 +8,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 from tacevo.evolution.archive import AddStatus, Bounds
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
@@ -213,15 +213,18 @@ def source_hash(source: str) -> str:
 
 def with_training(line: T, training: Training) -> T:
     """Return a line with what its training gave."""
-    return replace(
-        line,
-        fitness=training.fitness,
-        train_losses=training.train_losses,
-        validation_losses=training.validation_losses,
-        predictions=training.predictions_sha256,
-        weights=training.weights_sha256,
-        not_deterministic=training.not_deterministic,
-    )
+    return replace(line, fitness=training.fitness, **_of_training(training))
+
+
+def _of_training(training: Training) -> dict[str, Any]:
+    """Return what a training gave by the names that lines have for it."""
+    return {
+        "train_losses": training.train_losses,
+        "validation_losses": training.validation_losses,
+        "predictions": training.predictions_sha256,
+        "weights": training.weights_sha256,
+        "not_deterministic": training.not_deterministic,
+    }
 
 
 def with_result(
@@ -232,15 +235,7 @@ def with_result(
     if isinstance(result, Rejection):
         return replace(line, stage=result.stage, reason=result.reason)
     seeds = tuple(
-        SeedLine(
-            seed=number,
-            evaluation=keys[number],
-            train_losses=training.train_losses,
-            validation_losses=training.validation_losses,
-            predictions=training.predictions_sha256,
-            weights=training.weights_sha256,
-            not_deterministic=training.not_deterministic,
-        )
+        SeedLine(seed=number, evaluation=keys[number], **_of_training(training))
         for number, training in trainings.items()
     )
     return replace(with_training(line, result), seeds=seeds if len(seeds) > 1 else ())

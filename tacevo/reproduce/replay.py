@@ -13,8 +13,8 @@ from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
 from tacevo.results.run import RecordedRun
 from tacevo.rules import CORES, check_known
-from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
+from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.wiring import Workbench, build_plan
 from tacevo.storage.ledger import Ledger, first_difference
 from tacevo.storage.run_directory import RunDirectory, rejected_text
@@ -63,15 +63,14 @@ def _replay(run: RecordedRun, view: Progress, seen: Seen | None) -> Replayed:
     """Run the search again, and compare."""
     config, task, facts = run.config, run.record.task, run.record.data
     stores = Stores(run.stores, seen)
-    for era in run.eras:
-        check_known("core", era.rules.core, CORES, run.directory.path)
+    check_known("core", run.rules.core, CORES, run.directory.path)
     plan = build_plan(config, task, facts, Mode.replay, stores=stores)
 
     ledger = Ledger(run.ledger)
-    ledger.commit(run_header(config, task, facts, plan, run.eras[0].rules))
+    ledger.commit(run_header(config, task, facts, plan, run.rules))
     verifier = _Verifier(run.directory, plan, view, run.record.trivial)
     with Workbench(config, task, facts, Mode.replay, stores=stores) as bench:
-        state = run_eras(plan, run.eras, bench.effects, ledger, verifier)
+        state = run_under(run.rules, plan, bench.effects, ledger, verifier)
     if ledger.committed != ledger.recorded:
         raise DivergenceError(
             f"{ledger.recorded} lines", place=str(run.directory.ledger), expected=f"{ledger.committed} lines"

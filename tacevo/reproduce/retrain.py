@@ -14,13 +14,12 @@ from typing import TypeVar
 from tacevo.choices import Device, Numerics
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
-from tacevo.evolution.files import by_rules
 from tacevo.evolution.lines import TrainedLine, with_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import StudyDirectory, studies_of
-from tacevo.rules import TRAININGS, Rules, check_known
+from tacevo.rules import TRAININGS, check_known
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
@@ -40,8 +39,8 @@ _COMPUTING = ("torch", "numpy")
 
 T = TypeVar("T")
 
-#: A training with the first run that has it, and the rules that it was made under.
-Evaluation = tuple[RecordedRun, Rules, TrainedLine]
+#: A training with the first run that has it.
+Evaluation = tuple[RecordedRun, TrainedLine]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,9 +86,9 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Pro
     doubts: dict[str, None] = {}
     for run in runs:
         name = f"{run.directory.path.name} " if len(runs) > 1 else ""
-        if lines := [(rules, line) for of, rules, line in drawn if of is run]:
+        if lines := [line for of, line in drawn if of is run]:
             doubts |= dict.fromkeys(_retrain(run, lines, view, name))
-    trained = [line for _, _, line in drawn if line.stage is None]
+    trained = [line for _, line in drawn if line.stage is None]
     return Retrained(
         trained=len(trained),
         rejected=len(drawn) - len(trained),
@@ -124,11 +123,11 @@ def chosen(
     pairs: Sequence[Evaluation], decisive: Set[str], count: int | None, draw: int
 ) -> tuple[list[Evaluation], str]:
     """Choose the decisive evaluations and `count` of the others, in their order; say how, and with which odds."""
-    others = [pair for pair in pairs if pair[2].evaluation not in decisive]
+    others = [pair for pair in pairs if pair[1].evaluation not in decisive]
     if count is None or count >= len(others):
         return list(pairs), ""
-    drawn = {pair[2].evaluation for pair in sampled(others, count, draw)}
-    taken = [pair for pair in pairs if pair[2].evaluation in drawn or pair[2].evaluation in decisive]
+    drawn = {pair[1].evaluation for pair in sampled(others, count, draw)}
+    taken = [pair for pair in pairs if pair[1].evaluation in drawn or pair[1].evaluation in decisive]
     return taken, (
         f"{len(taken) - count} evaluations of best networks and of networks of studies, and {count} of the other "
         f"{len(others)}, drawn at random (--draw {draw} repeats this): a forged one among these {len(others)} is found "
@@ -139,23 +138,21 @@ def chosen(
 def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
     """List the evaluations of all runs whose outcome does not depend on the machine's speed or memory.
 
-    Each is listed once, with the first run and line that have it, and that line's rules; of several seeds each has its
-    own line (`TrainedLine.by_seed`).
+    Each is listed once, with the first run and line that have it; of several seeds each has its own line
+    (`TrainedLine.by_seed`).
     """
     found: dict[str, Evaluation] = {}
     for run in runs:
-        for rules, line in by_rules(run.ledger.lines):
-            for one in line.by_seed():
+        check_known("training", run.rules.training, TRAININGS, run.directory.path)
+        for line in run.ledger.lines:
+            for one in line.by_seed() if isinstance(line, TrainedLine) else ():
                 if one.evaluation is not None and one.reason not in _BY_MACHINE:
-                    found.setdefault(one.evaluation, (run, rules, one))
-                    check_known("training", rules.training, TRAININGS, run.directory.path)
+                    found.setdefault(one.evaluation, (run, one))
     return list(found.values())
 
 
-def _retrain(
-    run: RecordedRun, lines: Sequence[tuple[Rules, TrainedLine]], view: Progress, name: str
-) -> tuple[str, ...]:
-    """Train candidates of one run again, each by its rules, and compare; say why equal bits were not promised.
+def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, name: str) -> tuple[str, ...]:
+    """Train candidates of one run again, by its rules, and compare; say why equal bits were not promised.
 
     `name` stands before a candidate's id; it is empty where there is one run only.
     """
@@ -166,16 +163,15 @@ def _retrain(
     for doubt in doubts:
         view.say(f"equal bits are not promised: {doubt}")
     jobs = [
-        (rules, run.directory.read_source(line.id, str(line.source)), training_seed(config.seed, line.seed))
-        for rules, line in lines
+        (run.directory.read_source(line.id, str(line.source)), training_seed(config.seed, line.seed)) for line in lines
     ]
     data = load_same(config, run.record.data, view)
     _check_trivial(run, trivial_loss(run.record.task.contract.loss, data.targets[data.validation]))
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
-        evaluators = {rules: bench.evaluator(rules) for rules, _ in lines}
-        retrained = bench.executor.map(lambda job: evaluators[job[0]].retrain(*job[1:]), jobs)
+        evaluator = bench.evaluator(run.rules)
+        retrained = bench.executor.map(lambda job: evaluator.retrain(*job), jobs)
         results = zip(lines, retrained, strict=True)
-        for number, ((_, line), result) in enumerate(results, start=1):
+        for number, (line, result) in enumerate(results, start=1):
             _check_equal(name, line, result, doubts)
             seed = f", seed {line.seed}" if line.seed else ""
             view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")

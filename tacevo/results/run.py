@@ -23,13 +23,12 @@ from tacevo.evolution.files import (
     Line,
     NetworkArchiveFile,
     PromptFile,
-    RulesLine,
     RunLine,
     TrialEntry,
     check_references,
-    eras_of,
     read_archives,
     read_finished,
+    rules_of,
 )
 from tacevo.evolution.lines import (
     CandidateLine,
@@ -42,6 +41,7 @@ from tacevo.evolution.lines import (
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import DataFacts, Task, to_json
 from tacevo.results.settings import read_settings
+from tacevo.rules import Rules
 from tacevo.storage.canonical import differences, shown
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import FinishedDirectory, RunDirectory, RunRecord
@@ -129,9 +129,9 @@ class RecordedRun:
         return tuple(line for line in self.ledger.lines if isinstance(line, ReevaluationLine))
 
     @cached_property
-    def eras(self) -> tuple[RulesLine, ...]:
-        """The rules that it was made under, from which generation on; at least one."""
-        return eras_of(self.ledger.lines)
+    def rules(self) -> Rules:
+        """What it was made under."""
+        return rules_of(self.ledger.lines)
 
     @property
     def bounds(self) -> Bounds | None:
@@ -275,6 +275,7 @@ def without_archives(
     check_references(directory.path, record, ledger.lines)
     config = read_settings(directory, record, store)
     run = RecordedRun(directory=directory, record=record, config=config, ledger=ledger)
+    rules_of(ledger.lines)
     _check_description(run.path, config, record.task, run.header)
     return run
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import NoReturn
 
 from tacevo.errors import IncomparableError
-from tacevo.evolution.files import eras_in_words
+from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Json, to_json
 from tacevo.results.sweep import Finished, RecordedSweep
@@ -91,7 +91,7 @@ def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
         yield "budget", f"search.{key}", getattr(config.search, key)
     for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", *_DEVICE):
         yield "budget", f"training.{key}", getattr(config.training, key)
-    yield "versions", "rules", eras_in_words(one.run.eras)
+    yield "versions", "rules", rules_in_words(one.run.rules)
     yield "versions", "numerics.kind", config.numerics.kind
     for name in VERSIONS:
         yield "versions", f"version of {name}", one.run.record.versions.get(name)

@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from tacevo.choices import DataSource
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
@@ -18,13 +20,14 @@ from tacevo.data.likeness import nearly_equal
 from tacevo.data.simulator.export import export, overrides_for
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
-from tacevo.data.survey import survey
+from tacevo.data.survey import PARTS, split_of, survey
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Task
-from tacevo.runs.data_report import Inspection
+from tacevo.runs.data_report import HOW, Image, Inspection
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.doubts import doubts_of, told
 from tacevo.runs.progress import Progress
+from tacevo.text import counted
 
 #: Stands for the choice that some experiments leave to the user: a data set is looked at without a model.
 _NO_MODEL = "llm=grammar"
@@ -38,24 +41,55 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     Raises:
         TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
     """
-    sheet = None if output is None else _writable(output)
+    path = None if output is None else _writable(output)
     config, catalogue, dataset, task = _loaded(overrides, console)
-    units = units_of(catalogue)
-    path = sheet or Path(f"contact-sheet-{dataset.facts.fingerprint[:8]}.png")
-    counts = " / ".join(map(str, dataset.facts.counts))
-    title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {dataset.facts.fingerprint[:8]}"
+    units, facts, splits = units_of(catalogue), dataset.facts, split_of(dataset)
+    path = path or Path(f"contact-sheet-{facts.fingerprint[:8]}.png")
+    counts = " / ".join(map(str, facts.counts))
+    title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {facts.fingerprint[:8]}"
     save(contact_sheet(dataset, units=units, title=title), path)
+
+    def image(row: int) -> Image:
+        return Image(row=row, part=splits[row], file=None if catalogue.files is None else str(catalogue.files[row]))
+
+    surveyed = survey(dataset, units)
+    alike = nearly_equal(dataset) if catalogue.recorded_size is not None else ()
+    groups = catalogue.groups
     return Inspection(
-        config=config,
-        dataset=dataset,
-        survey=survey(dataset, units),
-        alike=nearly_equal(dataset) if catalogue.recorded_size is not None else (),
-        catalogue=catalogue,
-        sheet=path,
-        told=told(task),
-        doubts=tuple(doubts_of(config, task, dataset, catalogue)),
+        task=config.task.name,
+        source=config.data.source,
+        root=config.data.root,
+        kind=facts.kind,
+        names=facts.names,
+        images={"all": sum(facts.counts), **dict(zip(PARTS, facts.counts, strict=True))},
+        skipped=catalogue.skipped,
+        ignored=tuple(map(str, catalogue.ignored)),
+        recorded_size=catalogue.recorded_size,
+        image_size=facts.image_size,
         is_sized=any(override.startswith(("experiment=", "data.image_size=")) for override in overrides),
+        labels=tuple(surveyed.labels.to_dict("records")),
+        mean=surveyed.mean,
+        deviation=surveyed.deviation,
+        duplicates=tuple(tuple(map(image, rows)) for rows in surveyed.equal),
+        constant=tuple(map(image, surveyed.constant)),
+        groups=None if groups is None else tuple(np.unique(groups, return_counts=True)[1].tolist()),
+        groups_chosen_by=catalogue.groups_chosen_by,
+        nearly_equal=tuple((image(row), image(other)) for row, other in alike),
+        prompt=told(task),
+        warnings=(*doubts_of(config, task, dataset, catalogue), *_alike_words(len(alike), config.data.source)),
+        fingerprint=facts.fingerprint,
+        cache=str(dataset.images.parent),
+        sheet=str(path),
     )
+
+
+def _alike_words(count: int, source: DataSource) -> list[str]:
+    if not count:
+        return []
+    return [
+        f"{counted(count, 'image')} for validation or test nearly equal one of another part, as frames of one press "
+        f"do: a network is tested on what it has learnt{HOW.get(source, '')}"
+    ]
 
 
 def show(overrides: Sequence[str], output: str, width: str, console: Console) -> Path:

@@ -1,8 +1,6 @@
 """The profiles of a finished run's networks, from its store of probes."""
 
 from tacevo.errors import RunError
-from tacevo.evolution.files import by_rules
-from tacevo.evolution.lines import CandidateLine
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Mode
 from tacevo.results.run import RecordedRun
@@ -19,17 +17,13 @@ def recall_profiles(run: RecordedRun) -> dict[str, Profile]:
         CacheMissError: a probe is missing.
         RunError: a candidate's file is not what was trained, or the limits of the run reject its source.
     """
-    trained = {
-        line.id: (rules, line.source)
-        for rules, line in by_rules(run.ledger.lines)
-        if isinstance(line, CandidateLine) and line.source is not None and line.fitness is not None
-    }
+    trained = {line.id: line.source for line in run.candidates if line.source is not None and line.fitness is not None}
     found = {}
     stores = Stores(run.stores)
     with Workbench(run.config, run.record.task, run.record.data, Mode.replay, stores=stores) as bench:
-        gates = {rules: bench.gate(rules) for rules, _ in trained.values()}
-        for name, (rules, digest) in trained.items():
-            verdict = gates[rules].measure(run.directory.read_source(name, digest))
+        gate = bench.gate(run.rules)
+        for name, digest in trained.items():
+            verdict = gate.measure(run.directory.read_source(name, digest))
             if not isinstance(verdict, Admitted):
                 detail = f"{name} was trained, and is rejected now: {verdict.reason}: {verdict.detail}"
                 raise RunError(detail, place=str(run.directory.path), remedy="restore run.json")

@@ -2,7 +2,7 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
-from tacevo.evolution.files import Line, RulesLine, RunLine, line_kind, read_ledger, write_archives
+from tacevo.evolution.files import Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.state import Plan, SearchState
@@ -25,9 +25,9 @@ from tacevo.redaction import without_password
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.doubts import doubts_of
-from tacevo.runs.eras import archive_files, run_eras, run_header
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
+from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.summary import in_short, summarise
 from tacevo.runs.usable import UsableAnswers
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
@@ -92,7 +92,6 @@ def record(
     view: Progress,
     *,
     begun: Sealed[Line] | None = None,
-    eras: Sequence[RulesLine] = (RulesLine(generation=0, rules=CURRENT),),
     run: Run | None = None,
     zygote: Zygote | None = None,
     llm: LLM | None = None,
@@ -100,16 +99,15 @@ def record(
     """Run a search into its run directory, or resume the one that was begun there.
 
     `begun` is the ledger of another run that this one continues; the search is compared with its lines as with those
-    of a stopped run. `eras` are the rules to search under, from which generation on. `run`, `zygote` and `llm` are as
-    of `Workbench`.
+    of a stopped run. `run`, `zygote` and `llm` are as of `Workbench`.
 
     Raises:
         TacevoError: see its subclasses; what was computed so far is kept.
     """
     facts = data.facts
     plan = build_plan(config, task, facts, Mode.record)
-    header = run_header(config, task, facts, plan, eras[0].rules)
-    decisive: list[Json] = [written(header), *length(config).values(), *map(written, eras[1:])]
+    header = run_header(config, task, facts, plan, CURRENT)
+    decisive: list[Json] = [written(header), *length(config).values()]
     directory = RunDirectory(_run_path(config, decisive))
     with directory.locked(), _opened(directory, begun) as ledger, telling(lambda: _has_candidates(ledger)):
         _commit_header(ledger, header, directory)
@@ -138,7 +136,7 @@ def record(
                 zygote=zygote,
                 llm=llm,
             ) as bench:
-                state = run_eras(plan, eras, bench.effects, ledger, observer)
+                state = run_under(CURRENT, plan, bench.effects, ledger, observer)
             _check_length(ledger, directory)
             found, succeeded = _finish(directory, config, state, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)

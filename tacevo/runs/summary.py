@@ -8,7 +8,7 @@ from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending, in_words, total
 from tacevo.evolution.chance import shortfall
-from tacevo.evolution.files import Line, eras_in_words, eras_of
+from tacevo.evolution.files import Line
 from tacevo.evolution.lines import (
     TEMPERATURE,
     CandidateLine,
@@ -43,7 +43,7 @@ def summarise(
     """
     short, _ = in_short(run, config, lines, elites, spent)
     generations = _generations(lines)
-    parts = [f"# {run.name}", short.rstrip(), _data(run), *_rules(lines), *_unpromised(_candidates(lines).values())]
+    parts = [f"# {run.name}", short.rstrip(), _data(run), *_unpromised(_candidates(lines).values())]
     return "\n\n".join([*parts, *([_progress(generations, config)] if generations else [])]) + "\n"
 
 
@@ -97,12 +97,6 @@ def _data(run: RunRecord) -> str:
         f"{size} x {size} pixels; the test images play no part in a search."
         + ("" if run.trivial is None else f" {_TRIVIAL}: {_number(run.trivial)}.")
     )
-
-
-def _rules(lines: Sequence[Line]) -> list[str]:
-    """Say from which generation on other rules hold, where a run was continued under others."""
-    eras = eras_of(lines) if lines else ()
-    return [f"Made under more than one set of rules: {eras_in_words(eras)}."] if len(eras) > 1 else []
 
 
 def _not_sent(lines: Collection[CandidateLine]) -> list[str]:

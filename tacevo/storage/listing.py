@@ -1,4 +1,4 @@
-"""`tacevo cache ls | verify | explain`: what the stores hold, whether it is sound, and how two requests differ."""
+"""`tacevo cache ls | verify | explain`: what the stores hold, whether it is sound, and how two entries differ."""
 
 import json
 from collections import defaultdict
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.costs import Spending, in_words, spending_on, token_cells, total, usd
-from tacevo.errors import ConfigError, StoreError
+from tacevo.errors import StoreError
 from tacevo.records import Completion, Json, Request
 from tacevo.storage.arrays import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, readable, shown, value_at
 from tacevo.storage.files import write_durably
 from tacevo.storage.store import KINDS, Entry, Store, check_entry, place_of, read_entry
 from tacevo.text import counted, table
-from tacevo.typed import FreeJson, convert, parse
+from tacevo.typed import convert
 
 #: Fewest digits that name an entry.
 _SHORTEST_KEY = 4
@@ -84,28 +84,20 @@ def verify(root: Path) -> tuple[list[str], int]:
     return [str(problem) for problem in problems if problem], len(problems)
 
 
-def explain(root: Path, what: str) -> str:
-    """Describe an entry or a request, and how it differs from the nearest recording.
+def explain(root: Path, prefix: str) -> str:
+    """Describe an entry, and how it differs from the nearest other recording of its kind.
 
     Args:
         root: the directory of the stores.
-        what: the first digits of a key; or a JSON file with a completion's request, or with a `kind` and a `request`.
+        prefix: the first digits of its key.
 
     Raises:
         StoreError: no entry, or more than one, begins with these digits; or it is damaged.
-        ConfigError: the file cannot be read.
     """
     _check_folder(root)
-    if Path(what).is_file():
-        kind, request = _asked(Path(what))
-        key = Store(root, kind).key(request)
-        if not Store(root, kind).holds(key):
-            return "\n".join([f"{kind} {key}: not recorded", _nearest(root, kind, request)])
-        path = _find(root, key)
-        return "\n".join([f"{kind} {key}: recorded", *_answered(path), _nearest(root, kind, request)])
-    path = _find(root, what)
+    path = _find(root, prefix)
     entry = read_entry(path)
-    lines = [f"{entry.kind} {entry.key}: recorded in {path}", *_answered(path)]
+    lines = [f"{entry.kind} {entry.key}: recorded in {path}", *_answered(path, entry)]
     parts = entry.request if isinstance(entry.request, Mapping) else {}
     lines += [f"  {name}: {_brief(value)}" for name, value in sorted(parts.items())]
     return "\n".join([*lines, _nearest(root, entry.kind, entry.request)])
@@ -161,39 +153,21 @@ def _find(root: Path, prefix: str) -> Path:
     """Find the one entry whose key begins with a text."""
     hexadecimal = len(prefix) >= _SHORTEST_KEY and set(prefix.lower()) <= set("0123456789abcdef")
     if not hexadecimal:
-        raise StoreError(
-            prefix, expected=f"a JSON file with a request, or at least {_SHORTEST_KEY} hexadecimal digits of a key"
-        )
+        raise StoreError(prefix, expected=f"at least {_SHORTEST_KEY} hexadecimal digits of a key")
     paths = [path for kind in KINDS for path in root.glob(place_of(kind, f"{prefix.lower()}*"))]
     if len(paths) != 1:
         raise StoreError(
             f"{len(paths)}",
             place=str(root),
             expected=f"one entry whose key begins with {prefix}",
-            remedy="give more digits, or the request as a JSON file",
+            remedy="give more digits",
         )
     return paths[0]
 
 
-def _asked(path: Path) -> tuple[str, Json]:
-    """Read a request from a file: the request alone, or a mapping with its kind, such as a store's entry."""
-    expected = "a JSON object with a request"
-    try:
-        value = parse(dict[str, FreeJson], path.read_bytes(), place=str(path), error=ConfigError)
-    except ConfigError as error:
-        error.expected = expected
-        raise
-    kind, request = value.get("kind", "completions"), value.get("request", value)
-    if not isinstance(request, dict):
-        raise ConfigError(_brief(request), place=str(path), expected=expected)
-    if kind not in KINDS:
-        raise ConfigError(repr(kind), place=f"{path}, kind", expected=f"one of {', '.join(KINDS)}")
-    return str(kind), request
-
-
-def _answered(path: Path) -> list[str]:
+def _answered(path: Path, entry: Entry) -> list[str]:
     """Describe a completion's answer; those of other kinds are readable in their files."""
-    _, completion = _checked_answer(path, read_entry(path))
+    _, completion = _checked_answer(path, entry)
     if completion is None:
         return []
     dropped = f", sent without {', '.join(completion.dropped)}" if completion.dropped else ""

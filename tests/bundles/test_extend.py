@@ -1,6 +1,5 @@
 """Promise: a published run is continued by its own lines and under its own settings, and is itself left as it is."""
 
-import io
 import json
 import shutil
 from dataclasses import replace
@@ -8,16 +7,12 @@ from pathlib import Path
 
 import pytest
 from refusals import refused
-from rich.console import Console
 from smallest import SMALLEST, UNTRACKED
 
-from tacevo.bundles.extend import _eras, continued
+from tacevo.bundles.extend import continued
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
-from tacevo.errors import ConfigError, RunError
-from tacevo.evolution.files import RulesLine
-from tacevo.rules import CURRENT, FIRST
-from tacevo.runs.progress import Progress
+from tacevo.errors import ConfigError
 from tacevo.storage.run_directory import RunDirectory
 
 #: A real search of one generation, with stores of its own.
@@ -85,18 +80,6 @@ def test_edited_run_is_not_continued(published: Path, place: Path, capsys: pytes
     assert main(["continue", str(edited), "--store", str(published / "cache"), *MORE]) == 1
     assert "g00s00" in capsys.readouterr().err
     assert not (place / "mine").exists()
-
-
-def test_generations_that_follow_are_under_the_current_rules_if_that_was_asked_for() -> None:
-    """What changes is told, and the ledger keeps where; a run under the current rules has one era all along."""
-    old, told = (RulesLine(generation=0, rules=FIRST),), io.StringIO()
-    with Progress(Console(file=told)) as view:
-        assert _eras(old, 4, True, view) == (*old, RulesLine(generation=5, rules=CURRENT))
-        assert f"from generation 5 on, the current rules apply: static {CURRENT.static} instead of" in told.getvalue()
-        with refused(RunError, expected="a run under the current rules", remedy="--rules current"):
-            _eras(old, 4, False, view)
-        new = (RulesLine(generation=0, rules=CURRENT),)
-        assert _eras(new, 4, True, view) == new
 
 
 def test_published_folder_is_no_place_for_the_new_run(

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -43,7 +44,7 @@ def test_check_reports_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["data", "check", *SMALL]) == 0
     out = capsys.readouterr().out
     assert "40: 32 training, 4 validation, 4 test" in out
-    assert "Fz [N]  validation" in out
+    assert re.search(r"Fz \[N\] +validation", out)
     assert "no two images are equal" in out
     (sheet,) = Path.cwd().glob("contact-sheet-*.png")
     assert f"look:        {sheet.name}" in out
@@ -58,7 +59,7 @@ def test_check_in_json_is_for_machines(capsys: pytest.CaptureFixture[str]) -> No
     found = json.loads(capsys.readouterr().out)
     assert found["images"] == {"all": 40, "train": 32, "validation": 4, "test": 4}
     assert (found["recorded_size"], found["image_size"]) == ([20, 24], 16)
-    assert [sum(part["classes"]) for part in found["parts"]] == [32, 4, 4]
+    assert [sum(row[part] for row in found["labels"]) for part in ("train", "validation", "test")] == [32, 4, 4]
     assert found["duplicates"] == []
     assert found["sheet"] == "sheet.svg"
     assert (Path(found["cache"]) / "images.npy").is_file()
@@ -79,8 +80,8 @@ def test_first_groups_of_equal_images_are_listed_and_the_others_counted(capsys: 
     assert main(["data", "check", *overrides]) == 1
     out = capsys.readouterr().out
     assert "20 groups of equal images" in out
-    assert len(re.findall(r"^  (?:leak: )?row \d+ ", out, re.MULTILINE)) == 10
-    assert "  and 10 more groups; --json lists all" in out
+    assert len(re.findall(r"^  (?:leak: )?row \d+ ", out, re.MULTILINE)) == 18  # leaks, 10 of them
+    assert "more; --json lists all" in out
     assert main(["data", "check", *overrides, "--json"]) == 1
     assert len(json.loads(capsys.readouterr().out)["duplicates"]) == 20
 
@@ -128,20 +129,17 @@ def test_check_uses_the_entry_of_a_search(capsys: pytest.CaptureFixture[str]) ->
     assert Path("figure.pdf").read_bytes().startswith(b"%PDF")
 
 
-@pytest.mark.parametrize(
-    "task", ["force", *(pytest.param(task, marks=pytest.mark.slow) for task in ("grating", "hardness"))]
-)
+@pytest.mark.parametrize("task", ["force", pytest.param("hardness", marks=pytest.mark.slow)])
 def test_printed_command_reads_the_export(task: str, capsys: pytest.CaptureFixture[str]) -> None:
     """What `simulate` prints works as it stands, and gives the fingerprint of the simulation."""
-    images = 350 if task == "grating" else 40  # enough for every class in every part of the split
-    assert main(["data", "simulate", f"task={task}", f"n={images}", "out=made", "data.image_size=16"]) == 0
+    assert main(["data", "simulate", f"task={task}", "n=40", "out=made", "data.image_size=16"]) == 0
     first, second = capsys.readouterr().out.splitlines()
-    assert first == f"{images} images and their labels: made"
+    assert first == "40 images and their labels: made"
     assert second.startswith(f"read them: {as_typed('tacevo')} data check ")
     fingerprints = []
     for command in (
-        second.split()[3:],
-        ["data", "check", f"task={task}", f"data.images={images}", "data.image_size=16"],
+        shlex.split(second)[3:],
+        ["data", "check", f"task={task}", "data.images=40", "data.image_size=16"],
     ):
         assert main([*command, "--json"]) == 0
         fingerprints.append(json.loads(capsys.readouterr().out)["fingerprint"])
@@ -165,7 +163,7 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
             "-o: expected a file name that ends in one of .png, .pdf, .svg; got sheet.gif",
         ),
         (["check", "sheet"], "expected KEY=VALUE or GROUP=CHOICE; got 'sheet'"),
-        (["check", "data=folder", "data.root=~/photos"], "write a home directory in full"),
+        (["check", "data=folder", "data.root=~/photos"], "data.root=~/photos"),
         (["show", *SMALL, "-o", "absent/figure.pdf"], "-o: expected a file in a directory; got absent"),
         (["show", "data.imges=3", "-o", "figure.pdf"], "imges"),
         (["simulate", "task=force", "n=40"], "out: expected one new directory, as in out=DIR; got []"),
@@ -209,7 +207,7 @@ def test_ctrl_c_ends_an_export_and_leaves_nothing(tmp_path: Path) -> None:
     """Interrupted by a terminal while processes draw, neither a process nor a file remains."""
     arguments = ["data", "simulate", "task=force", "n=20000", "data.image_size=64", "out=made", "executor.workers=2"]
     making = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True, start_new_session=True)
-    assert eventually(lambda: len(list(tmp_path.glob(".made-*/*/*/*.png"))) >= 100, seconds=60)
+    assert eventually(lambda: len(list(tmp_path.glob(".made-*/images/*.png"))) >= 100, seconds=60)
     assert making.poll() is None
     os.killpg(making.pid, signal.SIGINT)
     _, errors = making.communicate(timeout=60)

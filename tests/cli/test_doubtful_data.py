@@ -117,10 +117,10 @@ def test_groups_are_told_and_frames_in_two_parts_are_warned_of(capsys: pytest.Ca
     near = found["nearly_equal"]
     assert f"{len(near)} images for validation or test nearly equal one of another part" in warning
     assert "data.group_column=COLUMN" in warning
-    for pair in near:
-        assert pair["rows"][0] // 4 == pair["rows"][1] // 4
-        assert pair["parts"][0] != pair["parts"][1]
-        assert pair["files"][0].endswith(f"{pair['rows'][0]:02d}.png")
+    for one, other in near:
+        assert one["row"] // 4 == other["row"] // 4
+        assert one["part"] != other["part"]
+        assert one["file"].endswith(f"{one['row']:02d}.png")
     lines = Path("recording/labels.csv").read_text().splitlines()
     grouped = [f"{line},{'press' if number == 0 else (number - 1) // 4}" for number, line in enumerate(lines)]
     Path("recording/labels.csv").write_text("\n".join(grouped))
@@ -130,7 +130,7 @@ def test_groups_are_told_and_frames_in_two_parts_are_warned_of(capsys: pytest.Ca
     assert main(["data", "check", *overrides]) == 0
     out = capsys.readouterr().out
     assert warning in out
-    assert [file for pair in near[:1] for file in pair["files"] if file not in out] == []
+    assert [image["file"] for image in near[0] if image["file"] not in out] == []
     assert main(["data", "check", *overrides, "data.group_column=press"]) == 0
     grouped_out = capsys.readouterr().out
     assert warning not in grouped_out

@@ -25,7 +25,7 @@ from tacevo.evolution.files import (
 )
 from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine
 from tacevo.records import Operator
-from tacevo.runs.eras import archive_files
+from tacevo.runs.search_files import archive_files
 from tacevo.storage.ledger import Ledger
 from tacevo.storage.run_directory import RunDirectory
 

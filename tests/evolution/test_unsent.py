@@ -20,14 +20,13 @@ from tacevo.config.compose import compose
 from tacevo.errors import IncomparableError
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import find_centroids
-from tacevo.evolution.files import RulesLine
 from tacevo.evolution.lines import CandidateLine, SearchLine, not_sent
 from tacevo.evolution.state import Plan
 from tacevo.records import Completion, Request
 from tacevo.results.run import RecordedRun
 from tacevo.results.sweep_checks import check_sweep
 from tacevo.rules import FIRST
-from tacevo.runs.eras import run_eras
+from tacevo.runs.search_files import run_under
 from tacevo.runs.summary import summarise
 from tacevo.storage.ledger import Ledger
 
@@ -84,9 +83,8 @@ def test_ledger_under_the_first_core_gains_no_field() -> None:
     """Its answers are recorded with what was dropped, its lines name nothing; a replay gives these very lines."""
     plan = fakes.plan(generations=2)
     for core in (1, 2):
-        eras = [RulesLine(generation=0, rules=replace(FIRST, core=core))]
         recorder = fakes.Recorder()
-        run_eras(plan, eras, lambda _: fakes.effects(Refusing()), Ledger(), recorder)
+        run_under(replace(FIRST, core=core), plan, lambda _: fakes.effects(Refusing()), Ledger(), recorder)
         assert any(line.dropped for line in answered_in(recorder.lines)) is (core == 2)
 
 

@@ -1,8 +1,7 @@
 """Promise: a run that was published outlives the code that made it."""
 
-import json
 import shutil
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +13,10 @@ from refusals import refused
 from smallest import UNTRACKED
 
 from tacevo.errors import RunError
-from tacevo.evolution.files import Line, RulesLine, by_rules, eras_of, read_ledger
+from tacevo.evolution.files import Line, RunLine, read_ledger, rules_of
 from tacevo.records import written
 from tacevo.rules import CORES, CURRENT, FIRST, LAST_RELEASES, TRAININGS, check_known
+from tacevo.storage.canonical import canonical
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 from tacevo.typed import convert
@@ -71,30 +71,11 @@ def continuing(published: Path, folder: Path) -> list[str | Path]:
     return ["continue", published / "run.zip", "search.generations=2", UNTRACKED, *where]
 
 
-def test_continuing_under_other_rules_must_be_asked_for(published: Path, tmp_path: Path) -> None:
-    """Without `--rules current` nothing is written."""
+def test_continuing_under_other_rules_is_refused(published: Path, tmp_path: Path) -> None:
+    """Candidates and new ones would be judged differently; nothing is written."""
     done = tacevo(*continuing(published, tmp_path), before=LATER, status=2)
     assert f"static {CURRENT.static} instead of {CURRENT.static + 1}" in done.stderr
-    assert "--rules current" in done.stderr
     assert not (tmp_path / "longer").exists()
-
-
-@pytest.mark.slow
-def test_continuing_under_other_rules_is_recorded(published: Path, tmp_path: Path) -> None:
-    """With `--rules current` the ledger says from where on the new rules hold."""
-    longer, command = tmp_path / "longer", continuing(published, tmp_path)
-    done = tacevo(*command, "--rules", "current", before=LATER)
-    begun = (published / "run" / "ledger.jsonl").read_bytes()
-    lines = (longer / "ledger.jsonl").read_bytes()
-    assert lines.startswith(begun)
-    (change,) = [line for line in map(json.loads, lines.splitlines()) if line["kind"] == "rules"]
-    later = {part: number + 1 for part, number in asdict(CURRENT).items()}
-    assert (change["generation"], change["rules"]) == (2, later)
-    digest = done.stdout.splitlines()[-1]
-    before = f"import sys\nimport tacevo.rules as rules\nrules.CORES |= {{{CURRENT.core + 1}}}"
-    for setting in (LATER, before):  # the release that made it, and one with the older policy, probe and trainer
-        assert tacevo("replay", longer, before=setting).stdout.splitlines()[-1] == digest
-    assert tacevo(*command, "--rules", "current", before=LATER).stdout.splitlines()[-1] == digest
 
 
 @pytest.mark.slow
@@ -126,36 +107,32 @@ def test_what_was_dropped_has_a_release() -> None:
 def test_header_without_rules_means_the_first_ones() -> None:
     """Those of the runs that were published before rules were recorded."""
     assert "rules" not in written(header())
-    assert eras_of([header()]) == (RulesLine(generation=0, rules=FIRST),)
-    assert eras_of([header(rules=CURRENT)])[0].rules == CURRENT
+    assert rules_of([header()]) == FIRST
+    assert rules_of([header(rules=CURRENT)]) == CURRENT
 
 
-def test_every_line_has_the_rules_of_its_era() -> None:
-    """A line of the new rules begins an era."""
-    new = replace(FIRST, probe=9)
-    lines: list[Line] = [header(), candidate("g01s00"), RulesLine(generation=2, rules=new), candidate("g02s00")]
-    assert [rules for rules, _ in by_rules(lines)] == [FIRST, new]
-
-
-@pytest.mark.parametrize("generations", [(2, 2), (3, 2), (0,)])
-def test_eras_that_do_not_follow_each_other_are_refused(generations: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("lines", [[], [candidate("g00s00"), header()], [header(), candidate("g00s00"), header()]])
+def test_ledger_has_one_header(lines: list[Line]) -> None:
     """A ledger can be edited."""
-    lines = [RulesLine(generation=generation, rules=FIRST) for generation in generations]
-    with refused(RunError, expected="later and later generations"):
-        eras_of([header(), *lines])
+    with refused(RunError, place="ledger.jsonl", expected="one header, in the first line"):
+        rules_of(lines)
 
 
-def test_eras_without_a_header_are_refused() -> None:
-    """A ledger can be edited."""
-    with refused(RunError, place="ledger.jsonl", expected="a header", got="rules from generations []"):
-        eras_of([candidate("g00s00"), header()])
+def test_second_set_of_rules_is_refused(published: Path, tmp_path: Path) -> None:
+    """As earlier releases wrote where a run was continued under their own rules; the message says who reads it."""
+    run = Path(shutil.copytree(published / "run", tmp_path / "run"))
+    change: dict[str, Any] = {"generation": 2, "hash": "0", "kind": "rules", "previous": "0", "rules": asdict(FIRST)}
+    with (run / "ledger.jsonl").open("a") as ledger:
+        ledger.write(f"{canonical(change)}\n")
+    with refused(RunError, place="ledger.jsonl", got="several rules", remedy="the release that continued the run"):
+        read_ledger(RunDirectory(run))
 
 
 @pytest.mark.parametrize("value", [{}, {"static": 1}, {**asdict(FIRST), "core": "1"}, {**asdict(FIRST), "more": 1}])
 def test_rules_that_no_release_writes_are_refused(value: Any) -> None:
     """A ledger can be edited."""
     with refused(RunError, place="rules"):
-        convert(RulesLine, {"kind": "rules", "generation": 2, "rules": value}, place="line 3", error=RunError)
+        convert(RunLine, {**written(header()), "rules": value}, place="line 1", error=RunError)
 
 
 def test_rules_of_a_later_release_ask_for_an_update() -> None:
@@ -168,4 +145,4 @@ def test_rules_of_a_later_release_ask_for_an_update() -> None:
 def test_run_says_which_rules_made_it(published: Path) -> None:
     """In the first line of its ledger, unless they are the first rules; they count for the digest."""
     lines = read_ledger(RunDirectory(published / "run")).lines
-    assert eras_of(lines)[0].rules == CURRENT
+    assert rules_of(lines) == CURRENT

@@ -36,7 +36,6 @@ from tacevo.reproduce.retrain import (
     sampled,
 )
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.rules import FIRST
 from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory
@@ -207,7 +206,7 @@ def test_outcomes_of_the_machine_are_left_out_and_equal_sources_count_once() -> 
         config=compose(["experiment=published_force"]),
         ledger=Sealed((header(), LINE, replace(LINE, id="g00s04"), slow, untrained)),
     )
-    assert evaluations([run, run]) == [(run, FIRST, LINE)]
+    assert evaluations([run, run]) == [(run, LINE)]
 
 
 def forge(folder: Path, candidate: str, factor: float) -> None:
@@ -226,11 +225,11 @@ def forge(folder: Path, candidate: str, factor: float) -> None:
 def test_forged_best_network_is_always_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also where the bundle's own seed, which earlier releases drew by, does not draw it."""
     run = read_run(Path("run"))
-    old = {line.id for _, _, line in sampled(evaluations([run]), 1, run.config.seed)}
+    old = {line.id for _, line in sampled(evaluations([run]), 1, run.config.seed)}
     candidate = next(line.id for line in run.candidates if line.generation == 0 and line.id not in old)
     forge(folder, candidate, 0.3)
     run = read_run(Path("forged/run"))
-    assert candidate not in {line.id for _, _, line in sampled(evaluations([run]), 1, run.config.seed)}
+    assert candidate not in {line.id for _, line in sampled(evaluations([run]), 1, run.config.seed)}
     assert main(["publish", "forged/run", "-o", "forged.zip"]) == 0
     assert main(["replay", "forged.zip"]) == 0  # its records fit each other
     assert main(["replay", "forged.zip", "--retrain", "1"]) == 1

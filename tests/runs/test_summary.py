@@ -13,10 +13,9 @@ from tacevo.choices import ArchiveKind
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
-from tacevo.evolution.files import Line, RulesLine
+from tacevo.evolution.files import Line
 from tacevo.evolution.lines import GenerationLine, ReevaluationLine, RepairedAnswer
 from tacevo.records import Operator, Reason, Stage
-from tacevo.rules import FIRST
 from tacevo.runs.summary import in_short, summarise
 from tacevo.text import table
 
@@ -72,15 +71,6 @@ def test_bound_on_trainings_is_named() -> None:
     words = "The search ends where its trainings reach search.training_flops=1e+15."
     assert words in page_of(*LINES, config=config)
     assert words not in page_of(*LINES)
-
-
-def test_rules_that_changed_are_named() -> None:
-    """A run that was continued under other rules says from which generation on which numbers hold."""
-    change = RulesLine(generation=2, rules=replace(FIRST, static=2, training=3))
-    page = page_of(*LINES[:-2], change, *LINES[-2:])
-    begun = "static 1, probe 4, training 1, core 1"
-    assert f"Made under more than one set of rules: {begun}; from generation 2 static 2, training 3." in page
-    assert "rules" not in page_of(*LINES)
 
 
 def test_candidates_without_a_promise_are_named() -> None:

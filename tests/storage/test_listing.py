@@ -1,6 +1,5 @@
 """Promise: `tacevo cache` tells what lies in the stores, names every entry that is not sound, and changes nothing."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +7,8 @@ import pytest
 from refusals import refused
 
 from tacevo.cli.app import main
-from tacevo.errors import ConfigError, StoreError
-from tacevo.records import Completion, Delivery, Message, Price, Request, to_json
+from tacevo.errors import StoreError
+from tacevo.records import Completion, Delivery, Json, Message, Price, Request, to_json
 from tacevo.storage.listing import explain, list_stores, verify
 from tacevo.storage.store import Store
 
@@ -168,50 +167,29 @@ def test_explain_tells_an_entry_and_its_neighbour(root: Path) -> None:
     assert "it differs in 1 field:\n  draw: recorded 2, here 1" in page
 
 
-def test_explain_says_what_an_unrecorded_request_differs_in(root: Path, tmp_path: Path) -> None:
-    """A request in a file is looked up, and compared with the nearest recording, field by field."""
-    asked = {**to_json(request(1)), "temperature": 0.25, "messages": [{"role": "user", "content": "Narrow it."}]}
-    file = tmp_path / "request.json"
-    file.write_text(json.dumps(asked))
-    page = explain(root, str(file))
-    assert f"completions {Store(root, 'completions').key(asked)}: not recorded" in page
-    assert '  messages.0.content: recorded "Widen it.", here "Narrow it."' in page
-    assert "  temperature: recorded 0.5, here 0.25" in page
-
-
 @pytest.mark.parametrize("name", ["a.b", "messages.0", ".", "", "temperature."])
-def test_explain_takes_a_field_of_any_name(name: str, root: Path, tmp_path: Path) -> None:
+def test_explain_takes_a_field_of_any_name(name: str, root: Path) -> None:
     """A dot in a name leads nowhere else: the field is shown with its own value."""
-    file = tmp_path / "request.json"
-    file.write_text(json.dumps({**to_json(request(1)), name: "odd"}))
-    assert f'  {name}: recorded null, here "odd"' in explain(root, str(file))
+    asked: dict[str, Json] = {"source": "a", name: "odd"}
+    probes = Store(root, "probes")
+    probes.write(asked, {"profile": "b"})
+    assert f'  {name}: recorded null, here "odd"' in explain(root, probes.key(asked))
 
 
-def test_entry_that_is_no_completion_is_not_explained(root: Path, tmp_path: Path) -> None:
-    """Its checksum is right, but this version cannot read it; asked for by its request it is named as well."""
+def test_entry_that_is_no_completion_is_not_explained(root: Path) -> None:
+    """Its checksum is right, but this version cannot read it."""
     Store(root, "completions").write({"model": "m"}, {"text": "no completion"})
-    file = tmp_path / "request.json"
-    file.write_text(json.dumps({"model": "m"}))
     with refused(StoreError, place="answer", remedy="delete it"):
-        explain(root, str(file))
-
-
-def test_explain_takes_any_kind_from_a_file(root: Path, tmp_path: Path) -> None:
-    """A file that names a kind and a request, such as an entry, is about that kind."""
-    file = tmp_path / "probe.json"
-    file.write_text(json.dumps({"kind": "probes", "request": {"source": "a"}}))
-    page = explain(root, str(file))
-    assert ": recorded" in page
-    assert page.endswith(f"{root} holds no other recording of probes")
+        explain(root, Store(root, "completions").key({"model": "m"}))
 
 
 @pytest.mark.parametrize(
     ("what", "words"),
     [
         ("00000000", "one entry whose key begins with 00000000"),
-        ("abc", "a JSON file with a request, or at least 4 hexadecimal digits of a key"),
-        ("request.json", "a JSON file with a request, or"),
-        ("../../etc", "a JSON file with a request, or"),
+        ("abc", "at least 4 hexadecimal digits of a key"),
+        ("request.json", "at least 4 hexadecimal digits"),
+        ("../../etc", "at least 4 hexadecimal digits"),
     ],
 )
 def test_key_that_names_nothing_is_refused(what: str, words: str, root: Path) -> None:
@@ -226,26 +204,6 @@ def test_damaged_entry_is_not_explained(root: Path) -> None:
     truncated(path)
     with refused(StoreError, place=str(path), expected="JSON"):
         explain(root, path.stem)
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("{", "a JSON object with a request"),
-        ("[]", "a JSON object with a request"),
-        ('{"request": 5}', "a JSON object with a request"),
-        ('{"temperature": NaN}', "a JSON object with a request"),
-        ('{"system": "\\ud800"}', "a JSON object with a request"),
-        ("[" * 100_000, "a JSON object with a request"),
-        ('{"kind": "x", "request": {}}', "one of answers, centroids, completions"),
-    ],
-)
-def test_file_without_a_request_is_refused(content: str, words: str, root: Path, tmp_path: Path) -> None:
-    """The message says what is wrong with the file."""
-    file = tmp_path / "request.json"
-    file.write_text(content)
-    with refused(ConfigError, place="request.json", expected=words):
-        explain(root, str(file))
 
 
 @pytest.mark.parametrize("arguments", [["ls"], ["verify"], ["explain", "abcd"]])

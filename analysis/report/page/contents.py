@@ -233,7 +233,7 @@ class PageContents:
     """The whole page."""
 
     title: str
-    #: Of a running search; the page then asks for newer contents.
+    #: Of a running search; the page then reloads itself.
     live: bool
     #: A sentence on how the search stands, of a live page.
     state: str

@@ -27,26 +27,21 @@ SCRIPTS = (
 
 def as_html(contents: PageContents) -> str:
     """Write the page."""
-    return html_around(as_data(contents), title=contents.title, live=contents.live)
-
-
-def html_around(data: str, *, title: str, live: bool) -> str:
-    """Write the page around its contents, which `as_data` wrote."""
     library, *own = (_part(name) for name in SCRIPTS)
     script = f'/*\n{_part("d3.LICENSE")}*/\n{library}\n(() => {{\n"use strict";\n{"".join(own)}}})();\n'
     style = _part("style.css")
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(_part("page.html.jinja"))
     return template.render(
-        title=title,
-        policy=_policy(script, style, live=live),
+        title=contents.title,
+        policy=_policy(script, style),
         style=Markup(style),
         script=Markup(script),
-        contents=Markup(data),
+        contents=Markup(as_data(contents)),
     )
 
 
 def as_data(contents: PageContents) -> str:
-    """Write the contents as JSON that may stand in HTML; a running search's page asks for this."""
+    """Write the contents as JSON that may stand in HTML."""
     return json_in_html(json.dumps(to_json(contents), allow_nan=False, separators=(",", ":")))
 
 
@@ -60,8 +55,8 @@ def _part(name: str) -> str:
     return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
-def _policy(script: str, style: str, *, live: bool) -> str:
-    """Allow this very script, this very style, and images that lie in the page; a live page may ask its own server."""
+def _policy(script: str, style: str) -> str:
+    """Allow this very script, this very style, and images that lie in the page."""
     rules = {
         "default-src": "'none'",
         "script-src": _hash(script),
@@ -70,8 +65,6 @@ def _policy(script: str, style: str, *, live: bool) -> str:
         "base-uri": "'none'",
         "form-action": "'none'",
     }
-    if live:
-        rules["connect-src"] = "'self'"
     return "; ".join(f"{name} {value}" for name, value in rules.items())
 
 

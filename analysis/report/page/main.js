@@ -1,8 +1,7 @@
-// The page: what is chosen, what follows the address, and how a live page asks for news.
+// The page: what is chosen, what follows the address, and how the page of a running search reloads itself.
 
 const state = {
     page: null,
-    text: "",
     run: null,
     generation: 0,
     colour: "fitness",
@@ -10,11 +9,7 @@ const state = {
     sort: { name: "candidate", isFalling: false },
 };
 
-// Show new contents; what was chosen stays chosen where it is still there.
-function show(text) {
-    const page = JSON.parse(text);
-    const isFirst = state.run === null;
-    const followed = isFirst || state.generation === state.run.generations.length - 1;
+function show(page) {
     for (const run of page.runs) {
         run.byId = new Map(run.candidates.map((one) => [one.id, one]));
         run.children = d3.group(
@@ -25,9 +20,7 @@ function show(text) {
             [...run.children].map(([parent, pairs]) => [parent, [...new Set(pairs.map(([, id]) => id))]]),
         );
     }
-    const chosen = page.runs.find((run) => run.name === state.run?.name) ?? page.runs[0];
     state.page = page;
-    state.text = text;
     document.title = page.title;
     byId("title").textContent = page.title;
     byId("state").textContent = page.state;
@@ -35,12 +28,10 @@ function show(text) {
     byId("replay").hidden = page.commands.length === 0;
     byId("commands").textContent = page.commands.join("\n");
     byId("run-label").hidden = page.runs.length < 2;
-    byId("panels").hidden = chosen === undefined;
-    if (chosen === undefined) return;
-    state.run = chosen;
-    if (followed || state.generation >= chosen.generations.length) state.generation = chosen.generations.length - 1;
-    drawRun();
-    if (isFirst) followAddress();
+    byId("panels").hidden = page.runs.length === 0;
+    if (page.runs.length === 0) return;
+    choose(page.runs[0]);
+    followAddress();
 }
 
 function choose(run) {
@@ -69,10 +60,11 @@ function drawRun() {
     if (run.samples) byId("samples-image").src = run.samples;
 }
 
-// Open the candidate that the address names, if any.
+// Open the run and the candidate that the address names, if any, and what else a page that reloaded kept in it.
 function followAddress() {
     if (location.hash === "" && state.selected !== undefined) select(undefined); // back to where the page began
-    const parts = location.hash.split("/");
+    const [address, kept] = location.hash.split("?");
+    const parts = address.split("/");
     if (parts[0] !== "#" || parts.length !== 3) return;
     let [name, id] = ["", ""];
     try {
@@ -81,14 +73,15 @@ function followAddress() {
         return; // an address that was cut in the middle of a letter
     }
     const run = state.page.runs.find((one) => one.name === name);
-    if (!run?.byId.has(id)) {
-        select(undefined);
+    if (run !== undefined && run !== state.run && (id === "" || run.byId.has(id))) choose(run);
+    select(run?.byId.has(id) ? id : undefined);
+    if (kept !== undefined) {
+        restore(new URLSearchParams(kept));
+    } else if (state.selected !== undefined) {
+        byId("candidate-name").focus();
+    } else {
         byId("candidate-body").replaceChildren(h("p", null, `This page has no candidate ${id} of ${name}.`));
-        return;
     }
-    if (run !== state.run) choose(run);
-    select(id);
-    byId("candidate-name").focus();
 }
 
 function select(id) {
@@ -98,50 +91,45 @@ function select(id) {
     drawCandidate();
 }
 
-// Ask for newer contents every two seconds; a server that is away may come back.
-async function poll(version) {
-    let [news, next, words] = [state.text, "", state.page.state];
-    try {
-        const answer = await fetch("data", { headers: { "If-None-Match": version }, cache: "no-store" });
-        if (answer.status === 200) [news, next] = [await answer.text(), answer.headers.get("ETag")];
-        else if (answer.status === 304) next = version;
-        else words = "`tacevo watch` was started again under another address, which it has printed.";
-    } catch {
-        words = "No answer from `tacevo watch`; this page goes on asking.";
-    }
-    setTimeout(poll, 2000, next);
-    if (byId("state").textContent !== words) byId("state").textContent = words; // said aloud when it is written
-    if (news !== state.text) keepingPlace(() => show(news));
+// The controls whose choice the address of a page that reloads keeps.
+const KEPT = ["colour", ...FILTERS.map((name) => `filter-${name}`)];
+
+// Return an address from which `followAddress` finds all that is chosen, and the place on the page.
+function addressNow() {
+    if (state.run === null) return location.hash;
+    const kept = new URLSearchParams({ top: Math.round(scrollY) });
+    if (state.generation < state.run.generations.length - 1) kept.set("generation", state.generation);
+    for (const name of KEPT) kept.set(name, byId(name).value);
+    return `${addressOf(state.run, state.selected ?? "")}?${kept}`;
 }
 
-const SCROLLED = ["#lineage-tree", "#candidates .scroll", "#candidate pre.source"];
+function restore(kept) {
+    if (kept.has("generation")) {
+        byId("generation").value = kept.get("generation");
+        byId("generation").dispatchEvent(new Event("input"));
+    }
+    for (const control of KEPT.map(byId)) {
+        if (![...control.options].some((option) => option.value === kept.get(control.id))) continue;
+        control.value = kept.get(control.id);
+        control.dispatchEvent(new Event("change"));
+    }
+    scrollTo(0, Number(kept.get("top")));
+}
 
-// Draw again; what the reader has opened, scrolled to, focused and chosen stays.
-function keepingPlace(draw) {
-    const nameOf = (one) =>
-        [one.closest("figure")?.querySelector("figcaption"), one.querySelector("summary")]
-            .map((part) => part?.textContent)
-            .join();
-    const opened = new Set([...document.querySelectorAll("details[open]")].map(nameOf));
-    const scrolled = SCROLLED.map((name) => [name, document.querySelector(name)])
-        .filter(([, node]) => node !== null)
-        .map(([name, { scrollLeft, scrollTop }]) => [name, { left: scrollLeft, top: scrollTop }]);
-    const page = { left: scrollX, top: scrollY };
-    const focused = document.activeElement;
-    const [box, href] = [focused.closest("[id]")?.id, focused.getAttribute("href")];
-    const choice = byId("source-choice")?.value;
-    draw();
-    for (const one of document.querySelectorAll("details")) one.open ||= opened.has(nameOf(one));
-    if (choice !== undefined && byId("source-choice")) {
-        byId("source-choice").value = choice;
-        byId("source-choice").onchange();
+const QUIET = 3000; // milliseconds
+
+// Reload, because the file may have been written again; not while its reader moves, types or scrolls.
+function reloadWhenQuiet() {
+    history.scrollRestoration = "manual"; // `restore` scrolls
+    let since = Date.now();
+    for (const kind of ["pointermove", "pointerdown", "keydown", "wheel"]) {
+        addEventListener(kind, () => (since = Date.now()), { passive: true });
     }
-    if (!focused.isConnected && box !== undefined) {
-        const again = href === null ? byId(box) : byId(box)?.querySelector(`a[href="${CSS.escape(href)}"]`);
-        again?.focus({ preventScroll: true });
-    }
-    for (const [name, place] of scrolled) document.querySelector(name)?.scrollTo(place);
-    scrollTo(page);
+    setInterval(() => {
+        if (Date.now() - since < QUIET) return;
+        history.replaceState(null, "", addressNow());
+        location.reload();
+    }, 1000);
 }
 
 byId("generation").oninput = (event) => {
@@ -155,5 +143,5 @@ byId("colour").onchange = (event) => {
 byId("run-choice").onchange = (event) => choose(state.page.runs[event.target.value]);
 window.addEventListener("hashchange", followAddress);
 window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((one) => (one.open = true)));
-show(byId("contents").textContent);
-if (state.page.live) poll("");
+show(JSON.parse(byId("contents").textContent));
+if (state.page.live) reloadWhenQuiet();

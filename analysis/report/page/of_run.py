@@ -36,7 +36,7 @@ from analysis.tables.dynamics import by_seeds, reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
-from tacevo.evolution.files import eras_in_words
+from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
 from tacevo.records import Kind, Stage
@@ -164,7 +164,7 @@ def _headlines(found: Collection) -> tuple[str, str, str]:
     return (
         f"Task: {run.task}. {size}, seed {config.seed}{losses}.",
         f"{model}. Data source: {config.data.source}, {images}.",
-        f"Digest: {run.digest}. Numerics: {config.numerics.kind}. Rules: {eras_in_words(run.eras)}.",
+        f"Digest: {run.digest}. Numerics: {config.numerics.kind}. Rules: {rules_in_words(run.rules)}.",
     )
 
 
@@ -340,7 +340,7 @@ def _provenance(run: RecordedRun, record: RunRecord) -> tuple[tuple[str, str], .
         "data fingerprint": run.facts.fingerprint,
         "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test",
         "numerics": str(run.config.numerics.kind),
-        "rules": eras_in_words(run.eras),
+        "rules": rules_in_words(run.rules),
         "commit": commit,
         **{f"version of {name}": number for name, number in run.record.versions.items()},
         **{f"machine: {name}": "none" if value is None else str(value) for name, value in record.machine.items()},

@@ -27,7 +27,7 @@ function drawTable() {
     const filters = FILTERS.map((name) => {
         const values = d3.sort(new Set(run.candidates.map((one) => columns.get(name).value(run, one)))).filter(Boolean);
         const options = [h("option", { value: "" }, "all"), ...values.map((value) => h("option", { value }, value))];
-        const kept = byId(`filter-${name}`)?.value; // of a live page that is drawn again
+        const kept = byId(`filter-${name}`)?.value; // of the run that was shown before
         const select = h("select", { id: `filter-${name}` }, ...options);
         if (values.includes(kept)) select.value = kept;
         select.onchange = () => filter();

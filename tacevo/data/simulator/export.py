@@ -1,10 +1,9 @@
-"""A simulated data set as files that everyone can read: images and labels in TacVerse's layout.
+"""A simulated data set as files that everyone can read: images and a table of labels.
 
-Promises: `tacevo.data.sources.tacverse`, whose layout this is, reads the same images and labels back, in the same
-order; the directory is whole or absent (a kill leaves a hidden sibling, which is never read and may be deleted).
+Promises: `data=csv` reads the same images and labels back, in the same order; the directory is whole or absent (a kill
+leaves a hidden sibling, which is never read and may be deleted).
 """
 
-import csv
 import json
 import shlex
 import shutil
@@ -19,13 +18,9 @@ from PIL import Image
 from tacevo.choices import SensorTask
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Picture
-from tacevo.data.sources.tacverse import COLUMNS, DIRECTORIES, IMAGE_COLUMN, SIMULATED_SENSOR, SIMULATION
 from tacevo.data.workers import CHUNK, Progress, mapper
 from tacevo.errors import ConfigError, DataError
 from tacevo.text import as_override
-
-#: What the directory of the gratings' specimens is called.
-PATTERN = "Ridges"
 
 #: zlib's quickest: images with camera noise hardly get smaller with more, and take four times as long.
 COMPRESSION = 1
@@ -33,11 +28,11 @@ COMPRESSION = 1
 _README = """\
 # Simulated tactile images
 
-{images} images of the task `{task}`, {size} x {size} pixels, computed by TacEvo's simulated ViTacTip. Nothing here
-was recorded with a real sensor. `simulation.json` holds every parameter; the same parameters give the same files
-under the same version of the simulator. TacEvo's licence is Apache-2.0.
+{images} images of the task `{task}`, {size} x {size} pixels, computed by TacEvo's simulated ViTacTip, and `labels.csv`
+with {labels} of each. Nothing here was recorded with a real sensor. `simulation.json` holds every parameter; the same
+parameters give the same files under the same version of the simulator. TacEvo's licence is Apache-2.0.
 
-The layout is that of TacVerse. To search on it, with the same split as on the simulation itself:
+To search on it, with the same split as on the simulation itself:
 
     tacevo search {overrides}
 """
@@ -50,58 +45,42 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
 
     Raises:
         DataError: `out` exists and is not empty, or is the current directory.
-        ConfigError: the gratings are not in ascending order, in which their classes would be read back.
+        ConfigError: the labels are classes, which are not read from a table.
         OSError: the files cannot be written.
     """
-    if list(source.spacings_mm) != sorted(source.spacings_mm):
-        got = str(list(source.spacings_mm))
-        raise ConfigError(got, place="data.spacings_mm", expected="ascending order, in which files are read back")
+    if source.task is SensorTask.grating:
+        raise ConfigError(source.task, place="task", expected="force or hardness, whose labels make a table")
     catalogue = source.catalogue()
-    names = image_names(source, catalogue)
+    names = [f"images/{number:05d}.png" for number in range(1, len(catalogue.labels) + 1)]
     with _staged(_vacant(out)) as stage:
-        directory = stage / _place(source.task)
-        directory.mkdir(parents=True)
-        _write_images(catalogue, [directory / name for name in names], workers, progress)
-        if source.task is not SensorTask.grating:
-            _write_table(directory / f"{SIMULATED_SENSOR}.csv", COLUMNS[source.task], names, catalogue)
-        (stage / SIMULATION).write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
+        (stage / "images").mkdir()
+        _write_images(catalogue, [stage / name for name in names], workers, progress)
+        # As Python writes floats, so that every bit of a label survives.
+        rows = [[name, *map(repr, labels)] for name, labels in zip(names, catalogue.labels.tolist(), strict=True)]
+        table = "".join(f"{','.join(row)}\n" for row in [["image", *catalogue.names], *rows])
+        (stage / "labels.csv").write_text(table, encoding="utf-8")
+        (stage / "simulation.json").write_text(json.dumps(source.describe(), indent=2) + "\n", encoding="utf-8")
+        labels = ", ".join(
+            f"{name} in {unit}" for name, unit in zip(catalogue.names, catalogue.units or (), strict=True)
+        )
         overrides = shlex.join(overrides_for(source, Path(out.name)))
-        text = _README.format(images=len(names), task=source.task, size=source.image_size, overrides=overrides)
+        text = _README.format(
+            images=len(names), task=source.task, size=source.image_size, labels=labels, overrides=overrides
+        )
         (stage / "README.md").write_text(text, encoding="utf-8")
     return len(names)
 
 
 def overrides_for(source: Simulated, out: Path) -> list[str]:
     """Name the settings with which `tacevo search` reads an exported directory."""
-    gratings = [f"data.pattern={PATTERN}", f"task.outputs={len(source.spacings_mm)}"]
     return [
         f"task={source.task}",
-        "data=tacverse",
+        "data=csv",
         as_override("data.root", str(out)),
-        f"data.sensor={SIMULATED_SENSOR}",
-        *(gratings if source.task is SensorTask.grating else []),
+        f"data.target_columns=[{','.join(source.names)}]",
         "data.split=random",
         f"data.image_size={source.image_size}",
     ]
-
-
-def image_names(source: Simulated, catalogue: Catalogue) -> list[str]:
-    """Name every image: by its number, or by size, press and frame, each press having one frame."""
-    if source.task is not SensorTask.grating:
-        return [f"image_{number:05d}.png" for number in range(1, len(catalogue.labels) + 1)]
-    presses = [0] * len(source.spacings_mm)
-    names = []
-    for kind in catalogue.labels.astype(np.int64):
-        presses[kind] += 1
-        size = np.format_float_positional(source.spacings_mm[kind], trim="-")
-        names.append(f"{size}_{presses[kind]:05d}_1.png")
-    return names
-
-
-def _place(task: SensorTask) -> Path:
-    """Find the directory of a task's images."""
-    directory = Path(DIRECTORIES[task]) / SIMULATED_SENSOR
-    return directory / PATTERN if task is SensorTask.grating else directory
 
 
 def _vacant(out: Path) -> Path:
@@ -146,12 +125,3 @@ def _write_chunk(paths: Sequence[Path], pictures: Sequence[Callable[[], Picture]
     for path, picture in zip(paths, pictures, strict=True):
         pixels = np.ascontiguousarray(picture().transpose(1, 2, 0))
         Image.fromarray(pixels).save(path, compress_level=COMPRESSION)
-
-
-def _write_table(path: Path, columns: Sequence[str], names: Sequence[str], catalogue: Catalogue) -> None:
-    """Write the labels so that every bit of them survives."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([IMAGE_COLUMN, *columns])
-        for name, labels in zip(names, catalogue.labels.tolist(), strict=True):
-            writer.writerow([name, *map(repr, labels)])

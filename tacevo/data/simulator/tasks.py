@@ -30,7 +30,7 @@ from tacevo.data.simulator.optics import DOME_RADIUS
 from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_number, sine
 from tacevo.data.simulator.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
 from tacevo.data.source import Catalogue, Picture
-from tacevo.data.sources.tacverse import OUTPUTS, UNITS
+from tacevo.data.sources.tacverse import OUTPUTS
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 
@@ -66,6 +66,9 @@ SOFT_SKIN, STIFF_SKIN = 0.14, 0.88
 #: Sideways stiffness of the dome as a whole, N/mm. We know of no measurement: slices of the dome that shear over one
 #: another give 0.25 for a filling of 15 kPa alone, and 2.4 for the skin's modulus throughout.
 DOME_STIFFNESS = 0.5
+
+#: Units of the labels; gratings are classes.
+UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

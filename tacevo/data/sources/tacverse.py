@@ -1,8 +1,8 @@
-"""The TacVerse release as its authors lay it out on disk, and simulated data exported in the same form.
+"""The TacVerse release as its authors lay it out on disk.
 
     <root>/Force_Regression/<Sensor>/<Sensor>.csv             columns image_name, fx, fy, fz; images beside it
     <root>/Grating_Classification/<Sensor>/<Pattern>/<size>_<group>_<frame>.jpg   or <size>_<group>.jpg
-    <root>/Hardness_Regression/<Sensor>/<Sensor>.csv          columns image_name, shore; ours, for exported data
+    <root>/Hardness_Regression/<Sensor>/<Sensor>.csv          columns image_name, shore: an old export of ours
 
 Sizes are in mm, one class each; a group is one press. The release's own split (arXiv:2606.25877 and its code) takes
 60 % for training and 20 % for validation: of the force images in the order of their numbers, and of each size's
@@ -26,10 +26,6 @@ from tacevo.data.sources.rows import Row, read_rows, row_catalogue
 from tacevo.data.splitting import Split, ordered_split
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
-from tacevo.typed import UncheckedJson, parse
-
-#: What the sensor of exported simulations is called, and the file beside their images that says what they are.
-SIMULATED_SENSOR, SIMULATION = "SimViTacTip", "simulation.json"
 
 DIRECTORIES = {
     SensorTask.force: "Force_Regression",
@@ -43,9 +39,6 @@ IMAGE_COLUMN = "image_name"
 COLUMNS = {SensorTask.force: ("fx", "fy", "fz"), SensorTask.hardness: ("shore",)}
 
 OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)}
-
-#: Units of exported simulations; the release does not state them.
-UNITS = {SensorTask.force: ("N", "N", "N"), SensorTask.hardness: ("Shore A",)}
 
 
 class _Frame(NamedTuple):
@@ -107,20 +100,8 @@ class TacVerse:
             self.image_size,
             self.white_point,
             names=OUTPUTS[self.task],
-            units=UNITS[self.task] if self._is_simulated() else None,
             release=ordered_split(np.arange(len(rows))) if self.task is SensorTask.force else None,
         )
-
-    def _is_simulated(self) -> bool:
-        """Answer whether these are images of our simulator, whose units we know."""
-        if self.sensor != SIMULATED_SENSOR:
-            return False
-        place = self.root / SIMULATION
-        try:
-            found = parse(dict[str, UncheckedJson], place.read_bytes(), place=str(place), error=DataError)
-        except (OSError, DataError):
-            return False
-        return (found.get("source"), found.get("task")) == ("simulated", self.task.value)
 
     def _gratings(self) -> Catalogue:
         frames = self._frames()

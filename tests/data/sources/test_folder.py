@@ -56,42 +56,32 @@ def test_description_follows_content_and_not_place(tmp_path: Path) -> None:
     assert here.describe() != edited != there.describe()
 
 
-@pytest.mark.parametrize("form", ["absent", "file", "images"])
-def test_wrong_root_is_refused(tmp_path: Path, form: str) -> None:
-    """A root that is absent, a file, or a directory of images without classes, is named with what is there."""
-    root = tmp_path / "root"
-    if form == "file":
-        root.write_text("")
-    if form == "images":
-        save_folder(root, "a.png")
-    remedy = {"absent": "holds: nothing", "file": "holds: root", "images": "root holds: a.png"}[form]
-    expected = "one directory per class"
-    with refused(DataError, place="data.root", expected=expected, got=str(root), remedy=remedy):
-        Folder(root=root, image_size=16).describe()
-
-
-def test_empty_classes_are_named(tmp_path: Path) -> None:
-    """A class without images is a mistake, not a class."""
-    source = save_folder(tmp_path, "a/1.png")
-    (tmp_path / "b").mkdir()
-    with refused(DataError, place="data.root", expected="images in each", got="have no images (1 found): b"):
-        source.catalogue()
-
-
-@pytest.mark.parametrize(("first", "second"), [("0.5", "0.50"), ("Wood", "wood"), ("1", "1.0")])
-def test_classes_that_are_one_are_refused(tmp_path: Path, first: str, second: str) -> None:
-    """Two directories for one number or one word would be two classes with equal content."""
-    source = save_folder(tmp_path, f"{first}/a.png", f"{second}/b.png", "2/c.png")
-    with refused(DataError, got="are there twice (1 found): ", remedy="join or rename them") as caught:
-        source.describe()
-    assert caught.value.got.endswith((f": {first}", f": {second}"))
-
-
-def test_images_that_differ_in_case_only_are_refused(tmp_path: Path) -> None:
-    """Such a pair is one image twice as soon as it is copied to another system."""
-    source = save_folder(tmp_path, "a/1.png", "a/1.PNG", "b/1.png")
-    with refused(DataError, got="images of class a differ in the case of their names only (1 found): 1.png"):
-        source.describe()
+@pytest.mark.parametrize(
+    ("root", "files", "place"),
+    [
+        ("absent", ("a/1.png",), "holds: a"),
+        ("a/1.png", ("a/1.png",), "holds: 1.png"),
+        (".", ("a.png",), "holds: a.png"),
+        (".", ("a/1.png", "b/notes.txt"), "have no images (1 found): b"),
+        (".", ("0.5/a.png", "0.50/b.png", "2/c.png"), "are there twice (1 found): 0.5"),
+        (".", ("Wood/a.png", "wood/b.png", "2/c.png"), "are there twice (1 found): wood"),
+        (".", ("1/a.png", "1.0/b.png", "2/c.png"), "are there twice (1 found): 1"),
+        (
+            ".",
+            ("a/1.png", "a/1.PNG", "b/1.png"),
+            "the case of their names only (1 found): 1.png",
+        ),
+    ],
+)
+def test_directory_of_no_classes_is_refused(tmp_path: Path, root: str, files: tuple[str, ...], place: str) -> None:
+    """What is there is named; two directories of one class, and two names that are one elsewhere, are mistakes."""
+    save_folder(tmp_path, *(name for name in files if not name.endswith(".txt")))
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(DataError) as told:
+        Folder(root=tmp_path / root, image_size=16).describe()
+    assert place in str(told.value)
 
 
 def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path) -> None:

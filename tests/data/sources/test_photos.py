@@ -5,6 +5,7 @@ import resource
 import struct
 import tracemalloc
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -87,30 +88,60 @@ def test_colour_of_16_bits_keeps_the_high_byte(tmp_path: Path, colour_type: int)
     assert decode(tmp_path / "deep.png", 4)[:, 0, 0].tolist() == [156, 0, 255]
 
 
+def of(pixels: npt.NDArray[np.generic]) -> Callable[[Path], None]:
+    """Return what saves pixels."""
+    return lambda path: Image.fromarray(pixels).save(path)
+
+
+def half(path: Path) -> None:
+    """Lose the pixels of a floating-point image behind its header."""
+    Image.fromarray(np.full((64, 64), 0.5, dtype=np.float32)).save(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def without_tags(path: Path) -> None:
+    """Cut a file within its tags, of which Pillow only warns."""
+    Image.new("RGB", (8, 8)).save(path)
+    path.write_bytes(path.read_bytes()[:60])
+
+
+def stacked(path: Path) -> None:
+    """Save three images in one file."""
+    first, *others = [Image.new("L", (4, 4), value) for value in (10, 90, 200)]
+    first.save(path, save_all=True, append_images=others)
+
+
+def read(path: Path) -> None:
+    """Read an image as a search does: all headers first."""
+    common_size([("file", path)], None)
+    decode(path, 4)
+
+
+FLOATING = "holds floating-point values, whose full range is unknown"
+
+
 @pytest.mark.parametrize(
-    ("pixels", "message"),
+    ("name", "save", "fault"),
     [
-        (np.full((4, 4), 0.5, dtype=np.float32), "holds floating-point values, whose full range is unknown"),
-        (np.full((4, 4), 65_536, dtype=np.int32), "holds values beyond 16 bits"),
-        (np.full((4, 4), -1, dtype=np.int32), "holds values beyond 16 bits"),
+        ("float.tif", of(np.full((4, 4), 0.5, dtype=np.float32)), FLOATING),
+        ("half.tif", half, FLOATING),
+        ("large.tif", of(np.full((4, 4), 65_536, dtype=np.int32)), "holds values beyond 16 bits"),
+        ("negative.tif", of(np.full((4, 4), -1, dtype=np.int32)), "holds values beyond 16 bits"),
+        ("text.png", lambda path: path.write_text("no image"), "is not an image of a known format"),
+        ("cut.tif", without_tags, "has damaged notes, EXIF or TIFF tags"),
+        ("stack.tif", stacked, "holds several images"),
+        ("stack.gif", stacked, "holds several images"),
+        ("vast.png", lambda path: claim_size(path, 10_000), "has more pixels than any tactile image"),
     ],
-    ids=["float", "too large", "negative"],
 )
-def test_values_of_no_known_range_are_refused(tmp_path: Path, pixels: npt.NDArray[np.generic], message: str) -> None:
-    """A depth map in metres or counts of 32 bits has no white to scale by."""
-    Image.fromarray(pixels).save(tmp_path / "deep.tif")
+def test_file_that_cannot_become_an_image_is_refused(
+    tmp_path: Path, name: str, save: Callable[[Path], object], fault: str
+) -> None:
+    """From its header where that says so, else when it is decoded; the caller knows the file."""
+    save(tmp_path / name)
     with pytest.raises(DataError) as told:
-        decode(tmp_path / "deep.tif", 4)
-    assert told.value.got == message
-
-
-def test_floating_point_pixels_are_told_from_the_header(tmp_path: Path) -> None:
-    """A file whose pixels are cut off is still refused for what its header says of them."""
-    Image.fromarray(np.full((64, 64), 0.5, dtype=np.float32)).save(tmp_path / "whole.tif")
-    content = (tmp_path / "whole.tif").read_bytes()
-    (tmp_path / "cut.tif").write_bytes(content[: len(content) // 2])
-    with refused(DataError, got="(1 found): depth map (holds floating-point values, whose full range is unknown)"):
-        common_size([("depth map", tmp_path / "cut.tif")], None)
+        read(tmp_path / name)
+    assert fault in told.value.got
 
 
 def test_remedies_are_those_of_the_faults(tmp_path: Path) -> None:
@@ -222,14 +253,6 @@ def test_size_is_read_without_the_pixels(tmp_path: Path) -> None:
         decode(tmp_path / "half.png", 4)
 
 
-def test_damaged_tags_are_told(tmp_path: Path) -> None:
-    """Pillow only warns of them, and goes on with what it has."""
-    Image.new("RGB", (8, 8)).save(tmp_path / "cut.tif")
-    (tmp_path / "cut.tif").write_bytes((tmp_path / "cut.tif").read_bytes()[:60])
-    with refused(DataError, got="has damaged notes, EXIF or TIFF tags"):
-        decode(tmp_path / "cut.tif", 4)
-
-
 def test_image_that_needs_more_memory_than_there_is_is_told(tmp_path: Path) -> None:
     """It is not called damaged."""
     claim_size(tmp_path / "large.png", 9_000)
@@ -245,13 +268,6 @@ def test_image_that_needs_more_memory_than_there_is_is_told(tmp_path: Path) -> N
 def size_of_this_process() -> int:
     """Return the bytes of its address space."""
     return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-
-
-def test_file_that_is_no_image_is_refused(tmp_path: Path) -> None:
-    """The fault is told in words, not by the name of an exception; the caller knows the file."""
-    (tmp_path / "text.png").write_text("no image")
-    with pytest.raises(DataError, match=r"^is not an image of a known format$"):
-        decode(tmp_path / "text.png", 4)
 
 
 def test_hash_follows_bytes_and_order(tmp_path: Path) -> None:
@@ -278,19 +294,3 @@ def test_file_that_cannot_be_hashed_is_named(tmp_path: Path) -> None:
     """A directory where a file should be has no bytes."""
     with refused(DataError, place=str(tmp_path), got="a file that cannot be read (Is a directory)"):
         files_hash([tmp_path])
-
-
-@pytest.mark.parametrize("suffix", ["tif", "gif"])
-def test_several_images_in_one_file_are_refused(tmp_path: Path, suffix: str) -> None:
-    """The first of a stack is not silently taken for all."""
-    first, *others = [Image.new("L", (4, 4), value) for value in (10, 90, 200)]
-    first.save(tmp_path / f"stack.{suffix}", save_all=True, append_images=others)
-    with refused(DataError, got="(1 found): stack (holds several images)"):
-        common_size([("stack", tmp_path / f"stack.{suffix}")], None)
-
-
-def test_more_pixels_than_a_sensor_has_are_refused(tmp_path: Path) -> None:
-    """Pillow's warning of such a file is a fault here, told from the header."""
-    claim_size(tmp_path / "vast.png", 10_000)
-    with refused(DataError, got="vast (has more pixels than any tactile image)"):
-        common_size([("vast", tmp_path / "vast.png")], None)

@@ -49,48 +49,53 @@ def test_description_follows_content_and_not_place(tmp_path: Path) -> None:
     assert here.describe() != replace(here, target_columns=("fx", "fz")).describe()
 
 
+#: Values that Python reads as numbers and a person may not, or that are none.
+NO_NUMBERS = ("nan", "inf", "", "soft", "1_000", "0x10", "\uff11\uff12", "1e999", "1.2.3", "--1", "1e", ".", "1 000")
+
+
 @pytest.mark.parametrize(
-    ("rows", "message"),
+    ("rows", "header", "place"),
     [
-        ("0.png,1,2,\n9.png,1,2,\n8.png,1,2,\n", "(2 found): line 3 '9.png', line 4 '8.png'; restore them"),
-        (
-            "0.png,nan,2,\n1.png,1,,\n2.png,1,soft,\n",
-            "(3 found): line 2 fx = 'nan', line 3 fz = '', line 4 fz = 'so",
-        ),
-        ("0.png,inf,2,\n", "line 2 fx = 'inf'"),
-        ("0.png,1,2,\n1.png,1,2,\n./0.png,3,4,\n", "more than once (1 found): line 4 './0.png'"),
-        ("0.png,1,2,\n0.png,1,2,\n0.png,3,4,\n", "more than once (2 found): line 3 '0.png', line 4 '0.png'"),
-        ("A.png,1,2,\na.PNG,1,2,\n", "more than once (1 found): line 3 'a.PNG'; keep one line per image"),
-        ("0.png,1,2,\n1.png,1,5,2,x\n2.png,1,2,3,4,5\n", "more values than its 4 columns (2 found): line 3, line 4"),
-        ("0.png,1,2,\n\n9.png,1,2,\n", "line 4 '9.png'"),
-        ("bad\0name.png,1,2,\n", "line 2 'bad\\x00name.png'"),
-        (f"{'x' * 300}.png,1,2,\n", "line 2 'xxx"),
-        ("0.png,1\n", "line 2 fz = ''"),
-        (",1,2,\n", "line 2 ''"),
+        *((f"0.png,1,2,\n1.png,{text},2,\n", HEADER, "line 3 fx = ") for text in NO_NUMBERS),
+        ("0.png,nan,2,\n1.png,1,,\n2.png,1,soft,\n", HEADER, "(3 found): line 2 fx = 'nan', line 3 fz = '', line 4 fz"),
+        ("0.png,1,2,\n9.png,1,2,\n8.png,1,2,\n", HEADER, "(2 found): line 3 '9.png', line 4 '8.png'"),
+        ("".join(f"x{number}.png,1,2,\n" for number in range(40)), HEADER, "(40 found): line 2 'x0.png', line 3"),
+        ("0.png,1,2,\n1.png,1,2,\n./0.png,3,4,\n", HEADER, "line 4 './0.png'"),
+        ("0.png,1,2,\n0.png,1,2,\n0.png,3,4,\n", HEADER, "(2 found): line 3 '0.png', line 4 '0.png'"),
+        ("A.png,1,2,\na.PNG,1,2,\n", HEADER, "line 3 'a.PNG'"),
+        ("0.png,1,2,\n1.png,1,5,2,x\n2.png,1,2,3,4,5\n", HEADER, "its 4 columns (2 found): line 3, line 4"),
+        ("0.png,1,2,\n\n9.png,1,2,\n", HEADER, "line 4 '9.png'"),
+        ("bad\0name.png,1,2,\n", HEADER, "line 2 'bad\\x00name.png'"),
+        (f"{'x' * 300}.png,1,2,\n", HEADER, "line 2 'xxx"),
+        ("images\\0.png,1,2,\n", HEADER, "write their paths with / instead of"),
+        ("0.png,1\n", HEADER, "line 2 fz = ''"),
+        (",1,2,\n", HEADER, "line 2 ''"),
+        ('0.png,1,2,\n"1.png,1,2,\n2.png,1,2,\n', HEADER, "labels.csv, line 3"),
+        ('0.png,1,2,\n1.png,1,2,"wet\n2.png,1,2,dry"\n', HEADER, "labels.csv, line 3"),
+        ('0.png,1,2,\n"1.png"s,1,2,\n', HEADER, "labels.csv, line 3"),
+        ('0.png,1,2,\n1.png,"1"2,2,\n', HEADER, "labels.csv, line 3"),
+        ('0.png,1,2,"' + "1.png,1,2,\n" * 20_000, HEADER, "labels.csv, line 2"),
+        ('0.png,1,2,\n1.png,1,2,"', HEADER, "labels.csv, line 3"),
+        ("0.png,1,2\n", "image_name,force_x,fz\n", "'fx' (data.target_columns); got 'image_name', 'force_x', 'fz'"),
+        ("0.png,1,2\n", "picture,fx,fz\n", "'image_name' (data.image_column)"),
+        ("1.png,1,2,3\n", "image_name,fx,fz, fx\n", "several columns of one name (1 found): 'fx'"),
+        ("1.png,1,2,3\n", "image_name,fz,FX,Fx\n", "'fx'"),
+        ("0.png,1,2\n", "image_name;fx;fz\n", "not semicolons"),
+        ("0.png,1,2\n", "image_name\tfx\tfz\n", "not tabs"),
+        ("0.png,1,2\n", "0.png,1.5,2\n", "add a first line that names the columns"),
+        ("", "", "a first line that names the columns"),
+        ("", HEADER, "a header without rows"),
     ],
 )
-def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, message: str) -> None:
-    """The message gives the lines as an editor counts them, and how many there are."""
-    source = save_table(tmp_path, rows)
+def test_broken_table_is_refused_by_its_place(tmp_path: Path, rows: str, header: str, place: str) -> None:
+    """Lines are numbered as an editor counts them; a quote or a decimal comma never swallows or shifts the others."""
+    source = save_table(tmp_path, rows, header=header)
     for name in ("A.png", "a.PNG"):
         save_image(tmp_path / name, 0)
-    got, _, remedy = message.partition("; ")
-    with refused(DataError, got=got, remedy=remedy):
+    with pytest.raises(DataError) as told:
         source.describe()
-
-
-def test_many_broken_rows_are_cut_short(tmp_path: Path) -> None:
-    """Five rows are shown and all are counted."""
-    rows = "".join(f"x{number}.png,1,2,\n" for number in range(40))
-    shown = ", ".join(f"line {number + 2} 'x{number}.png'" for number in range(5))
-    with refused(DataError, got=f"(40 found): {shown}, ...", remedy="restore them"):
-        save_table(tmp_path, rows).describe()
-
-
-def test_missing_columns_are_named_beside_those_that_exist(tmp_path: Path) -> None:
-    """The user sees at once how the column is really called."""
-    with refused(DataError, expected="'fx' (data.target_columns)", got="'image_name', 'force_x', 'fz'"):
-        save_table(tmp_path, "0.png,1,2\n", header="image_name,force_x,fz\n").catalogue()
+    assert place in str(told.value)
+    assert len(str(told.value)) < 600
 
 
 def test_column_is_found_in_any_case(tmp_path: Path) -> None:
@@ -98,14 +103,6 @@ def test_column_is_found_in_any_case(tmp_path: Path) -> None:
     assert save_table(tmp_path, "1.png,1,2\n", header="Image_Name,FX,Fz\n").catalogue().labels.tolist() == [[2.0, 1.0]]
     both = save_table(tmp_path, "1.png,1,2,3\n", header="image_name,FX,fz,fx\n")
     assert both.catalogue().labels.tolist() == [[2.0, 3.0]]
-
-
-def test_columns_that_cannot_be_told_apart_are_refused(tmp_path: Path) -> None:
-    """Two columns of one name, or two that differ from the asked one in case only, are refused."""
-    with refused(DataError, got="several columns of one name (1 found): 'fx'", remedy="rename all but one"):
-        save_table(tmp_path, "1.png,1,2,3\n", header="image_name,fx,fz, fx\n").describe()
-    with refused(DataError, expected="'fx'", got="'FX', 'Fx'"):
-        save_table(tmp_path, "1.png,1,2,3\n", header="image_name,fz,FX,Fx\n").describe()
 
 
 def test_missing_images_are_left_out_only_where_that_is_asked_for(tmp_path: Path) -> None:
@@ -211,70 +208,16 @@ def test_table_that_cannot_be_read_is_told(tmp_path: Path) -> None:
         source.catalogue()
 
 
-def test_empty_tables_are_refused(tmp_path: Path) -> None:
-    """An empty file has no columns, and a header alone no images."""
-    with refused(DataError, place="labels.csv", expected="a first line that names the columns"):
-        save_table(tmp_path, "", header="").catalogue()
-    with refused(DataError, place="labels.csv", got="a header without rows"):
-        save_table(tmp_path, "").catalogue()
-
-
-@pytest.mark.parametrize(
-    ("rows", "line"),
-    [
-        ('0.png,1,2,\n"1.png,1,2,\n2.png,1,2,\n', 3),
-        ('0.png,1,2,\n1.png,1,2,"wet\n2.png,1,2,dry"\n', 3),
-        ('0.png,1,2,\n"1.png"s,1,2,\n', 3),
-        ('0.png,1,2,"' + "1.png,1,2,\n" * 20_000, 2),
-        ('0.png,1,2,\n1.png,1,2,"', 3),
-    ],
-    ids=["to the end", "to the next quote", "within a value", "beyond what is read", "last line"],
-)
-def test_stray_quote_is_named_by_its_line(tmp_path: Path, rows: str, line: int) -> None:
-    """A quote would swallow the rows up to the next one; the message is short, and offers no wrong remedy."""
-    with refused(DataError, place=f"labels.csv, line {line}", got='a quote (")', remedy="remove it"):
-        save_table(tmp_path, rows).describe()
-
-
 def test_sound_quotes_are_read(tmp_path: Path) -> None:
     """A comma or a doubled quote within a quoted value is text."""
     rows = '"0.png",1,2,"wet, 5"""\n"1.png", "3","4", dry\n'
     assert save_table(tmp_path, rows).catalogue().labels.tolist() == [[2.0, 1.0], [4.0, 3.0]]
 
 
-@pytest.mark.parametrize("text", ["1_000", "0x10", "\uff11\uff12", "1e999", "1.2.3", "--1", "1e", ".", "1 000"])
-def test_only_plain_numbers_are_labels(tmp_path: Path, text: str) -> None:
-    """What Python reads as a number and a person may not is refused as written, with the line."""
-    with refused(DataError, got="not finite numbers (1 found): line 2 fx = '", remedy="correct them, written as 12"):
-        save_table(tmp_path, f"0.png,{text},2,\n").describe()
-
-
 def test_numbers_are_read_as_people_write_them(tmp_path: Path) -> None:
     """Signs, points at either end, exponents and outer spaces are plain."""
     rows = "0.png,+1., .5 ,\n1.png,-2E+2,1e-3,\n"
     assert save_table(tmp_path, rows).catalogue().labels.tolist() == [[0.5, 1.0], [0.001, -200.0]]
-
-
-@pytest.mark.parametrize(
-    ("header", "remedy"),
-    [
-        ("image_name;fx;fz\n", "save the table with commas between the columns, not semicolons"),
-        ("image_name\tfx\tfz\n", "not tabs"),
-        ("0.png,1.5,2\n", "add a first line that names the columns"),
-        ("picture,fx,fz\n", "set the names that are here"),
-    ],
-)
-def test_header_that_lacks_columns_is_explained(tmp_path: Path, header: str, remedy: str) -> None:
-    """The error names the setting, lists the columns, and says how to mend the table."""
-    with refused(DataError, place="the columns of labels.csv", expected="(data.image_column)", remedy=remedy):
-        save_table(tmp_path, "0.png,1,2\n", header=header).describe()
-
-
-def test_paths_of_another_system_are_explained(tmp_path: Path) -> None:
-    """A table from Windows has backslashes; leaving those rows out would not be a remedy."""
-    with refused(DataError, got="line 2 ", remedy="write their paths with / instead of") as caught:
-        save_table(tmp_path, "images\\0.png,1,2,\n").describe()
-    assert "skip_missing" not in str(caught.value)
 
 
 def test_long_texts_are_cut(tmp_path: Path) -> None:

@@ -155,42 +155,32 @@ def test_description_follows_content_and_not_place(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "fields"),
+    ("rows", "place"),
     [
-        (
-            "image_0.png,1,2,3\nimage_9.png,1,2,3\n",
-            {
-                "got": "names images that are not in {root}/Force_Regression/ViTacTip (1 found): line 3 'image_9.png'",
-                "remedy": "data.skip_missing=true",
-            },
-        ),
+        ("image_0.png,1,2,3\nimage_9.png,1,2,3\n", "Force_Regression/ViTacTip (1 found): line 3 'image_9.png'"),
         (
             "image_0.png,nan,2,3\nimage_1.png,1,,3\nimage_2.png,1,2,inf\n",
-            {"got": "(3 found): line 2 fx = 'nan', line 3 fy = ''"},
+            "(3 found): line 2 fx = 'nan', line 3 fy = ''",
         ),
-        ("image_0.png,1,2,3\nimage_0.png,1,2,3\n", {"got": "more than once (1 found): line 3 'image_0.png'"}),
-        ("image_0.png,1,2,3\n./image_0.png,1,2,3\n", {"got": "more than once (1 found): line 3"}),
-        (
-            "plain.png,1,2,3\n",
-            {"got": "images without a number (1 found): line 2 'plain.png'", "remedy": "end names with"},
-        ),
-        ("", {"place": "ViTacTip.csv", "expected": "a row for each image"}),
+        ("image_0.png,1,2,3\nimage_0.png,1,2,3\n", "line 3 'image_0.png'"),
+        ("image_0.png,1,2,3\n./image_0.png,1,2,3\n", "line 3 './image_0.png'"),
+        ("plain.png,1,2,3\n", "line 2 'plain.png'; end names with their number"),
+        ("", "ViTacTip.csv: expected a row for each image"),
     ],
     ids=["missing image", "no number", "duplicate", "duplicate by another path", "no numeric suffix", "empty"],
 )
-def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, fields: dict[str, str]) -> None:
-    """Every kind of broken row has its message."""
+def test_broken_rows_are_named_by_line(tmp_path: Path, rows: str, place: str) -> None:
+    """Every kind of broken row has its place."""
     source = save_forces(tmp_path, rows)
     save_image(tmp_path / "Force_Regression" / "ViTacTip" / "plain.png", 0)
-    with refused(DataError, **{field: words.format(root=tmp_path) for field, words in fields.items()}):
+    with pytest.raises(DataError) as told:
         source.describe()
+    assert place in str(told.value)
 
 
 def test_absent_label_column_is_named(tmp_path: Path) -> None:
-    """The user sees what the columns are called; a setting cannot change the layout's names."""
-    with refused(
-        DataError, expected="'fz' (TacVerse's layout)", got="'image_name', 'fx', 'fy'", remedy="rename columns"
-    ):
+    """A setting cannot change the layout's names."""
+    with refused(DataError, expected="'fz' (TacVerse's layout)", got="'image_name', 'fx', 'fy'"):
         save_forces(tmp_path, "image_0.png,1,2\n", header="image_name,fx,fy\n").describe()
 
 
@@ -222,33 +212,25 @@ def test_mixed_sizes_and_unreadable_images_are_named(tmp_path: Path, task: Senso
         source.catalogue()
 
 
-def test_images_of_other_names_are_refused(tmp_path: Path) -> None:
-    """A name without size and press has no class; files that are not images are left alone."""
-    source = save_gratings(tmp_path, "1_1.png", "flat.png", "1_2_3_4.png", "-1_2.png", "1_x.png", "1,5_2.png")
-    (tmp_path / "Grating_Classification" / "ViTacTip" / "Blackdot" / "notes.txt").write_text("a rainy day")
-    got = "are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg (5 found): -1_2.png, 1,5_2.png, "
-    with refused(DataError, got=got):
+@pytest.mark.parametrize(
+    ("names", "place"),
+    [
+        (
+            ("1_1.png", "flat.png", "1_2_3_4.png", "-1_2.png", "1_x.png", "1,5_2.png"),
+            "(5 found): -1_2.png, 1,5_2.png, ",
+        ),
+        *((("0.5_1.png", twin), "(1 found): 0.5") for twin in ("0.50_1.png", "0.5_1_0.png", "0.5_1.jpg", "0.5_01.png")),
+        ((), "data.pattern: expected a directory with .jpeg, .jpg, "),
+    ],
+)
+def test_images_that_are_no_presses_are_refused(tmp_path: Path, names: tuple[str, ...], place: str) -> None:
+    """A name without size and press has no class, and equal numbers are one picture; other files are left alone."""
+    source = save_gratings(tmp_path, *names)
+    pattern = tmp_path / "Grating_Classification" / "ViTacTip" / "Blackdot"
+    (pattern / "notes.txt").write_text("a rainy day")
+    with pytest.raises(DataError) as told:
         source.describe()
-
-
-@pytest.mark.parametrize("twin", ["0.50_1.png", "0.5_1_0.png", "0.5_1.jpg", "0.5_01.png"])
-def test_two_images_of_one_press_and_frame_are_refused(tmp_path: Path, twin: str) -> None:
-    """Equal numbers written otherwise are the same picture twice."""
-    with refused(DataError, got="several images of one size, press and frame (1 found): 0.5"):
-        save_gratings(tmp_path, "0.5_1.png", twin, "1_1.png").describe()
-
-
-def test_empty_pattern_is_refused(tmp_path: Path) -> None:
-    """A directory without images has no classes."""
-    with refused(DataError, place="data.pattern", expected=".jpeg", got="Blackdot"):
-        save_gratings(tmp_path).describe()
-
-
-def test_pattern_must_be_named(tmp_path: Path) -> None:
-    """The message lists those that there are."""
-    source = save_gratings(tmp_path, "1_1.png")
-    with refused(DataError, place="data.pattern", remedy="ViTacTip holds: Blackdot"):
-        replace(source, pattern=None).describe()
+    assert place in str(told.value)
 
 
 @pytest.mark.parametrize(
@@ -262,15 +244,16 @@ def test_pattern_must_be_named(tmp_path: Path) -> None:
         ({"sensor": "GelSight"}, "data.sensor", "Grating_Classification holds: ViTacTip"),
         ({"sensor": "VitacTip"}, "data.sensor", "Grating_Classification/ViTacTip?"),
         ({"pattern": "Dots"}, "data.pattern", "ViTacTip holds: Blackdot"),
+        ({"pattern": None}, "data.pattern", "ViTacTip holds: Blackdot"),
     ],
-    ids=["absent", "file", "too high", "too deep", "empty", "sensor", "misspelt", "pattern"],
+    ids=["absent", "file", "too high", "too deep", "empty", "sensor", "misspelt", "pattern", "no pattern"],
 )
-def test_wrong_place_says_what_is_there(tmp_path: Path, change: dict[str, str], place: str, remedy: str) -> None:
+def test_wrong_place_says_what_is_there(tmp_path: Path, change: dict[str, str | None], place: str, remedy: str) -> None:
     """The error names the setting, what is there instead, and the nearest name."""
     source = save_gratings(tmp_path / "release", "1_1.png", "2_1.png")
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("")
-    wrong = {key: tmp_path / value if key == "root" else value for key, value in change.items()}
+    wrong = {key: tmp_path / str(value) if key == "root" else value for key, value in change.items()}
     with refused(DataError, place=place, remedy=remedy):
         replace(source, **wrong).describe()  # type: ignore[arg-type]
 

@@ -39,7 +39,7 @@ from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Limits, Loss, Recipe, Training, to_json
-from tacevo.runs.eras import archive_files
+from tacevo.runs.search_files import archive_files
 from tacevo.runs.summary import summarise
 from tacevo.sandbox.client import Finished, Frame
 from tacevo.storage.ledger import Ledger

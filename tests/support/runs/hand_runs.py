@@ -152,15 +152,13 @@ def altered(run: RecordedRun, **changes: Any) -> RecordedRun:
     lines = {name: taken.get(name, getattr(run, name)) for name in ("candidates", "reevaluations", "generations")}
     if "bounds" in taken and lines["generations"]:
         lines["generations"] = (*lines["generations"][:-1], replace(lines["generations"][-1], bounds=taken["bounds"]))
-    of_header = {_ALTERED[name]: taken[name] for name in ("facts", "centroids") if name in taken}
+    of_header = {_ALTERED[name]: taken[name] for name in ("facts", "centroids", "rules") if name in taken}
     of_record: dict[str, Any] = {name: taken[name] for name in ("versions", "trivial", "elsewhere") if name in taken}
     if "instructions" in taken:
         named = tuple(Instruction(id=name, text=name) for name in taken["instructions"])
         of_record["task"] = replace(run.record.task, instructions=named)
     path = run.path.with_name(taken["name"]) if "name" in taken else taken.get("path", run.path)
-    first, *later = taken.get("eras", run.eras)  # the first era begins with the header
-    begin = replace(run.header, rules=first.rules, **of_header)
-    every = (begin, *later, *itertools.chain(*lines.values()))
+    every = (replace(run.header, **of_header), *itertools.chain(*lines.values()))
     made = replace(
         run,
         directory=RunDirectory(path),
@@ -174,7 +172,7 @@ def altered(run: RecordedRun, **changes: Any) -> RecordedRun:
 
 #: What `altered` takes beyond the fields, and where that stands if it has another name there.
 _ALTERED = {
-    **{name: name for name in ("candidates", "reevaluations", "generations", "bounds", "eras", "instructions")},
+    **{name: name for name in ("candidates", "reevaluations", "generations", "bounds", "rules", "instructions")},
     **{name: name for name in ("centroids", "versions", "trivial", "elsewhere", "name", "path", "digest", "spent")},
     "facts": "data",
     "cpu_seconds": "cpu_seconds",

@@ -1,6 +1,6 @@
-"""A search as its files have it: the first line of the ledger, one era after the other, and both archives."""
+"""A search as its files have it: the first line of the ledger, the lines under its rules, and both archives."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 from tacevo.config.identity import identity, task_hash
@@ -8,7 +8,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import TopK, coverage, qd_score
 from tacevo.evolution.development import Effects
-from tacevo.evolution.files import EliteEntry, NetworkArchiveFile, PromptFile, RulesLine, RunLine, TrialEntry
+from tacevo.evolution.files import EliteEntry, NetworkArchiveFile, PromptFile, RunLine, TrialEntry
 from tacevo.evolution.state import Observer, Plan, SearchState
 from tacevo.records import DataFacts, Task
 from tacevo.rules import Rules
@@ -29,33 +29,11 @@ def run_header(config: RunConfig, task: Task, facts: DataFacts, plan: Plan, rule
     )
 
 
-def run_eras(
-    plan: Plan,
-    eras: Sequence[RulesLine],
-    effects: Callable[[Rules], Effects],
-    ledger: Ledger,
-    observer: Observer,
+def run_under(
+    rules: Rules, plan: Plan, effects: Callable[[Rules], Effects], ledger: Ledger, observer: Observer
 ) -> SearchState:
-    """Run a search whose generations follow several rules, one after the other; each change has a ledger line.
-
-    The eras begin with generation 0; there is one, unless the run was continued under other rules. `effects` returns
-    those under the rules of an era.
-
-    Raises:
-        TacevoError: as `run_search`.
-    """
-
-    def run(era: RulesLine, end: int, since: SearchState | None) -> SearchState:
-        part = replace(plan, generations=end, names_dropped=era.rules.core >= 2)
-        return run_search(part, effects(era.rules), ledger, observer, since=since)
-
-    first, *later = eras
-    end, *ends = [*(era.generation - 1 for era in later), plan.generations]
-    state = run(first, end, None)
-    for era, end in zip(later, ends, strict=True):
-        ledger.commit(era)
-        state = run(era, end, state)
-    return state
+    """Run a search under rules, which a replay has from the ledger; errors are those of `run_search`."""
+    return run_search(replace(plan, names_dropped=rules.core >= 2), effects(rules), ledger, observer)
 
 
 def archive_files(plan: Plan, state: SearchState) -> tuple[NetworkArchiveFile, PromptFile]:
