@@ -25,7 +25,6 @@ from tacevo.sweeps.terms import Asked, read_varied
 from tacevo.text import counted
 from tacevo.tracking.backfill import track
 from tacevo.tracking.entries import viewing
-from tacevo.tracking.page import make_page
 
 
 def add_search(parser: Parser) -> None:
@@ -175,7 +174,7 @@ def add_track(parser: Parser) -> None:
 
 def _track(options: argparse.Namespace) -> int:
     with Progress() as view:
-        tracked = track(Path(options.directory), options.uri, partial(view.advance, "runs"), make_page)
+        tracked = track(Path(options.directory), options.uri, partial(view.advance, "runs"))
     for reason in tracked.failed:
         print(f"failed: {reason}", file=sys.stderr)
     for uri, number in tracked.done.items():

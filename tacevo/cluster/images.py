@@ -1,10 +1,9 @@
-"""The images of a data set on a node: found there, made there again, or received from the search.
+"""The images of a data set on a node: found there, or received from the search.
 
 Promises: a file that a node maps has the very bytes of the search's; it is written once for all runs, whole or not at
 all. Labels never come here: those of the training images travel with each job, the others stay with the search.
 """
 
-import contextlib
 import hashlib
 import os
 import shutil
@@ -15,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.data.dataset import IMAGES
-from tacevo.data.loading import make_images
-from tacevo.data.source import Source
 from tacevo.data.staging import reserve, staged
 from tacevo.errors import DataError
 
@@ -25,14 +22,6 @@ DIRECTORY = "TACEVO_NODE_DATA"
 
 #: Bytes that are read, and sent, at once.
 CHUNK = 32 * 2**20
-
-#: Bytes that a network carries in a second, and what a simulated picture takes: gigabit Ethernet, and seconds on one
-#: core, a constant and one for each pixel (`tacevo.data.workers` has the measurement).
-_LINK, _PICTURE, _PIXEL = 100e6, 0.9e-3, 5.5e-8
-
-
-class _OtherBytesError(Exception):
-    """The images that were made are not those of the search."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,16 +32,11 @@ class Images:
     digest: str
     #: Of the file.
     size: int
-    #: Number of pictures, and their height and width in pixels.
-    pictures: int
-    pixels: int
-    #: What can make them again: that of simulated ones; None of recorded ones.
-    source: Source | None
 
 
-def describe(path: Path, *, pictures: int, pixels: int, source: Source | None) -> Images:
+def describe(path: Path) -> Images:
     """Describe the images of the search."""
-    return Images(digest=_digest(path), size=path.stat().st_size, pictures=pictures, pixels=pixels, source=source)
+    return Images(digest=_digest(path), size=path.stat().st_size)
 
 
 def directory_here() -> Path:
@@ -85,23 +69,6 @@ def find(images: Images, directory: Path) -> Path | None:
         return path
     shutil.rmtree(path.parent, ignore_errors=True)
     return None
-
-
-def is_cheaper_to_make(images: Images, cores: int) -> bool:
-    """Tell whether a node with so many cores makes the images in less time than a network brings them."""
-    making = images.pictures * (_PICTURE + _PIXEL * images.pixels**2) / cores
-    return images.source is not None and making < images.size / _LINK
-
-
-def make(images: Images, directory: Path, cores: int) -> Path | None:
-    """Make the images of a source again; None where other bytes came out, as another CPU may round differently."""
-    if images.source is None:
-        return None
-    catalogue = images.source.catalogue()
-    with contextlib.suppress(_OtherBytesError), staged(_place(images, directory).parent) as stage:
-        if stage is not None and _digest(make_images(catalogue, stage / IMAGES, cores)) != images.digest:
-            raise _OtherBytesError  # so that nothing is kept
-    return find(images, directory)
 
 
 def receive(images: Images, directory: Path, chunks: Iterable[bytes]) -> Path:

@@ -9,7 +9,7 @@ from typing import Any
 from tacevo.cluster import images as files
 from tacevo.cluster.facts import Facts, Order, facts_here
 from tacevo.cluster.images import Images
-from tacevo.environment import machine, usable_cores
+from tacevo.environment import machine
 from tacevo.errors import SandboxError
 from tacevo.sandbox.client import Sandbox, Zygote
 from tacevo.sandbox.confinement import in_force
@@ -35,19 +35,10 @@ class Node:
         return facts_here(self._order)
 
     def prepare(self) -> bool:
-        """Start the sandbox, and find the images, or make them where that is cheaper; tell whether they are here."""
+        """Start the sandbox; tell whether the images are here."""
         order = self._order
         self._zygote = Zygote(order.entries, order.environment, equip=order.equip)
-        images = self._images
-        if images is None:
-            return True
-        directory = files.directory_here()
-        if files.find(images, directory) is not None:
-            return True
-        cores = usable_cores()
-        if not files.is_cheaper_to_make(images, cores):
-            return False
-        return files.make(images, directory, cores) is not None
+        return self._images is None or files.find(self._images, files.directory_here()) is not None
 
     def receive(self, chunks: Sequence[Any]) -> None:
         """Fetch the images from Ray's object store, part by part."""

@@ -25,16 +25,7 @@ from tacevo.llm.answers import read_message
 from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
 from tacevo.llm.recording import Keep, unkept
-from tacevo.llm.retry import (
-    STATUSES,
-    Fault,
-    FaultError,
-    FaultKind,
-    Patience,
-    fault_of,
-    fault_of_connection,
-    fault_of_status,
-)
+from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Delivery, Record, Request, to_json
 from tacevo.redaction import without_secrets
 from tacevo.storage.canonical import content_hash, readable
@@ -48,6 +39,17 @@ SUBMISSIONS = 3
 
 #: Requests of one batch; the server takes more, but no more than 256 MB.
 MOST_REQUESTS = 5_000
+
+#: The statuses that the errors within a batch would have alone, by their types.
+_STATUSES = {
+    "invalid_request_error": 400,
+    "authentication_error": 401,
+    "billing_error": 402,
+    "permission_error": 403,
+    "not_found_error": 404,
+    "request_too_large": 413,
+    "rate_limit_error": 429,
+}
 
 _T = TypeVar("_T")
 
@@ -242,7 +244,7 @@ def _read_outcome(outcome: MessageBatchResult, batch: str) -> Completion | Fault
         return read_message(outcome.message.model_dump(warnings=False), Delivery.batch)
     if outcome.type == "errored":
         error = outcome.error.error
-        return fault_of_status(STATUSES.get(error.type, 500), {}, error.model_dump(warnings=False))
+        return fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump(warnings=False))
     kind = FaultKind.refused if outcome.type == "canceled" else FaultKind.passing  # the user wanted it to end
     return Fault(kind=kind, message=f"a request of batch {batch} was {outcome.type}")
 

@@ -137,10 +137,10 @@ class Failures:
             if fault.kind is FaultKind.unknown:
                 raise self.models.lacking(self.models.sent(request).model, fault.message)
         rest = [fault for _, request, fault in self._all if not self._is_about_the_request(request, fault)]
-        final = [fault for fault in rest if fault.kind in {FaultKind.refused, FaultKind.doubtful}]
         passing = [fault for fault in rest if fault.kind is FaultKind.passing]
-        if final:
-            raise ConfigError(f"the server says: {final[0].message}", place=self.name, remedy=final[0].remedy)
+        final = next((fault for fault in rest if fault.kind is not FaultKind.passing), None)
+        if final is not None:
+            raise ConfigError(f"the server says: {final.message}", place=self.name, remedy=final.remedy)
         if passing:
             again = "repeat the same command"
             raise TransportError(
@@ -149,12 +149,6 @@ class Failures:
                 remedy=f"start the server, or check llm.base_url; then {again}"
                 if passing[0].silent
                 else f"{again}: the answers that came are recorded",
-            )
-        if rest:
-            raise ConfigError(
-                f"with these settings no request is answered, so nothing is recorded: {rest[0].message}",
-                place=self.name,
-                remedy="set llm.max_tokens or llm.model to what the server takes",
             )
 
     def _is_about_the_request(self, request: Request, fault: Fault) -> bool:

@@ -75,8 +75,11 @@ class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
             refused = re.search(rf"\b{name}\b", error.fault.message) and error.fault.kind is FaultKind.doubtful
             if not refused or name != self._limit:
                 raise
-        other = next(other for other in _LIMITS if other != name)
-        completion = await self._ask(request, dropped, other)
+            other = next(other for other in _LIMITS if other != name)
+            try:
+                completion = await self._ask(request, dropped, other)
+            except FaultError as second:  # where it knows neither, the first name is the one that its words are about
+                raise (error if second.fault.kind is FaultKind.doubtful else second) from None
         self._dialect.limit = other
         return completion
 

@@ -6,8 +6,8 @@
     unknown    the server has no such model: the run stops, and names the models that it has
     refused    key, permission, address or payment: no retry and no other request can help, so the run stops
 
-The providers' SDKs retry too, but not alike: neither asks again after a malformed body, and one gives up where the
-server names a wait of more than two minutes. So theirs are switched off, and this is the one rule.
+The providers' SDKs retry too, but neither asks again after a malformed body, none tells when it does, and one waits for
+as many days as a server names. So theirs are switched off, and this is the one rule.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ import ssl
 import time
 from asyncio import CancelledError
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
 from enum import StrEnum
 from typing import Any
@@ -34,66 +34,19 @@ SAMPLING = ("temperature", "top_p", "top_k", "seed")
 #: Statuses below 500 that pass: time-out, conflict of locks, rate limit.
 _PASSING = {408, 409, 429}
 
-#: Statuses that may be about one request: bad request, too large, unprocessable.
-_OF_A_REQUEST = {400, 413, 422}
-
 #: How servers say that there is no money or no account, some with a status that would otherwise blame the request.
-_PAYMENT = (
-    "credit balance",
-    "billing details",
-    "billing_error",
-    "insufficient_quota",
-    "spend limit",
-    "spending limit",
-    "usage limit",
-    "organization has been disabled",
-)
-
-#: The code of a spent quota; a rate limit, too, has status 429, and its words may mention limits and billing.
-_QUOTA = ("insufficient_quota",)
-
-#: How servers say that a request does not fit into a model; a limit of tokens per minute is another one.
-_TOO_LONG = re.compile(
-    r"too (long|large)|context (length|window|size)|maximum context"
-    r"|(exceed|at most|(more|less|fewer|longer) than|maximum|limit|up to)[^.]{0,40}\b(tokens|characters)\b(?! per)"
-    r"|\b(tokens|characters)\b(?! per)[^.]{0,40}(exceed|at most|(more|less|fewer) than|maximum|limit|> ?\d)",
+_PAYMENT = re.compile(
+    r"credit balance|billing[ _](details|error)|insufficient_quota|(spend|spending|usage) limit"
+    r"|organization has been disabled",
     re.IGNORECASE,
 )
 
-#: What a limit on an answer's tokens is called, and how servers say that it is more than they take.
-_LIMIT = re.compile(r"max_(completion_|new_|output_)?tokens|(output|completion) tokens", re.IGNORECASE)
-_EXCESS = re.compile(r"too (large|high|big|many)|exceed|at most|less than|maximum|greater than|> ?\d", re.IGNORECASE)
+#: How servers say that a request does not fit into a model, and that they will not answer it.
+_TOO_LONG = re.compile(r"too (long|large)\b|context (length|window|size)|maximum context", re.IGNORECASE)
+_FILTERED = re.compile(r"content[ _](filter|policy|management policy)", re.IGNORECASE)
 
 #: How servers say that a model has no system prompt.
-_NO_SYSTEM = re.compile(
-    r"system\W{1,3}(role|message|prompt|instruction)s?\b.*\b(not|un\w+|only|must|cannot)\b|role\W{1,3}system\b"
-    r"|support.{0,10}\bsystem\W{1,3}(role|message|prompt|instruction)|roles? must alternate|\bonly user\b"
-    r"|developer instruction",
-    re.IGNORECASE,
-)
-
-#: The statuses that errors without one would have, by their types or codes.
-STATUSES = {
-    "invalid_request_error": 400,
-    "context_length_exceeded": 400,
-    "authentication_error": 401,
-    "invalid_api_key": 401,
-    "billing_error": 402,
-    "permission_error": 403,
-    "not_found_error": 404,
-    "model_not_found": 404,
-    "request_too_large": 413,
-    "insufficient_quota": 429,
-    "rate_limit_error": 429,
-    "rate_limit_exceeded": 429,
-    "overloaded_error": 529,
-}
-
-#: How servers say that it is the model which they do not find.
-_NO_MODEL = re.compile(r"\bmodel\b|model_not_found", re.IGNORECASE)
-
-#: What stands for a server's words where it has none.
-_UNSAID = "no explanation"
+_NO_SYSTEM = re.compile(r"\bsystem\b|roles? must alternate|\bonly user\b|developer instruction", re.IGNORECASE)
 
 #: Raised before anything of a request is sent.
 _UNSENT = (
@@ -103,9 +56,6 @@ _UNSENT = (
     httpx2.ProxyError,
     httpx2.UnsupportedProtocol,
 )
-
-#: How servers say that they will not answer this.
-_FILTERED = ("content filter", "content_filter", "content policy", "content management policy")
 
 
 class FaultKind(StrEnum):
@@ -143,18 +93,18 @@ class Fault:
     @property
     def stop_reason(self) -> str:
         """The stop reason of a completion in place of an answer."""
-        return "refusal" if _mentions(self.message, _FILTERED) else "invalid_request"
+        return "refusal" if _FILTERED.search(self.message) else "invalid_request"
 
     @property
     def remedy(self) -> str:
         """What the user can do about a refusal."""
         if self.status in {401, 403}:
             return "check the API key, and what it may be used for"
-        if self.status == 402 or _mentions(self.message, _PAYMENT):
+        if self.status == 402 or _PAYMENT.search(self.message):
             return "check the account: it has no money left, or is closed"
         if _NO_SYSTEM.search(self.message):
             return "set llm.system=user, which joins the system prompt to the first turn"
-        return "check llm.base_url, llm.model and the other settings of llm"
+        return "check llm.base_url, llm.model, llm.max_tokens and the other settings of llm"
 
 
 class FaultError(Exception):
@@ -207,9 +157,9 @@ def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path
         body: the parsed JSON, or the text where it is none.
         path: what was asked for at the server, which need not say what it does not know; None where it knew the path.
     """
-    said = f"{status}: {_said(body)}"
+    said = f"{status}: {_words(body)}"
     kind = _kind(status, said)
-    if status == 404 and (path is None or _NO_MODEL.search(said)):
+    if status == 404 and (path is None or re.search(r"\bmodel", said, re.IGNORECASE)):
         kind = FaultKind.unknown
     elif status == 404:
         said += f"; {path} was asked for: check llm.base_url, from which that path follows"
@@ -218,14 +168,7 @@ def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path
 
 def fault_of_body(body: Json) -> Fault:
     """Read a body of status 200 that holds no answer: an error that its server reports so, or what is no answer."""
-    error, said = _error(body), _said(body)
-    if not isinstance(body, dict) or not _words(error):
-        held = ", ".join(body) if isinstance(body, dict) else _words(body)
-        return Fault(kind=FaultKind.passing, message=f"the body is not an answer: {held[:80] or type(body).__name__}")
-    marks = [str(error.get(name)) for name in ("code", "type")] if isinstance(error, dict) else []
-    numbers = [STATUSES.get(mark, int(mark) if re.fullmatch("[0-9]{3}", mark) else 0) for mark in marks]
-    status = next((number for number in numbers if 400 <= number < 600), 500)
-    return replace(fault_of_status(status, {}, body), message=f"an error in a body of status 200: {said}")
+    return Fault(kind=FaultKind.passing, message=f"the body is not an answer: {_words(body)}")
 
 
 def fault_of(error: Exception) -> Fault:
@@ -279,48 +222,32 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
 
 
 def _kind(status: int, said: str) -> FaultKind:
-    if status == 402 or _mentions(said, _QUOTA if status == 429 else _PAYMENT):
-        return FaultKind.refused
-    large = _TOO_LONG.search(said) or (_LIMIT.search(said) and _EXCESS.search(said))
-    if status == 413 or (status in _OF_A_REQUEST and (large or _mentions(said, _FILTERED))):
-        return FaultKind.request
-    if status not in _PASSING and _NO_SYSTEM.search(said):  # every request has a system prompt, or none
+    if status == 402 or "insufficient_quota" in said or (status not in _PASSING and _PAYMENT.search(said)):
         return FaultKind.refused
     if status in _PASSING or status >= 500:
         return FaultKind.passing
-    return FaultKind.doubtful if status in _OF_A_REQUEST else FaultKind.refused
+    if status == 413 or (status in {400, 422} and (_TOO_LONG.search(said) or _FILTERED.search(said))):
+        return FaultKind.request
+    return FaultKind.doubtful if status in {400, 422} else FaultKind.refused
 
 
-def _mentions(said: str, phrases: tuple[str, ...]) -> bool:
-    return any(phrase in said.lower() for phrase in phrases)
+def _words(body: Json) -> str:
+    """Return a server's own words, or what stands for them, in one line."""
+    return " ".join(_texts(body).split())[:500] or "no explanation"
 
 
-def _said(body: Json) -> str:
-    """Find a server's own words: `{"error": {"message": ...}}`, FastAPI's `detail`, text; its code and type too."""
-    error = _error(body)
-    words = " ".join(_words(error).split())[:500] or _UNSAID
-    if not isinstance(error, dict):
-        return words
-    marks = [error[name] for name in ("type", "code") if isinstance(error.get(name), str | int) and error[name]]
-    return " ".join([words, *(f"({mark})" for mark in marks)])
+def _texts(value: Json, depth: int = 6) -> str:
+    """Join the texts of an error: `{"error": {"message": ...}}`, FastAPI's `detail` with its place, a text.
 
-
-def _error(body: Json) -> Json:
-    """Return what a body holds as its error; the body itself where it has no such field."""
-    return (body.get("error") or body) if isinstance(body, dict) else body
-
-
-def _words(value: Json, depth: int = 5) -> str:
-    """Find the words of an error, wherever they stand in it; where it concerns one of several settings, which."""
+    What a server repeats of a request is left out: a setting that stands there is not refused.
+    """
     if isinstance(value, str) or depth == 0:
         return value if isinstance(value, str) else ""
-    if isinstance(value, Sequence):
-        return "; ".join(filter(None, (_words(part, depth - 1) for part in value)))
-    if not isinstance(value, Mapping):
+    if isinstance(value, Mapping):
+        value = [value.get(name) for name in ("loc", "message", "msg", "detail", "error", "errors", "code", "type")]
+    if not isinstance(value, list):
         return ""
-    found = (_words(value.get(name), depth - 1) for name in ("message", "msg", "detail", "error", "errors"))
-    words, place = next(filter(None, found), ""), value.get("loc")
-    return f"{'.'.join(map(str, place))}: {words}" if words and isinstance(place, list) else words
+    return " ".join(filter(None, (_texts(part, depth - 1) for part in value)))
 
 
 def _retry_after(headers: Mapping[str, str]) -> float | None:

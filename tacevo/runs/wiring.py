@@ -9,7 +9,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn, Self
 
-from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, ExecutorKind
+from tacevo.choices import ArchiveKind, BoundsRule, Device, ExecutorKind
 from tacevo.cluster.address import check_head
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import import_ray
@@ -27,7 +27,6 @@ from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
-from tacevo.runs.datasets import source_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
@@ -318,11 +317,7 @@ class Workbench:
 
     def _elsewhere(self) -> Cluster:
         executor, data = self.config.executor, self.data
-        images = None
-        if data is not None:
-            source = source_of(self.config) if self.config.data.source is DataSource.simulated else None
-            pictures, pixels = sum(data.facts.counts), data.facts.image_size
-            images = describe(data.images, pictures=pictures, pixels=pixels, source=source), data.images
+        images = None if data is None else (describe(data.images), data.images)
         return Cluster(
             _order(self.config),
             images,

@@ -1,8 +1,7 @@
 """The mirror's process: `python -m tacevo.tracking RUN_DIR --uri URI --experiment NAME [--follow]`.
 
-With `--follow` it continues until its standard input ends, which also happens when the search is killed. With
-`--reached FD` it writes a byte there when the store has answered. When it fails, its exit status is 1 and its last line
-of output is the reason.
+With `--follow` it continues until its standard input ends, which also happens when the search is killed. When it
+fails, its exit status is 1 and its last line of output is the reason.
 """
 
 import argparse
@@ -11,10 +10,8 @@ import os
 import select
 import sys
 import traceback
-from functools import partial
 from pathlib import Path
 
-from tacevo.tracking.page import make_page
 from tacevo.tracking.process import prepare, store_address, without_address
 
 _LOW_PRIORITY = 10
@@ -35,8 +32,6 @@ def main() -> int:
             uri=store_address(options.uri),
             experiment=options.experiment,
             finished=_has_input_ended if options.follow else None,
-            reached=partial(_say_reached, options.reached),
-            make_page=make_page,
         )
     except Exception as error:  # of any class: it ends the mirror, never the search
         print(without_address(traceback.format_exc()), file=sys.stderr)
@@ -50,7 +45,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("run_dir", type=Path, metavar="RUN_DIR")
     parser.add_argument("--uri", default="", help="MLflow tracking URI (default: MLFLOW_TRACKING_URI)")
     parser.add_argument("--experiment", required=True, help="the name of the MLflow experiment")
-    parser.add_argument("--reached", type=int, metavar="FD", help="file descriptor that hears of the store's answer")
     parser.add_argument("--follow", action="store_true", help="continue until standard input ends")
     return parser.parse_args()
 
@@ -65,13 +59,6 @@ def _lower_priority() -> None:
 def _has_input_ended() -> bool:
     """Wait a moment for the end of standard input; return whether it came."""
     return bool(select.select([sys.stdin], [], [], _PAUSE_SECONDS)[0])
-
-
-def _say_reached(descriptor: int | None) -> None:
-    """Tell the search that the store has answered, unless it has ended."""
-    if descriptor is not None:
-        with contextlib.suppress(OSError), open(descriptor, "wb") as search:
-            search.write(b".")
 
 
 if __name__ == "__main__":

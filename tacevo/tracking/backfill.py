@@ -17,7 +17,6 @@ from tacevo.redaction import check_address
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.entries import shown_address
 from tacevo.tracking.facts import read_settings
-from tacevo.tracking.page import MakePage
 from tacevo.tracking.process import prepare, store_address, without_address
 
 #: A directory with one of these is that of a run, perhaps a damaged one.
@@ -38,14 +37,13 @@ class _MlflowError(RunError):
     """MLflow failed, and would fail with the next run."""
 
 
-def track(path: Path, uri: str, show: Callable[[int, int], None], make_page: MakePage | None = None) -> Tracked:
+def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
     """Mirror run directories into MLflow.
 
     Args:
         path: a run directory, the directory of a sweep, or one that contains either.
         uri: the tracking URI; empty for the one in each run's configuration or else in MLFLOW_TRACKING_URI.
         show: receives the number of runs that are done, and of all.
-        make_page: as of `mirror`.
 
     Raises:
         RunError: `path` holds no run; MLflow fails; or `path` is a run directory, and it is damaged.
@@ -60,7 +58,7 @@ def track(path: Path, uri: str, show: Callable[[int, int], None], make_page: Mak
     for number, run in enumerate(runs):
         show(number, len(runs))
         try:
-            done[_mirror(run, uri, make_page)] += 1
+            done[_mirror(run, uri)] += 1
         except TacevoError as error:
             if run == path or isinstance(error, _MlflowError):
                 raise
@@ -94,7 +92,7 @@ def find_runs(path: Path) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def _mirror(path: Path, given: str, make_page: MakePage | None) -> str:
+def _mirror(path: Path, given: str) -> str:
     """Mirror one run; return the URI of its store, empty for that of MLFLOW_TRACKING_URI."""
     directory = RunDirectory(path)
     settings = read_settings(directory.read_run(), f"{path}/run.json")
@@ -105,7 +103,7 @@ def _mirror(path: Path, given: str, make_page: MakePage | None) -> str:
         from tacevo.tracking.mirror import mirror
 
         logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported below, in one line
-        mirror(path, uri=address, experiment=settings.experiment, finished=None, reached=None, make_page=make_page)
+        mirror(path, uri=address, experiment=settings.experiment, finished=None)
     except TacevoError:
         raise
     except LookupError as error:  # a line names a record that is missing

@@ -2,7 +2,6 @@
 
 import contextlib
 import getpass
-import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,10 +10,9 @@ from mlflow import MlflowClient
 from mlflow.entities import LifecycleStage, Metric, Param, Run
 from mlflow.exceptions import MlflowException
 
-from tacevo.environment import as_typed
 from tacevo.errors import RunError
 from tacevo.storage.files import flock
-from tacevo.tracking.entries import URI_VARIABLE, Measure, quoted_address
+from tacevo.tracking.entries import Measure
 
 #: The tag by which MLflow nests runs.
 PARENT_TAG = "mlflow.parentRunId"
@@ -95,11 +93,9 @@ def find_or_create_experiment(client: MlflowClient, name: str) -> str:
                 "one that was deleted",
                 place=f"MLflow experiment {name}",
                 expected="an active one",
-                remedy=f"`{_restoring(client.tracking_uri, found.experiment_id)}` restores it, and then `tacevo track` "
-                "writes what is missing; or set tracking.experiment=NAME",
+                remedy=f"restore it (`mlflow experiments restore --experiment-id {found.experiment_id}`), then "
+                "`tacevo track` writes what is missing; or set tracking.experiment=NAME",
             )
-        for tag in _KIND.keys() - found.tags.keys():
-            client.set_experiment_tag(found.experiment_id, tag, _KIND[tag])
     else:
         place = _artifact_location(client.tracking_uri)
         try:
@@ -109,12 +105,6 @@ def find_or_create_experiment(client: MlflowClient, name: str) -> str:
             if found is None:
                 raise
     return str(found.experiment_id)
-
-
-def _restoring(uri: str, experiment: str) -> str:
-    """Return the command that restores an experiment; the address may stand in the environment already."""
-    command = f"{as_typed('mlflow')} experiments restore --experiment-id {experiment}"
-    return command if os.environ.get(URI_VARIABLE) == uri else f"{URI_VARIABLE}={quoted_address(uri)} {command}"
 
 
 def _create(database: Path) -> None:

@@ -9,7 +9,7 @@ from pydantic import AliasPath, Field
 
 from tacevo.environment import Code
 from tacevo.errors import RunError
-from tacevo.records import STRICT, Json, Kind
+from tacevo.records import STRICT, Json
 from tacevo.storage.run_directory import RunRecord
 from tacevo.typed import convert
 
@@ -44,18 +44,6 @@ def read_settings(run: RunRecord, place: str = "run.json") -> Settings:
     return convert(Settings, run.config, place=f"{place}, config", error=RunError, remedy="restore the file")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DataSet:
-    """A data set in the fields of MLflow's entity; `source`, `schema` and `profile` are JSON."""
-
-    name: str
-    digest: str
-    source_type: str
-    source: str
-    schema: str
-    profile: str
-
-
 def source_tags(code: Code | None) -> dict[str, str]:
     """Return the tags by which MLflow shows the code of a run: the command, and the commit where one is recorded."""
     tags = {"mlflow.source.name": "tacevo search", "mlflow.source.type": "LOCAL"}
@@ -80,32 +68,16 @@ def search_tags(run: RunRecord) -> dict[str, str]:
     return {"tacevo.task": run.task.name, **answered}
 
 
-def data_set(run: RunRecord) -> DataSet:
-    """Describe the data set of a run: images made here come from code, all others from `data.root`.
+def data_set(run: RunRecord) -> dict[str, str]:
+    """Name the data set of a run in the fields of MLflow's entity: images made here come from code, others from a root.
 
-    The digest is the beginning of the fingerprint, as much as MLflow keeps; the profile has all of it, and how many
-    images each part of the split has.
+    The digest is the beginning of the fingerprint, as much as MLflow keeps.
     """
-    facts, origin = run.data, read_settings(run)
+    origin = read_settings(run)
     is_simulated = origin.source == "simulated"
-    source = {"tags": _SIMULATION} if is_simulated else {"uri": origin.root or ""}
-    labels = facts.names if facts.kind is Kind.regression else ("class",)
-    label_type = "float" if facts.kind is Kind.regression else "long"
-    columns = [{"name": "image", "type": "binary"}, *({"name": name, "type": label_type} for name in labels)]
-    training, validation, test = facts.counts
-    profile = {
-        "num_rows": training + validation + test,
-        "training": training,
-        "validation": validation,
-        "test": test,
-        "image_shape": [facts.in_channels, facts.image_size, facts.image_size],
-        "fingerprint": facts.fingerprint,
+    return {
+        "name": f"{run.task.name} ({origin.source})",
+        "digest": run.data.fingerprint[:_DIGEST],
+        "source_type": "code" if is_simulated else "local",
+        "source": json.dumps({"tags": _SIMULATION} if is_simulated else {"uri": origin.root or ""}),
     }
-    return DataSet(
-        name=f"{run.task.name} ({origin.source})",
-        digest=facts.fingerprint[:_DIGEST],
-        source_type="code" if is_simulated else "local",
-        source=json.dumps(source),
-        schema=json.dumps({"mlflow_colspec": columns}),
-        profile=json.dumps(profile),
-    )

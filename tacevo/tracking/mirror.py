@@ -29,7 +29,6 @@ from tacevo.tracking.entries import (
 )
 from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
-from tacevo.tracking.page import MakePage
 from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter
 
@@ -40,8 +39,6 @@ def mirror(
     uri: str,
     experiment: str,
     finished: Callable[[], bool] | None,
-    reached: Callable[[], object] | None,
-    make_page: MakePage | None = None,
 ) -> None:
     """Write a run into MLflow, as it stands or until it is finished.
 
@@ -55,8 +52,6 @@ def mirror(
         finished: whether no more lines will come; asked before each look at the ledger, so the time it takes to answer
             sets the pace. Another mirror of the directory is waited for. None writes what stands there now: another
             mirror is not waited for, and a search that is at work is left `RUNNING`.
-        reached: called when the store has answered; None where nobody waits for that.
-        make_page: makes the report page of a finished run, where none stands in its directory.
 
     Raises:
         RunError: run.json, a ledger line or sweep.json is damaged; the store holds another search under this name; its
@@ -74,8 +69,6 @@ def mirror(
         record, member = directory.read_run(), find_membership(run_dir)
         client = open_store(uri)
         place = find_or_create_experiment(client, experiment)
-        if reached is not None:
-            reached()
         nesting = {} if member is None else join_sweep(client, place, member)
         name = run_dir.resolve().name
         writer = SearchWriter(
@@ -100,7 +93,7 @@ def mirror(
                 measures = (*generation_measures(line), *beside, *sums.of_generation(line))
                 writer.write_generation(line.generation, measures)
         if directory.read_run().digest == last:
-            writer.finish(last, run_dir, make_page)
+            writer.finish(last, run_dir)
         elif finished is not None or not directory.is_busy:
             writer.stop()
         if member is not None:

@@ -6,7 +6,6 @@ A mirror outlives a killed search by the time that it takes to write what was co
 
 import gc
 import os
-import select
 import shlex
 import subprocess
 import sys
@@ -14,7 +13,6 @@ from pathlib import Path
 
 from tacevo.errors import ConfigError
 from tacevo.tracking.entries import URI_VARIABLE, shown_address
-from tacevo.tracking.page import import_path
 
 
 class Mirror:
@@ -32,64 +30,45 @@ class Mirror:
         self._experiment = experiment
         self._log = run_dir / "tracking.log"
         self._process: subprocess.Popen[bytes] | None = None
-        self._heard = -1  # a file descriptor: the process writes a byte there when the store has answered
         self._failure = "it was not started"
 
     def start(self) -> None:
         """Start the process; a failure to start is kept for `finish`."""
         command = [sys.executable, "-P", "-m", "tacevo.tracking", str(self._run_dir), "--follow"]
-        said = -1
         try:
-            self._heard, said = os.pipe()
             with self._log.open("ab") as log:
                 self._process = subprocess.Popen(
-                    [*command, "--uri", self._uri, "--experiment", self._experiment, "--reached", str(said)],
-                    env=import_path(),
+                    [*command, "--uri", self._uri, "--experiment", self._experiment],
+                    env={**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(path) for path in sys.path)},
                     stdin=subprocess.PIPE,
-                    pass_fds=[said],
                     stdout=log,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,  # Ctrl-C is the search's to handle
                 )
         except OSError as error:
             self._failure = str(error)
-        finally:
-            if said >= 0:
-                os.close(said)
 
     def finish(self, timeout: float | None) -> str | None:
         """End the input of the process: no more lines come. Wait so many seconds for its end, or as long as it takes.
 
         Returns:
-            None, or one line that warns the user: the mirror failed; the store has not answered, for which it waits a
-            while longer; or the mirror is still writing, and continues by itself.
+            None, or one line that warns the user: the mirror failed, or it is not done and continues by itself.
         """
-        try:
-            return self._end(timeout)
-        finally:
-            if self._heard >= 0:
-                os.close(self._heard)
-                self._heard = -1
-
-    def _end(self, timeout: float | None) -> str | None:
         if self._process is None:
-            return self._warning(self._failure)
+            return self._warning(f"failed: {self._failure}")
         if self._process.stdin is not None:
             self._process.stdin.close()
         try:
             status = self._process.wait(timeout)
         except subprocess.TimeoutExpired:
-            if not select.select([self._heard], [], [], 0)[0]:
-                return self._warning("the store has not answered yet")
-            place = shown_address(self._uri)
-            return f"the MLflow mirror is still writing to {place}; it continues by itself and logs to {self._log}"
+            return self._warning("is not done, and continues by itself")
         if status == 0:
             return None
-        return self._warning(self._last_line() if status == 1 else f"its exit status was {status}")
+        return self._warning(f"failed: {self._last_line() if status == 1 else f'its exit status was {status}'}")
 
-    def _warning(self, reason: str) -> str:
+    def _warning(self, state: str) -> str:
         return (
-            f"the MLflow mirror to {shown_address(self._uri)} failed: {reason}; the run itself is not affected; "
+            f"the MLflow mirror to {shown_address(self._uri)} {state}; the run itself is not affected; "
             f"see {self._log}, then `tacevo track {shlex.quote(str(self._run_dir))}` writes what is missing"
         )
 

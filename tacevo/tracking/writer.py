@@ -5,7 +5,6 @@ is written again. What it does not: two writers of one search at the same time; 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 from mlflow import MlflowClient
@@ -13,10 +12,8 @@ from mlflow.entities import Dataset, DatasetInput, InputTag
 
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
-from tacevo.tracking.client import PARENT_TAG, USER_TAG, find_or_create_run, log, tagged_runs, user_tags
+from tacevo.tracking.client import PARENT_TAG, find_or_create_run, log, tagged_runs, user_tags
 from tacevo.tracking.entries import Measure, note
-from tacevo.tracking.facts import DataSet
-from tacevo.tracking.page import PAGE, MakePage, current_page, page_of
 
 #: Tags that name a search, a candidate within it, and the digest of a finished search.
 RUN_TAG = "tacevo.run"
@@ -30,6 +27,9 @@ _NOTE_TAG = "mlflow.note.content"
 
 #: The hash of the ledger line that a candidate comes from.
 LINE_TAG = "tacevo.line"
+
+#: What the report page is called, in the run directory and among the artifacts.
+_PAGE = "report.html"
 
 #: A metric that every generation has; by its steps the generations in a store are known.
 _EVERY_GENERATION = "candidates"
@@ -69,8 +69,7 @@ class SearchWriter:
         #: The digest of what stands there, if it is whole, and whether it has a description.
         self._digest = search.data.tags.get(DIGEST_TAG)
         self._is_described = _NOTE_TAG in search.data.tags
-        user = {} if USER_TAG in search.data.tags else user_tags()
-        for tag, value in {**tags, **self._source, **user}.items():
+        for tag, value in {**tags, **self._source}.items():
             if search.data.tags.get(tag) != value:
                 client.set_tag(self._search, tag, value)
         client.update_run(self._search, status="RUNNING")
@@ -81,10 +80,10 @@ class SearchWriter:
         """Write the search's params; MLflow lets none change, so one that stands already stays as it is."""
         log(self._client, self._search, {key: params[key] for key in params.keys() - self._params}, ())
 
-    def write_data(self, data: DataSet) -> None:
+    def write_data(self, data: Mapping[str, str]) -> None:
         """Write the data set that the search trains on as an input of its run; MLflow keeps an equal one once."""
         context = InputTag(key="mlflow.data.context", value="training")
-        self._client.log_inputs(self._search, [DatasetInput(Dataset(**asdict(data)), [context])])
+        self._client.log_inputs(self._search, [DatasetInput(Dataset(**data), [context])])
 
     def write_generation(self, generation: int, measures: Sequence[Measure]) -> None:
         """Write a generation's metrics on the search's run."""
@@ -115,11 +114,11 @@ class SearchWriter:
             self._client.log_artifact(run, str(source))
         self._client.set_terminated(run, "FINISHED" if line.stage is None else "FAILED")
 
-    def finish(self, digest: str, run_dir: Path, make_page: MakePage | None) -> None:
+    def finish(self, digest: str, run_dir: Path) -> None:
         """End the search's run as finished, with its digest, its summary as a description, and what there is to read.
 
-        Of a digest that stands there already, only what is missing is written, and the page of the run directory where
-        it has become another one, as after a study.
+        That is the summary and the report page of the run directory, unless the run has ended since. Of a digest that
+        stands there already, only what is missing is written, and a page that has become another one, as after a study.
         """
         is_new = self._digest != digest
         files = () if is_new else self._client.list_artifacts(self._search)
@@ -130,11 +129,10 @@ class SearchWriter:
                 self._client.set_tag(self._search, _NOTE_TAG, note(summary.read_text(encoding="utf-8")))
             if summary.name not in standing:
                 self._client.log_artifact(self._search, str(summary))
-        own = current_page(run_dir)
-        if PAGE not in standing or (own is not None and own.stat().st_size != standing[PAGE]):
-            with page_of(run_dir, make_page) as page:
-                if page.exists():
-                    self._client.log_artifact(self._search, str(page))
+            page = run_dir / _PAGE
+            is_current = page.exists() and page.stat().st_mtime >= summary.stat().st_mtime
+            if is_current and page.stat().st_size != standing.get(_PAGE):
+                self._client.log_artifact(self._search, str(page))
         self._client.set_tag(self._search, DIGEST_TAG, digest)
         self._client.set_terminated(self._search, "FINISHED")
 

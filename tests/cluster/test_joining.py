@@ -25,7 +25,6 @@ from tacevo.cluster.members import join, works
 from tacevo.cluster.node import Node
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
-from tacevo.runs.datasets import source_of
 from tacevo.runs.wiring import check_means
 from tacevo.sandbox.confinement import available
 
@@ -111,13 +110,6 @@ def test_started_ray_inherits_nothing_that_could_be_a_key(monkeypatch: pytest.Mo
         assert os.environ["PATH"] == before["PATH"]
         assert os.environ["RAY_AUTH_TOKEN"] == "f" * 64
     assert dict(os.environ) == before
-
-
-def test_what_goes_to_a_node_holds_no_address_of_a_model(tmp_path: Path) -> None:
-    """An order and a source are all that a node is sent at its start."""
-    config = compose(["task=force", "llm=openai", "llm.model=m", "llm.base_url='http://me:hunter2@localhost'"])
-    images = describe(tmp_path, np.zeros((1, 3, 16, 16), np.uint8))
-    assert b"hunter2" not in pickle.dumps((ORDER, replace(images, source=source_of(config))))
 
 
 def test_missing_ray_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,7 +255,7 @@ def test_default_directory_for_images_is_of_its_user_alone(temporary: Path) -> N
 def describe(folder: Path, pixels: "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]") -> Images:
     """Write images as a search has them, and describe them."""
     np.save(folder / "images.npy", pixels)
-    return files.describe(folder / "images.npy", pictures=len(pixels), pixels=pixels.shape[-1], source=None)
+    return files.describe(folder / "images.npy")
 
 
 def test_images_arrive_byte_for_byte_and_once(tmp_path: Path) -> None:
@@ -295,30 +287,6 @@ def test_other_bytes_than_the_search_has_are_refused(sent: list[bytes], tmp_path
     images = describe(tmp_path, np.zeros((1, 3, 16, 16), np.uint8))
     with refused(DataError, place=str(tmp_path / "node"), got="other bytes"):
         files.receive(images, tmp_path / "node", sent)
-
-
-def test_simulated_images_are_made_again_on_a_node(tmp_path: Path) -> None:
-    """They have the bytes of those of the search; where they have not, none are kept, and those of the search fit."""
-    source = source_of(compose(["task=force", "data=simulated", "data.images=12", "data.image_size=16"]))
-    catalogue = source.catalogue()
-    images = replace(describe(tmp_path, np.stack([make() for make in catalogue.pictures])), source=source)
-    made = files.make(images, tmp_path / "node", 1)
-    assert made is not None
-    assert made.read_bytes() == (tmp_path / "images.npy").read_bytes()
-    other = replace(images, digest="0" * 64)
-    assert files.make(other, tmp_path / "node", 1) is None
-    assert not (tmp_path / "node" / ("0" * 64)).exists()
-
-
-def test_images_are_made_where_that_is_quicker() -> None:
-    """Large pictures on many cores are; small ones, and recorded ones, are sent."""
-    source = source_of(compose(["task=force"]))
-    large = Images(digest="", size=3000 * 3 * 256**2, pictures=3000, pixels=256, source=source)
-    small = Images(digest="", size=3000 * 3 * 32**2, pictures=3000, pixels=32, source=source)
-    assert files.is_cheaper_to_make(large, 64)
-    assert not files.is_cheaper_to_make(large, 1)
-    assert not files.is_cheaper_to_make(small, 1)
-    assert not files.is_cheaper_to_make(replace(large, source=None), 1000)
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_request_that_can_never_be_answered_stops_no_run(fault: str, stop_reason
 @pytest.mark.parametrize(
     ("fault", "fields"),
     [
-        ("too_long", {"got": "too long", "remedy": "set llm.max_tokens or llm.model"}),
+        ("too_long", {"got": "too long", "remedy": "llm.max_tokens"}),
         ("invalid", {"got": "this is not understood"}),
     ],
 )

@@ -13,7 +13,7 @@ import pytest
 from checkout import ROOT, SHARED
 from hosted import batched, hosted, request
 from llm_script import PASSING, Script, key_of
-from llm_server import listen, main, recorded_answers, serving
+from llm_server import recorded_answers, serving
 
 from tacevo.evolution.development import LLM
 from tacevo.records import Completion, Request
@@ -73,17 +73,6 @@ def test_only_delivered_answers_are_billed() -> None:
 
 @recorded_ones
 @pytest.mark.usefixtures("keys")
-def test_recorded_answers_are_served() -> None:
-    """Each request gets one of the task's answers, always the same."""
-    with serving(recorded_answers(ANSWERS, "force")) as server:
-        first, again = (answers(hosted(server.url), [request(str(n)) for n in range(30)]) for _ in range(2))
-    assert first == again
-    assert len({completion.text for completion in first}) > 5
-    assert all("class ImageRegressionCNN" in completion.text for completion in first)
-
-
-@recorded_ones
-@pytest.mark.usefixtures("keys")
 @pytest.mark.parametrize("provider", ["anthropic", "openai", "batches"])
 def test_every_recorded_answer_comes_whole_through_the_sdks(provider: str, tmp_path: Path) -> None:
     """Text and stop reason of all files, by each of the three APIs."""
@@ -108,24 +97,6 @@ def test_server_is_started_by_hand() -> None:
         _, complaints = process.communicate(timeout=60)
     assert content == [{"type": "text", "text": recordings()["grating_000"]["response"]}]
     assert (process.returncode, complaints) == (0, "")
-
-
-def test_folder_without_answers_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The message names the directory, and what was looked for."""
-    with pytest.raises(SystemExit, match="2"):
-        main(["--answers", str(tmp_path)])
-    assert f"{tmp_path} holds no recorded answers force_*.json" in capsys.readouterr().err
-
-
-def test_port_in_use_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    """The message names the port; nothing waits for a server that never comes."""
-    with listen() as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(SystemExit, match="2"):
-            main(["--port", str(port)])
-    complaint = capsys.readouterr().err
-    assert "cannot listen: Address already in use" in complaint
-    assert f"{port})); choose another --port" in complaint
 
 
 @pytest.mark.parametrize("reason", ["refusal", "stop_sequence"])

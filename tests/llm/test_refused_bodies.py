@@ -71,40 +71,36 @@ def test_limit_that_is_unknown_by_both_names_is_told() -> None:
 
 @both
 @pytest.mark.parametrize(
-    ("status", "words"),
+    "body",
     [
-        (400, "max_tokens: 100000 > 8192, which is the maximum allowed number of output tokens for claude-3-haiku"),
-        (400, "max_tokens is too large: 100000. This model supports at most 16384 completion tokens"),
-        (400, "'max_tokens' or 'max_completion_tokens' is too large: 5000. (5000 > 4096 - 500)"),
-        (400, "max_new_tokens must be less than or equal to 4096"),
-        (422, [{"loc": ["body", "max_tokens"], "msg": "Input should be less than or equal to 4096"}]),
+        {"error": {"message": "max_tokens is too large: 100000. This model supports at most 16384"}},
+        {"detail": [{"loc": ["body", "max_tokens"], "msg": "Input should be less than or equal to 4096"}]},
     ],
 )
-def test_limit_that_is_too_large_is_named(status: int, words: Json, provider: str) -> None:
-    """The setting to lower stands in the message, and no other name is tried."""
-    body = {"detail": words} if isinstance(words, list) else {"error": {"message": words}}
-    with replying((status, body)) as server:
-        with refused(ConfigError, got="tokens", remedy="set llm.max_tokens"):
-            texts(hosted(server.url, provider, patience=QUICK), "a")
-        assert len(server.bodies) == 1
+def test_limit_that_is_too_large_is_named(body: Json, provider: str) -> None:
+    """The server's words are shown with the setting to lower, also where another name was tried."""
+
+    def reply(asked: dict[str, Any], number: int) -> Reply:
+        return (422, body) if "max_tokens" in asked else (422, {"detail": "max_completion_tokens: no such field"})
+
+    with replying(reply) as server, refused(ConfigError, got="max_tokens", remedy="llm.max_tokens") as caught:
+        texts(hosted(server.url, provider, patience=QUICK), "a")
+    assert "no such field" not in caught.value.got
 
 
 @both
-@pytest.mark.parametrize("status", [400, 422, 500])
+@pytest.mark.parametrize("status", [400, 422])
 @pytest.mark.parametrize(
     "words",
     [
-        "System role not supported",
         "Conversation roles must alternate user/assistant/user/assistant/...",
         "Only user and assistant roles are supported!",
-        "'system' role is not supported by this template",
-        "Unexpected role 'system' in messages",
         "Developer instruction is not enabled for models/gemma-3",
         "this model does not support system prompts",
     ],
 )
 def test_model_without_a_system_prompt_is_told_the_setting(words: str, status: int, provider: str) -> None:
-    """It is asked once, and not ten times, whatever status its template ends in."""
+    """It is asked once, and not ten times."""
     with replying((status, {"object": "error", "message": words, "param": None, "code": status})) as server:
         with refused(ConfigError, got=words, remedy="set llm.system=user"):
             texts(hosted(server.url, provider, patience=QUICK), "a")
@@ -115,24 +111,19 @@ def test_model_without_a_system_prompt_is_told_the_setting(words: str, status: i
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        (
-            {"detail": [{"loc": ["body", "n"], "msg": "Extra inputs are not permitted", "input": 3}]},
-            "body.n: Extra inputs",
-        ),
-        ({"detail": [{"msg": "a"}, {"loc": ["x"], "msg": "b"}]}, "a; x: b"),
-        ({"detail": "no such thing"}, "no such thing"),
+        ({"detail": [{"loc": ["body", "n"], "msg": "no such thing", "input": {"seed": 3}}]}, "body n no such thing"),
         ({"detail": {"message": "no such thing"}}, "no such thing"),
         ({"error": "no such thing"}, "no such thing"),
         ({"errors": [{"message": "no such\nthing"}]}, "no such thing"),
-        ({"message": "no such thing"}, "no such thing"),
         ({"error": {"error": {"error": {"msg": "no such thing"}}}}, "no such thing"),
     ],
 )
 def test_words_are_found_wherever_a_server_puts_them(body: Json, words: str, provider: str) -> None:
-    """FastAPI's list, a text, an object in an object: the message is for a person, and blames no key."""
-    with replying((422, body)) as server, refused(ConfigError, got=words, remedy="check llm.base_url") as caught:
-        texts(hosted(server.url, provider, patience=QUICK), "a")
-    assert "key" not in caught.value.remedy
+    """FastAPI's list, a text, an object in an object; what it repeats of the request is left out."""
+    with replying((422, body)) as server:
+        with refused(ConfigError, got=words, remedy="check llm.base_url") as caught:
+            texts(hosted(server.url, provider, patience=QUICK), "a")
+        assert len(server.bodies) == 1
     assert "{" not in caught.value.got
 
 
@@ -149,25 +140,13 @@ def test_setting_that_fastapi_forbids_is_dropped() -> None:
 
 
 @both
-@pytest.mark.parametrize(
-    ("error", "tries"),
-    [
-        ({"message": "Rate limit exceeded", "type": "rate_limit_error", "code": 429}, 3),
-        ({"message": "the engine is busy", "code": "503"}, 3),
-        ({"message": "the engine is busy"}, 3),
-        ("the engine is busy", 3),
-        ({"message": "no such key", "type": "authentication_error"}, 1),
-        ({"message": "you exceeded your current quota", "code": "insufficient_quota"}, 1),
-    ],
-)
-def test_error_in_a_body_of_status_200_is_the_servers(error: Json, tries: int, provider: str) -> None:
-    """Its own words are shown, and what follows is what would follow from its status."""
-    words = error if isinstance(error, str) else str(error["message"])  # type: ignore[index, call-overload]
-    kind = TransportError if tries > 1 else ConfigError
+@pytest.mark.parametrize("error", [{"message": "the engine is busy", "code": "503"}, "the engine is busy"])
+def test_error_in_a_body_of_status_200_is_the_servers(error: Json, provider: str) -> None:
+    """Its own words are shown, after all tries."""
     with replying((200, {"error": error})) as server:
-        with refused(kind, got=words):
+        with refused(TransportError, got="the engine is busy"):
             texts(hosted(server.url, provider, patience=QUICK), "a")
-        assert len(server.bodies) == tries
+        assert len(server.bodies) == QUICK.tries
 
 
 def test_error_in_a_choice_is_the_servers() -> None:

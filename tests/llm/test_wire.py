@@ -6,7 +6,6 @@ The real SDKs meet what listens on this machine; each rule holds for both.
 import gc
 import gzip
 import itertools
-import logging
 import os
 import re
 import signal
@@ -258,10 +257,3 @@ def test_results_of_a_batch_have_a_limit_of_their_own(tmp_path: Path) -> None:
         found = list(itertools.chain(batched(server.url, tmp_path).complete(asked)))
     assert len(found) == 50
     assert sum(len(completion.text) for _, completion in found) > MOST_BYTES
-
-
-def test_log_level_is_a_warning(caplog: pytest.LogCaptureFixture) -> None:
-    """What a user hears of failed tries reaches the terminal."""
-    with refused(TransportError):
-        texts(hosted("http://127.0.0.1:1", patience=QUICK), "a")
-    assert {record.levelno for record in caplog.records if record.name.startswith("tacevo")} == {logging.WARNING}

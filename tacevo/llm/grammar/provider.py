@@ -16,8 +16,7 @@ from tacevo.evolution.prompts import sample_text
 from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
-from tacevo.llm.grammar.parsing import parse
-from tacevo.llm.grammar.reading import UnreadableError
+from tacevo.llm.grammar.parsing import UnreadableError, parse
 from tacevo.llm.grammar.slips import Answer, draw, proper, spoil
 from tacevo.llm.grammar.variations import wander, warm
 from tacevo.llm.prices import CHARACTERS_PER_TOKEN, likely_tokens

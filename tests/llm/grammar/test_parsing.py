@@ -3,7 +3,6 @@
 import ast
 import contextlib
 import re
-from dataclasses import replace
 
 import pytest
 from checkout import GOLDEN, LIBRARY
@@ -12,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Head, Hidden, Network, Norm, Pooling
-from tacevo.llm.grammar.parsing import parse
-from tacevo.llm.grammar.reading import UnreadableError, plain_tree
+from tacevo.llm.grammar.parsing import UnreadableError, parse
 from tacevo.llm.grammar.rendering import render
 
 BASELINE = (LIBRARY / "force" / "baseline.py").read_text()
@@ -65,56 +63,44 @@ def test_comments_and_docstrings_do_not_change_what_is_read() -> None:
     assert parse(commented) == parse(BASELINE)
 
 
-@pytest.mark.parametrize(
-    ("ours", "theirs"),
-    [
-        ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, 3, padding=1)"),
-        ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, padding=1, kernel_size=3)"),
-        ("128 * 4 * 4", "2048"),
-        ("nn.ReLU()", "nn.ReLU(inplace=True)"),
-        ("nn.Dropout(0.5)", "nn.Dropout(p=0.5)"),
-        ("nn.AdaptiveAvgPool2d((4, 4))", "nn.AdaptiveAvgPool2d(4)"),
-        ("super().__init__()", "super(ImageRegressionCNN, self).__init__()"),
-        ("def forward(self, x):", "def forward(self, x: torch.Tensor) -> torch.Tensor:"),
-        ("from torch import nn", "import torch\nimport torch.nn as nn"),
-        ("nn.Flatten()", "torch.nn.Flatten()"),
-    ],
-)
-def test_usual_spellings_of_one_network_are_read_alike(ours: str, theirs: str) -> None:
-    """A baseline written by somebody else in another habit is understood."""
-    assert ours in BASELINE
-    assert parse(BASELINE.replace(ours, theirs)) == parse(BASELINE)
+FOREIGN = [
+    ("nn.MaxPool2d(2)", "nn.MaxPool2d(3)", r"MaxPool2d\(3\)"),
+    ("x = self.conv2(x)", "x = self.conv2(x) * 2", r"self.conv2\(x\) \* 2"),
+    ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, kernel_size=3)", "kernel_size=3"),
+    ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, 3, padding=1)", "kernel_size"),
+    ("nn.Linear(128 * 4 * 4, 512)", "nn.Linear(128 * 4, 512)", r"nn.Linear\(128 \* 4, 512\)"),
+    ("in_channels=3, num_outputs=3", "in_channels=3", "constructor"),
+    ("self.conv1 =", "self.stem =", "at least one block"),
+    ("nn.ReLU()", "nn.Hardswish()", "activation"),
+    ("self.adaptive_pool =", "self.pool =", "self.adaptive_pool"),
+    ("return self.regressor(x)", "return self.regressor(x).relu()", "a last line"),
+    ("(32, 64, ", "(32, width, ", "a convolution"),
+    ("(4, 4)", "(4, 5)", r"AdaptiveAvgPool2d\(\(4, 5\)\)"),
+    ("class ImageRegressionCNN(nn.Module)", "class Other:\n    pass\nclass ImageRegressionCNN(nn.Module)", "Other"),
+    ("def forward", "def backward", "def backward"),
+    ("class ", "classy ", "not valid Python"),
+    ("nn.Dropout(0.5)", "nn.Dropout(0.5.5)", "not valid Python"),
+    ("nn.Dropout(0.5)", "nn.Dropout(rate)", r"nn.Dropout\(rate\)"),
+    ("self.regressor = nn.Sequential", "self.regressor = make_head", "make_head"),
+    ("self.regressor =", "self.regressor = nn.Sequential(nn.Flatten())\n        self.other =", "no linear layer"),
+    ("self.regressor =", "self.regressor = Head()\n        self.other =", "the layers of class Head"),
+    ("x = self.conv1(x)", "import os\n        x = self.conv1(x)", "import os"),
+    ("x = self.conv1(x)", "x = " + " + ".join(["x"] * 2000), "nested too deeply"),
+]
 
 
-@pytest.mark.parametrize(
-    ("ours", "theirs", "named"),
-    [
-        ("nn.MaxPool2d(2)", "nn.MaxPool2d(3)", r"MaxPool2d\(3\)"),
-        ("x = self.conv2(x)", "x = self.conv2(x) * 2", r"self.conv2\(x\) \* 2"),
-        ("nn.Conv2d(32, 64, kernel_size=3, padding=1)", "nn.Conv2d(32, 64, kernel_size=3)", "kernel_size=3"),
-        ("nn.Linear(128 * 4 * 4, 512)", "nn.Linear(128 * 4, 512)", r"nn.Linear\(512, 512\)"),
-        ("in_channels=3, num_outputs=3", "in_channels=3", "constructor"),
-        ("self.conv1 =", "self.stem =", "self.conv1"),
-        ("nn.ReLU()", "nn.Hardswish()", "activation"),
-        ("self.adaptive_pool =", "self.pool =", "self.adaptive_pool"),
-        ("return self.regressor(x)", "return self.regressor(x).relu()", "forward"),
-        ("(32, 64, ", "(32, width, ", "whole number"),
-        ("(4, 4)", "(4, 5)", "square grid"),
-        ("class ImageRegressionCNN(nn.Module)", "class Other:\n    pass\nclass ImageRegressionCNN(nn.Module)", "Other"),
-        ("def forward", "def backward", "no method forward"),
-        ("class ", "classy ", "not valid Python"),
-        ("nn.Dropout(0.5)", "nn.Dropout(rate)", "a number was expected"),
-        ("self.regressor = nn.Sequential", "self.regressor = make_head", "nn.Sequential was expected"),
-        ("self.conv1 = nn.Sequential(", "self.conv1 = nn.Sequential(stem,", "`stem` stands where a layer"),
-        ("self.regressor =", "self.regressor = nn.Sequential(nn.Flatten())\n        self.other =", "no linear layer"),
-        ("self.regressor =", "self.regressor = Head()\n        self.other =", "Head is used but not defined"),
-    ],
-)
+@pytest.mark.parametrize(("ours", "theirs", "named"), FOREIGN)
 def test_foreign_networks_are_refused_by_naming_the_place(ours: str, theirs: str, named: str) -> None:
-    """What the grammar cannot say is never read as something else."""
+    """What the grammar would not write is never read as something else."""
     assert ours in BASELINE
     with pytest.raises(UnreadableError, match=named):
         parse(BASELINE.replace(ours, theirs, 1))
+
+
+def plain(source: str) -> str:
+    """Write a source again without the import and the docstrings of the baseline, and without comments."""
+    text = ast.unparse(ast.parse(source))
+    return re.sub(r'^(from torch import nn| *""".*""")\n+|\n', "", text, flags=re.MULTILINE)
 
 
 @given(st.sampled_from([BASELINE, render(RICH)]), st.data())
@@ -134,13 +120,7 @@ def test_damaged_sources_are_read_rightly_or_refused(source: str, data: st.DataO
     )
     with contextlib.suppress(UnreadableError):
         network = parse("\n".join(damaged))
-        assert ast.dump(plain_tree("\n".join(damaged))) == ast.dump(plain_tree(render(network)))
-
-
-def test_deeply_nested_source_is_refused() -> None:
-    """A limit of the reader, not of the language."""
-    with pytest.raises(UnreadableError, match="nested too deeply"):
-        parse(BASELINE.replace("x = self.conv1(x)", "x = " + " + ".join(["x"] * 2000)))
+        assert plain("\n".join(damaged)) == plain(render(network))
 
 
 def test_helper_with_a_changed_body_is_refused() -> None:
@@ -153,13 +133,6 @@ def test_source_reads_as_a_person_would_write_it() -> None:
     """The golden text of a network that uses most parts of the grammar."""
     golden = GOLDEN / "grammar_rich.py.txt"
     assert render(RICH) == golden.read_text()
-
-
-def test_custom_block_without_its_layers_is_refused() -> None:
-    """A ConvBlock of somebody else's making is not taken for ours."""
-    source = render(replace(RICH, block_module=True))
-    with pytest.raises(UnreadableError, match="a list of layers was expected"):
-        parse(source.replace("layers=[", "parts=["))
 
 
 def test_blocks_of_a_custom_module_are_instances_of_it() -> None:

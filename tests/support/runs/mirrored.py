@@ -84,7 +84,7 @@ def mirror_once(run_dir: Path, uri: str) -> None:
     """Mirror what stands in a run directory, in this process."""
     from tacevo.tracking.mirror import mirror
 
-    mirror(run_dir, uri=uri, experiment="tacevo", finished=None, reached=None)
+    mirror(run_dir, uri=uri, experiment="tacevo", finished=None)
 
 
 def open_store(uri: str) -> "tuple[MlflowClient, Run, dict[str, Run]]":
