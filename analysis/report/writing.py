@@ -12,10 +12,9 @@ from tacevo.storage.files import write_durably
 #: The tables that a paper needs, by name, with the question that each answers.
 PAPER = {
     "ablation": "How good are the arms, in every metric?",
-    "gate": "How many answers became networks, and why were the others rejected?",
-    "outcome": "What did this study find, in short?",
     "verdicts": "Which networks are better than the baseline, and which are as good?",
     "noise": "What were the recorded fitnesses worth: losses under other training seeds?",
+    "gate": "How many answers became networks, and why were the others rejected?",
     "beside_published": "How does this compare with the published searches?",
 }
 
@@ -23,9 +22,6 @@ PAPER = {
 FURTHER = {
     "ablation_settings": "In which settings do the arms differ?",
     "ablation_runs": "What did every job reach?",
-    "ablation_corrected": "How do the arms compare by re-estimated fitness?",
-    "ablation_planned": "Was the sweep run as it was planned?",
-    "anatomies": "What are the best networks made of?",
     "corrected": "Which elites would the archive hold by their re-estimated fitness?",
     "costs": "What did the answers cost?",
     "effects": "How large is every difference from the baseline, with its interval?",
@@ -39,29 +35,36 @@ FURTHER = {
     "motifs": "Which structures do good networks have in common?",
     "niches": "How full are the niches?",
     "outputs": "How good is each output of the networks?",
-    "planned": "Was the study run as it was planned?",
     "prompts": "Which instructions were productive?",
     "ranking": "Does the search rank its elites as other training seeds do?",
     "scores": "What did every network score with every seed?",
     "searches": "Which of these searches found better networks?",
     "temperatures": "Which temperatures were productive?",
     "transfer": "Do the networks keep their advantage on other data?",
-    "transfer_counts": "How many networks keep their advantage on other data?",
 }
 
 #: The file that lists them.
 INDEX = "index.md"
 
 
-def is_for_paper(table: Table) -> bool:
-    """Return whether a paper needs a table; it needs the arms in every metric, and the published ones."""
+def for_paper(tables: Iterable[Table]) -> list[Table]:
+    """Return the tables that a paper needs, in their order there: also the arms in every metric, and published ones."""
+    ranks = {name: rank for rank, name in enumerate(PAPER)}
+    kinds = [(_kind(table), table) for table in tables]
+    return [table for kind, table in sorted(kinds, key=lambda one: ranks.get(one[0], 0)) if kind in ranks]
+
+
+def _kind(table: Table) -> str:
+    """Return the name of a table without its study; of those of one kind, the name of the kind."""
     name = table.name.rpartition("/")[2]
-    return name in PAPER or (name.startswith(("ablation_", "published_")) and name not in FURTHER)
+    if name in FURTHER:
+        return name
+    return {"ablation": "ablation", "published": "beside_published"}.get(name.partition("_")[0], name)
 
 
 def place_of(table: Table) -> str:
     """Return the place of a table's files, without ending: `gate`, `STUDY/verdicts`, or below `more`."""
-    return table.name if is_for_paper(table) else f"more/{table.name}"
+    return table.name if _kind(table) in PAPER else f"more/{table.name}"
 
 
 def table_files(tables: Iterable[Table], *, prefix: str = "") -> dict[str, str]:
@@ -80,12 +83,14 @@ def table_files(tables: Iterable[Table], *, prefix: str = "") -> dict[str, str]:
 
 def index_of(tables: Iterable[Table]) -> str:
     """Write the page that says which question each table answers, those that a paper needs first."""
-    lines: dict[bool, list[str]] = {True: [], False: []}
-    for table in tables:
-        line = f"- [{table.name}]({place_of(table)}.md): {_question(table)}"
-        lines[is_for_paper(table)].append(line)
-    parts = ["# Tables", *lines[True], *(["", "## More", ""] if lines[False] else []), *lines[False]]
-    return "\n".join([parts[0], "", *parts[1:], "", "Each is there as .md, .tex and .csv; .csv is unrounded.", ""])
+    known = list(tables)
+    more = [table for table in known if _kind(table) not in PAPER]
+    parts = ["# Tables", "", *map(_line, for_paper(known)), *(["", "## More", ""] if more else []), *map(_line, more)]
+    return "\n".join([*parts, "", "Each is there as .md, .tex and .csv; .csv is unrounded.", ""])
+
+
+def _line(table: Table) -> str:
+    return f"- [{table.name}]({place_of(table)}.md): {_question(table)}"
 
 
 def _question(table: Table) -> str:

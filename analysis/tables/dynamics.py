@@ -105,12 +105,12 @@ def gate_table(run: RecordedRun) -> Table:
 
 def prompts_table(run: RecordedRun) -> Table:
     """Show what every instruction brought, with its index in the library."""
-    return _productivity_table(run, f"prompts_{run.task}", by_prompt(run), {"index": "index", "instruction": "name"})
+    return _productivity_table(run, "prompts", by_prompt(run), {"index": "index", "instruction": "name"})
 
 
 def temperatures_table(run: RecordedRun) -> Table:
     """Show what every band of the temperatures that were sent brought."""
-    table = _productivity_table(run, f"temperatures_{run.task}", by_temperature(run), {"temperature": "name"})
+    table = _productivity_table(run, "temperatures", by_temperature(run), {"temperature": "name"})
     notes = [f"{run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
     if temperature_follows_age(run):
         notes.append(

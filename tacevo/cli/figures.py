@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from rich.console import Console
 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
-from analysis.report.writing import is_for_paper, remove_outdated, write_tables
+from analysis.report.writing import for_paper, remove_outdated, write_tables
 from analysis.sweeps.metrics import TESTS
 from analysis.tables.rendering import as_markdown
 from tacevo.api.opening import open as open_path
@@ -100,7 +100,7 @@ def _ablations(options: argparse.Namespace) -> int:
     directory = output_directory(place)
     tables, _ = sweep.all_tables(options.reference)
     write_tables(tables, directory)
-    print("\n".join(map(as_markdown, filter(is_for_paper, tables))))
+    print("\n".join(map(as_markdown, for_paper(tables))))
     pictures = {picture.name: picture for picture in sweep_pictures(collected)}
     write_pictures(pictures.values(), directory, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
     say(sweep.left_out)

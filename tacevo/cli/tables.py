@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from analysis.report.collection import side_by_side
-from analysis.report.writing import is_for_paper, place_of, remove_outdated, write_tables
+from analysis.report.writing import for_paper, place_of, remove_outdated, write_tables
 from analysis.rounding import shown
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
@@ -85,7 +85,7 @@ def _write(one: Run | Sweep, place: Path, write: Callable[[Table], str]) -> None
     directory = output_directory(place)
     tables, missing = one.all_tables()
     write_tables(tables, directory)
-    print("\n".join(map(write, filter(is_for_paper, tables))))
+    print("\n".join(map(write, for_paper(tables))))
     say([*missing, *remove_outdated(directory, set(map(place_of, tables)), WRITERS)])
     print(f"tables: {directory} (index.md says which question each answers)")
 

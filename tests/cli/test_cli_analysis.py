@@ -10,6 +10,7 @@ from bundles import entries_of, members_of, resealed, with_entries
 from run_files import contents, study_in
 from smallest import SMALLEST, UNTRACKED
 
+from analysis.report.writing import FURTHER, PAPER
 from tacevo.cli.app import main
 
 
@@ -28,6 +29,7 @@ def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture
         f"more/{study}/scores",
     } <= names
     assert set(written) == {f"{name}{ending}" for name in names for ending in (".tex", ".md", ".csv")}
+    assert {name.rpartition("/")[2] for name in names} <= PAPER.keys() | FURTHER.keys()  # each with its question
     for name in names:
         assert f"]({name}.md): " in index
         assert (written[f"{name}.md"].decode() in printed) is not name.startswith("more/")
