@@ -123,6 +123,8 @@ def located(path: Path) -> Opened:
         sweep = _read_sweep(path)
         jobs = tuple(job.name for job in sweep.jobs)
         _check_finished(directory, sweep.jobs)
+    elif not (path / "run.json").exists():
+        RunDirectory(path).read_run()  # which says what is missing
     found = Opened(folder=path, jobs=jobs)
     return found if jobs is None else replace(found, entries=_store_of(found))
 

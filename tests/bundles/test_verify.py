@@ -283,10 +283,11 @@ def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refuse
     for key in ("generations", "candidates", "initial"):
         config = {**run["config"], "search": {**run["config"]["search"], key: MOST}}
         edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
-        refused(edited, "run.json; got ")
+        begun = "expected the configuration and the task that the ledger begins with"
+        refused(edited, "lines, by run.json; got " if key == "generations" else begun)
     config = {**run["config"], "training": {**run["config"]["training"], "seeds": MOST - 1}}
     edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
-    refused(edited, f"expected {MOST - 1} in every line of a network that trained")
+    refused(edited, begun)
     name = next(name for name in whole if name.endswith("study.json"))
     study = {**json.loads(whole[name]), "seeds": 10**12}
     refused({**whole, name: json.dumps(study).encode()}, "expected 2000000000000")

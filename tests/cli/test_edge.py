@@ -157,7 +157,7 @@ def test_other_fault_of_a_destructor_is_still_told() -> None:
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_command_that_is_ended_says_so(number: signal.Signals, status: int, bundle: Path, tmp_path: Path) -> None:
     """While it draws a paper: one line, and the status that a shell gives for the signal."""
-    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "paper", str(bundle), "-o", "paper"]
+    command = [sys.executable, "-P", "-m", "tacevo.cli.app", "report", "--latex", str(bundle), "-o", "paper"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True) as process:
         assert eventually(lambda: any((tmp_path / "paper").glob("*/*")), seconds=300)

@@ -21,7 +21,7 @@ def refused(run: Path, published: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert said[0].startswith("error: ")
 
 
-@pytest.mark.parametrize("name", ["ledger.jsonl", "run.json", "archive.json", "study.json", "scores.jsonl"])
+@pytest.mark.parametrize("name", ["ledger.jsonl", "run.json", "archive.json"])
 @pytest.mark.parametrize("content", [DEEP, b"[]", b"5", b"null", b"\xff", b'{"a": NaN}'])
 def test_file_of_nonsense_is_an_error(
     name: str, content: bytes, run: Path, published: Path, capsys: pytest.CaptureFixture[str]
