@@ -34,8 +34,8 @@ from tacevo.evolution.reevaluation import estimates_of
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
+from tacevo.results.summary import tell
 from tacevo.storage.run_directory import RunRecord
-from tacevo.text import counted
 
 #: Corners of a polygon in order, each (x, y) in [0, 1].
 Corners = tuple[tuple[float, float], ...]
@@ -140,27 +140,23 @@ def _sourceless(run: RecordedRun, recorded: Recorded) -> list[str]:
     return [f"no source, because {why}: {', '.join(names)}" for why, names in lost.items() if names]
 
 
-def _headlines(found: Collection) -> tuple[str, str, str]:
-    """Say what was searched, with which model and data, and what it rests on."""
-    run, config, best = found.run, found.run.config, found.run.generations[-1].best
-    losses = f"; best validation loss {shown(best)} ({run.fitness_in_words})" if best is not None else ""
-    baseline = run.fitness.get(run.baseline.id)
-    if losses and baseline is not None:
-        losses += f", the baseline's {shown(baseline)} ({run.fitness_in_words})"
-    if losses and run.record.trivial is not None:
-        losses += f", the trivial loss {shown(run.record.trivial)}"
-    again = reestimated(run, found.reestimates)
+def _headlines(found: Collection) -> list[str]:
+    """Say what was searched and found, as summary.md does; with which data; and what it rests on."""
+    run, again = found.run, reestimated(found.run, found.reestimates)
+    told = tell(run.record, run.config, run.ledger.lines, [elite.id for elite in run.elites], run.spent)
+    provider = f"; provider of the model: {run.config.llm.provider}" if run.answered else ""
+    trained_again = ""
     if again is not None:
         words, reference, median = again
-        losses += f"; {words}: {shown(median)} against the baseline's {shown(reference)}"
-    model = f"Model: {run.model}, provider: {config.llm.provider}" if run.answered else "No model was asked"
-    size = f"{counted(len(run.candidates), 'candidate')} in {counted(len(run.generations), 'generation')}"
-    images = f"{sum(run.facts.counts):,} images of {run.facts.image_size} x {run.facts.image_size} pixels"
-    return (
-        f"Task: {run.task}. {size}, seed {config.seed}{losses}.",
-        f"{model}. Data source: {config.data.source}, {images}.",
-        f"Digest: {run.digest}. Numerics: {config.numerics.kind}. Rules: {rules_in_words(run.rules)}.",
-    )
+        trained_again = f" The lowest, {words}: {shown(median)} against the baseline's {shown(reference)}."
+    lines = [
+        told.searched,
+        told.found + trained_again,
+        f"{told.data} Data source: {run.config.data.source}{provider}.",
+        " ".join(filter(None, (*told.gate, told.cost))),
+        f"Digest: {run.digest}. Rules: {rules_in_words(run.rules)}.",
+    ]
+    return [line for line in lines if line]
 
 
 def _cells(centroids: NDArray[np.float64]) -> tuple[Corners, ...]:
