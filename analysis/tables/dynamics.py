@@ -153,7 +153,7 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
 
 def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
     """Return re-estimates with those of the most seeds first; where several know a network, the first one counts."""
-    return sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name))
+    return sorted(reestimates, key=lambda one: (-one.seeds, one.name))
 
 
 def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[str, float, float] | None:
@@ -164,10 +164,10 @@ def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[s
         the best candidate was not trained again.
     """
     for one in by_seeds(reestimates):
-        reference, found = one.noise.networks[0].median, one.of(run.ranked()[0].id)
+        reference, found = float(one.noise["median"].iloc[0]), one.median_of(run.ranked()[0].id)
         if found is not None and reference:
-            words = f"re-estimated by a {one.kind}, median of {counted(one.noise.seeds, 'other seed')}"
-            return words, reference, found.median
+            words = f"re-estimated by a {one.kind}, median of {counted(one.seeds, 'other seed')}"
+            return words, reference, found
     return None
 
 
