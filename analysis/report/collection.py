@@ -231,7 +231,7 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
         known_of = {known.networks: known for known in one.reestimates if known.name in studies}
         for compared in one.studies:
             study, known = compared.study, known_of.get(compared.study.networks)
-            if known is None or compared.comparisons is None or min(study.seeds, known.noise.seeds) < LEAST_SEEDS:
+            if known is None or compared.comparisons is None or min(study.seeds, known.seeds) < LEAST_SEEDS:
                 continue
             searches = alike.setdefault((study.task, known.epochs, study.fingerprint, study.recipe, study.seeds), [])
             if all(other.study.run != study.run for other in searches):

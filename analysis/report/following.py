@@ -8,13 +8,13 @@ import contextlib
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from analysis.report.collection import Collection, collect, tables_of
-from analysis.report.page.contents import PageContents, SweepContents
 from analysis.report.page.html import as_html
 from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.whole import page_contents
+from analysis.report.page.whole import PageContents, page_contents
 from analysis.report.sweep_collection import collect_sweep
 from analysis.runs.begun import load_begun
 from tacevo.errors import RunError, TacevoError
@@ -109,7 +109,7 @@ class Followed:
             self._shown = replace(self._shown, state=f"This cannot be read now: {error}")
         return self._shown
 
-    def _made(self, readings: list[_Reading], sweep: SweepContents | None, reason: str) -> PageContents:
+    def _made(self, readings: list[_Reading], sweep: dict[str, Any] | None, reason: str) -> PageContents:
         finished = sum(one.is_finished for one in readings)
         busy = sum(one.is_busy for one in readings)
         return page_contents(
@@ -148,7 +148,7 @@ class Followed:
             return None
         return Collection(run=begun[0], niches=begun[1], studies=(), reestimates=(), left_out=())
 
-    def _compared(self) -> tuple[SweepContents | None, str]:
+    def _compared(self) -> tuple[dict[str, Any] | None, str]:
         """Compare the arms of the finished jobs; or return why not."""
         try:
             return sweep_contents(collect_sweep(self._path, self._store)), ""

@@ -4,95 +4,55 @@ A fitness is one draw. Re-estimates are further draws of the same network: the s
 values are losses: lower is better.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.stats import f, kendalltau
 
 from analysis.statistics.effects import LEVEL, Interval, superiority
-from analysis.statistics.samples import Sample
 from tacevo.rounding import rounded
 
+#: The columns of fitnesses beside their re-estimates, and the type of each, a network a row, the reference first. Of
+#: the re-estimates: the median, the least, the most, and how many are as low as the record, or lower. `optimism` is
+#: recorded less median: below 0 where the record flatters the network. `expected` is the re-estimate to expect of the
+#: record; missing without an ICC. `beats` is the chance that one seed of the network is better than one of the
+#: reference; missing of the reference itself.
+NOISE = (
+    dict.fromkeys(("recorded", "median", "least", "most"), "float64")
+    | {"as_low": "int64"}
+    | dict.fromkeys(("optimism", "expected", "beats", "beats_low", "beats_high"), "float64")
+)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Draws:
-    """The recorded fitness of some networks, and what other seeds give; the first network is the reference."""
-
-    #: Shape (n,), n >= 1.
-    recorded: Sample
-    #: Shape (n, S), S >= 1.
-    estimates: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        """Check the shapes.
-
-        Raises:
-            ValueError: they do not suit each other, or a value is NaN or infinite.
-        """
-        shapes = self.recorded.shape, self.estimates.shape
-        if self.estimates.ndim != 2 or not self.estimates.size or shapes[0] != shapes[1][:1]:
-            raise ValueError(f"expected a fitness for each of n networks, and n x S re-estimates; got shapes {shapes}")
-        if not (np.isfinite(self.recorded).all() and np.isfinite(self.estimates).all()):
-            raise ValueError("expected finite losses; got NaN or infinity; drop or rerun those seeds first")
+#: The columns of how a fitness taken at an epoch ranks the networks, beside their test scores under other seeds, and
+#: the type of each: tau of one seed's fitnesses, mean over the seeds, and tau of their medians; missing where there is
+#: none.
+RANKINGS = {"epoch": "int64", "one_seed": "float64", "median": "float64"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NetworkNoise:
-    """One network's fitness beside its re-estimates."""
+def noise(recorded: ArrayLike, estimates: ArrayLike) -> pd.DataFrame:
+    """Compare the recorded fitness of some networks with what other seeds give (`NOISE`).
 
-    recorded: float
-    #: Of the re-estimates.
-    median: float
-    least: float
-    most: float
-    #: Re-estimates that are as low as the recorded fitness, or lower.
-    as_low: int
-    #: Recorded less median: below 0 where the record flatters the network.
-    optimism: float
-    #: The re-estimate to expect of this recorded fitness, see `expected`; None without an ICC.
-    expected: float | None
-    #: Chance that one seed of the network is better than one seed of the reference; None of the reference itself.
-    beats: Interval | None
+    Args:
+        recorded: shape (n,), n >= 1; the first network is the reference.
+        estimates: shape (n, S), S >= 1.
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Noise:
-    """What re-estimates say of recorded fitnesses."""
-
-    #: S, re-estimates of each network.
-    seeds: int
-    #: In the order given; the reference first.
-    networks: tuple[NetworkNoise, ...]
-    #: Part of the variance of one fitness that is the network's, see `icc`; None where it is not defined.
-    icc: Interval | None
-    #: Kendall's tau of the recorded fitnesses and the medians of the re-estimates, see `agreement`.
-    agreement: float | None
-
-
-def noise(draws: Draws) -> Noise:
-    """Compare every recorded fitness with the re-estimates of its network."""
-    medians, found = np.median(draws.estimates, axis=1), icc(draws.estimates)
-    reference, *others = draws.estimates
-    beats = [None, *(superiority(values, reference) for values in others)]
-    return Noise(
-        seeds=draws.estimates.shape[1],
-        networks=tuple(
-            NetworkNoise(
-                recorded=float(recorded),
-                median=rounded(float(median)),
-                least=float(values.min()),
-                most=float(values.max()),
-                as_low=int((values <= recorded).sum()),
-                optimism=rounded(float(recorded - median)),
-                expected=None if found is None else expected(float(recorded), draws.estimates, found.estimate),
-                beats=chance,
-            )
-            for recorded, median, values, chance in zip(draws.recorded, medians, draws.estimates, beats, strict=True)
-        ),
-        icc=found,
-        agreement=agreement(draws.recorded, medians),
-    )
+    Raises:
+        ValueError: the shapes do not suit each other, or a value is NaN or infinite.
+    """
+    records, draws = np.asarray(recorded, dtype=np.float64), np.asarray(estimates, dtype=np.float64)
+    if draws.ndim != 2 or not draws.size or records.shape != draws.shape[:1]:
+        got = f"{records.shape}, {draws.shape}"
+        raise ValueError(f"expected a fitness for each of n networks, and n x S re-estimates; got shapes {got}")
+    if not (np.isfinite(records).all() and np.isfinite(draws).all()):
+        raise ValueError("expected finite losses; got NaN or infinity; drop or rerun those seeds first")
+    found, reference, rows = icc(draws), draws[0], []
+    for place, (record, values) in enumerate(zip(records.tolist(), draws, strict=True)):
+        median = float(np.median(values))
+        row = {"recorded": record, "median": rounded(median), "least": values.min(), "most": values.max()}
+        row |= {"as_low": (values <= record).sum(), "optimism": rounded(record - median)}
+        row |= {"expected": None if found is None else expected(record, draws, found.estimate)}
+        rows.append(row | (superiority(values, reference).columns("beats") if place else {}))
+    return pd.DataFrame(rows, columns=list(NOISE)).astype(NOISE)
 
 
 def icc(estimates: ArrayLike) -> Interval | None:
@@ -157,18 +117,7 @@ def agreement(x: ArrayLike, y: ArrayLike) -> float | None:
     return rounded(float(kendalltau(first, second).statistic))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ranking:
-    """How a fitness taken at an epoch ranks the networks, beside their test scores under other seeds."""
-
-    epoch: int
-    #: Tau of one seed's fitnesses, mean over the seeds; None where no seed has a tau.
-    one_seed: float | None
-    #: Tau of the medians over these seeds.
-    median: float | None
-
-
-def rankings(losses: ArrayLike, scores: ArrayLike) -> tuple[Ranking, ...]:
+def rankings(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
     """Compare the ranks by fitness at every epoch with those by test score.
 
     Each side has seeds of its own: the first, third ... seed give the fitness, the others the test score. Otherwise
@@ -179,21 +128,16 @@ def rankings(losses: ArrayLike, scores: ArrayLike) -> tuple[Ranking, ...]:
         scores: test scores of the weights of the best validation epoch, lower is better, shape (n, S).
 
     Returns:
-        One for each epoch; none of one seed, which cannot be divided.
+        A row for each epoch (`RANKINGS`); None of one seed, which cannot be divided.
     """
     by_epoch, tested = np.asarray(losses, dtype=np.float64), np.asarray(scores, dtype=np.float64)
     if tested.shape[1] < 2:
-        return ()
+        return None
     fitness, final = by_epoch[:, ::2], np.median(tested[:, 1::2], axis=1)
-    found = []
+    rows = []
     for epoch in range(by_epoch.shape[2]):
         each = [agreement(fitness[:, seed, epoch], final) for seed in range(fitness.shape[1])]
         known = [tau for tau in each if tau is not None]
-        found.append(
-            Ranking(
-                epoch=epoch + 1,
-                one_seed=rounded(float(np.mean(known))) if known else None,
-                median=agreement(np.median(fitness[:, :, epoch], axis=1), final),
-            )
-        )
-    return tuple(found)
+        one_seed = rounded(float(np.mean(known))) if known else None
+        rows.append((epoch + 1, one_seed, agreement(np.median(fitness[:, :, epoch], axis=1), final)))
+    return pd.DataFrame(rows, columns=list(RANKINGS)).astype(RANKINGS)

@@ -7,14 +7,14 @@ the same images.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from analysis.statistics.effects import Interval
 from analysis.statistics.images import (
     Floats,
-    Paired,
     average,
     image_weights,
     mean_difference,
@@ -37,42 +37,28 @@ from tacevo.rounding import rounded
 Differ = Callable[[str, str], Interval]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ensemble:
-    """A network as the mean of its seeds' predictions: of outputs, or of the classes' probabilities."""
+#: The columns of an interval.
+_DIFFERENCE = dict.fromkeys(("difference", "difference_low", "difference_high"), "float64")
 
-    network: str
-    #: Of the primary metric.
-    score: float
-    #: Mean primary metric of the seeds less the baseline's, over seeds and images; None of the baseline.
-    difference: Interval | None
+#: The columns of a study's ensembles, and the type of each, a network a row, the baseline first. The score, of the
+#: primary metric, is that of the mean of the seeds' predictions: of outputs, or of the classes' probabilities. The
+#: difference is the mean primary metric of the seeds less the baseline's, over seeds and images; missing of itself.
+ENSEMBLES = {"network": "str", "score": "float64"} | _DIFFERENCE
 
+#: The columns of a regression's variants on its outputs, and the type of each, by output, then variant. `better` and
+#: `worse` count images by the ensembles' squared errors, `lead` is as of `signed_rank`, `p_holm` is corrected over
+#: all rows, and the difference is the mean squared error of the seeds less the baseline's, over seeds and images.
+#: The verdict is never `equivalent`, for which there is no test here; `better` and `worse` take the test and the
+#: interval, so that neither stands beside an interval that holds 0. Missing of fewer seeds than a comparison takes.
+OUTPUTS = (
+    {"output": "str", "network": "str", "better": "int64", "worse": "int64"}
+    | dict.fromkeys(("lead", "p", "p_holm"), "float64")
+    | _DIFFERENCE
+    | {"verdict": "str"}
+)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OnOutput:
-    """A variant against the baseline on one output, image by image."""
-
-    output: str
-    network: str
-    #: Of the ensembles' squared errors, by Wilcoxon's test.
-    test: Paired
-    #: After Holm's correction over all variants and outputs.
-    p_holm: float
-    #: Mean squared error of its seeds less the baseline's, over seeds and images.
-    difference: Interval
-    #: Never `equivalent`, for which there is no test here. `better` and `worse` take the test and the interval, so that
-    #: neither stands beside an interval that holds 0. None of fewer seeds than a comparison takes.
-    verdict: Verdict | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageFindings:
-    """All that the test images say of a study."""
-
-    #: In the order of the study, the baseline first.
-    ensembles: tuple[Ensemble, ...]
-    #: Of a regression of several outputs; by output, then variant.
-    outputs: tuple[OnOutput, ...]
+#: The two frames that test images give: `ENSEMBLES` and `OUTPUTS`; without rows where there is nothing of the second.
+ImageFindings = tuple[pd.DataFrame, pd.DataFrame]
 
 
 def image_findings(study: RecordedStudy, predictions: Predictions, *, seed: int = 0) -> ImageFindings:
@@ -91,7 +77,7 @@ def _of_classes(study: RecordedStudy, predictions: Predictions, seed: int) -> Im
     right = {name: (each.argmax(axis=2) == labels).astype(np.float64) for name, each in predictions.of.items()}
     ensembles = {name: average([probabilities(one) for one in each]) for name, each in predictions.of.items()}
     scores = {name: int((predicted(mean) == labels).sum()) / len(labels) for name, mean in ensembles.items()}
-    return ImageFindings(ensembles=_ensembles(study, scores, _differences(right, seed, "accuracy")), outputs=())
+    return _ensembles(study, scores, _differences(right, seed, "accuracy")), _frame([], OUTPUTS)
 
 
 def _of_values(study: RecordedStudy, predictions: Predictions, seed: int) -> ImageFindings:
@@ -99,18 +85,16 @@ def _of_values(study: RecordedStudy, predictions: Predictions, seed: int) -> Ima
     errors = {name: np.stack([squared_errors(one, labels) for one in each]) for name, each in predictions.of.items()}
     ensembles = {name: average(list(each)) for name, each in predictions.of.items()}
     scores = {name: _mean(squared_errors(mean, labels)) for name, mean in ensembles.items()}
-    return ImageFindings(
-        ensembles=_ensembles(study, scores, _differences(errors, seed, "mse")),
-        outputs=_outputs(study, predictions, ensembles, seed) if len(study.names) > 1 else (),
-    )
+    outputs = _outputs(study, predictions, ensembles, seed) if len(study.names) > 1 else []
+    return _ensembles(study, scores, _differences(errors, seed, "mse")), _frame(outputs, OUTPUTS)
 
 
 def _outputs(
     study: RecordedStudy, predictions: Predictions, ensembles: Mapping[str, Floats], seed: int
-) -> tuple[OnOutput, ...]:
+) -> list[dict[str, Any]]:
     """Compare every variant with the baseline on each output; all of these are one family."""
     baseline, *variants = (network.name for network in study.networks)
-    family: list[tuple[str, str, Paired, Interval]] = []
+    rows: list[dict[str, Any]] = []
     for at, output in enumerate(study.names):
         labels = predictions.labels[:, at : at + 1]
         errors = {
@@ -119,22 +103,13 @@ def _outputs(
         }
         means = {name: squared_errors(mean[:, at : at + 1], labels) for name, mean in ensembles.items()}
         differ = _differences(errors, seed, f"mse_{output}")
-        family += [
-            (output, name, signed_rank(means[name], means[baseline]), differ(name, baseline)) for name in variants
-        ]
-    if not family:
-        return ()
-    return tuple(
-        OnOutput(
-            output=output,
-            network=name,
-            test=test,
-            p_holm=p,
-            difference=difference,
-            verdict=_verdict(study, test, difference, is_shown=p <= study.terms.alpha),
-        )
-        for (output, name, test, difference), p in zip(family, holm([one[2].p for one in family]), strict=True)
-    )
+        for name in variants:
+            test = signed_rank(means[name], means[baseline])
+            row = {"output": output, "network": name, "better": test.first, "worse": test.second}
+            rows.append(row | {"lead": test.lead, "p": test.p} | differ(name, baseline).columns("difference"))
+    for row, p in zip(rows, holm([row["p"] for row in rows]) if rows else (), strict=True):
+        row |= {"p_holm": p, "verdict": _verdict(study, row, is_shown=p <= study.terms.alpha)}
+    return rows
 
 
 def _differences(scores: Mapping[str, Floats], seed: int, metric: str) -> Differ:
@@ -146,23 +121,29 @@ def _differences(scores: Mapping[str, Floats], seed: int, metric: str) -> Differ
     return lambda one, other: mean_difference(scores[one], scores[other], drawn[one], drawn[other])
 
 
-def _ensembles(study: RecordedStudy, scores: Mapping[str, float], differ: Differ) -> tuple[Ensemble, ...]:
+def _ensembles(study: RecordedStudy, scores: Mapping[str, float], differ: Differ) -> pd.DataFrame:
     baseline = study.networks[0].name
-    return tuple(
-        Ensemble(network=name, score=rounded(score), difference=None if name == baseline else differ(name, baseline))
+    rows = [
+        {"network": name, "score": rounded(score)}
+        | ({} if name == baseline else differ(name, baseline).columns("difference"))
         for name, score in scores.items()
-    )
+    ]
+    return _frame(rows, ENSEMBLES)
 
 
-def _verdict(study: RecordedStudy, test: Paired, difference: Interval, *, is_shown: bool) -> Verdict | None:
+def _frame(rows: list[dict[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(columns)).astype(columns)
+
+
+def _verdict(study: RecordedStudy, row: Mapping[str, Any], *, is_shown: bool) -> str | None:
     """Return the word for a variant whose errors were compared; `is_shown`: its test is significant after Holm."""
     if study.seeds < fewest_seeds(study.terms.alpha):
         return None
-    if is_shown and test.lead > 0 and difference.high < 0:
-        return Verdict.better
-    if is_shown and test.lead <= 0 and difference.low > 0:
-        return Verdict.worse
-    return Verdict.undecided
+    if is_shown and row["lead"] > 0 and row["difference_high"] < 0:
+        return Verdict.better.value
+    if is_shown and row["lead"] <= 0 and row["difference_low"] > 0:
+        return Verdict.worse.value
+    return Verdict.undecided.value
 
 
 def _mean(values: Floats) -> float:

@@ -6,12 +6,15 @@ trained for is the fitness under another seed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.statistics.noise import Draws, NetworkNoise, Noise, Ranking, noise, rankings
+from analysis.statistics.effects import Interval
+from analysis.statistics.noise import agreement, icc, noise, rankings
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
@@ -24,7 +27,7 @@ from tacevo.text import drawn
 from tacevo.training.full import FullTraining
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Reestimates:
     """What a study or a noise run says of the fitnesses that its run recorded."""
 
@@ -36,9 +39,8 @@ class Reestimates:
     estimates: tuple[tuple[float, ...], ...]
     #: Of the search's trainings, after which a loss is a fitness.
     epochs: int
-    noise: Noise
-    #: How the networks rank after each epoch, beside their test scores; () of a noise run.
-    rankings: tuple[Ranking, ...]
+    #: How the networks rank after each epoch, beside their test scores; None of a noise run.
+    rankings: pd.DataFrame | None = None
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[Network, ...] = ()
     #: What the recorded fitness of a network is, in words.
@@ -47,16 +49,39 @@ class Reestimates:
     @property
     def kind(self) -> str:
         """What it is, in words."""
-        return "study" if self.rankings else "noise run"
+        return "noise run" if self.rankings is None else "study"
+
+    @property
+    def seeds(self) -> int:
+        """Re-estimates of each network."""
+        return len(self.estimates[0])
+
+    @cached_property
+    def noise(self) -> pd.DataFrame:
+        """Each network and its id, its record beside its re-estimates (`analysis.statistics.noise.NOISE`)."""
+        found = noise([network.fitness for network in self.networks], self.estimates)
+        found.insert(0, "network", [network.name for network in self.networks])
+        found.insert(1, "candidate", [network.id for network in self.networks])
+        return found
+
+    @cached_property
+    def icc(self) -> Interval | None:
+        """The part of the variance of one fitness that is the network's; None where it is not defined."""
+        return icc(self.estimates)
+
+    @property
+    def agreement(self) -> float | None:
+        """Kendall's tau of the recorded fitnesses and the medians of the re-estimates; None without two to rank."""
+        return agreement(self.noise.recorded, self.noise["median"])
 
     def estimates_of(self, name: str) -> tuple[float, ...]:
         """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
         return next((found for one, found in zip(self.networks, self.estimates, strict=True) if one.id == name), ())
 
-    def of(self, name: str) -> NetworkNoise | None:
-        """Return what is known of a candidate, by its id; None where it was not trained again."""
-        pairs = zip(self.networks, self.noise.networks, strict=True)
-        return next((found for network, found in pairs if network.id == name), None)
+    def median_of(self, name: str) -> float | None:
+        """Return the median of a candidate's re-estimates, by its id; None where it was not trained again."""
+        found = self.noise["median"][self.noise.candidate == name]
+        return None if found.empty else float(found.iloc[0])
 
 
 def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
@@ -92,19 +117,17 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
     sound = [row for row in (by_name[name] for name in names) if isinstance(row, ScoreLine)]
     ordered, shape = [row for row in sound if row.network not in failed], (len(networks), header.seeds)
     epochs = config.training.epochs
-    found: tuple[Ranking, ...] = ()
+    found = None
     if header.terms is None:
         fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
     else:
         losses = np.array([_losses(store, row) for row in ordered]).reshape(*shape, -1)
         fitness, found = losses[:, :, epochs - 1], rankings(losses, _tested(header, ordered).reshape(shape))
-    recorded = np.array([network.fitness for network in networks])
     return Reestimates(
         name=finished.path.name,
         networks=networks,
         estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,
-        noise=noise(Draws(recorded=recorded, estimates=fitness)),
         rankings=found,
         failed=tuple(network for network in header.networks if network.name in failed),
         record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),

@@ -256,11 +256,9 @@ def scaled(name: str, factor: float) -> tuple[Any, ...]:
     return lambda *ends: Between(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
 
 
-def between(interval: Interval | None, factor: float = 1) -> Cell:
-    """Return the cell of an interval, multiplied by a factor; None without one."""
-    if interval is None:
-        return None
-    return Between(*(rounded(factor * value) for value in (interval.estimate, interval.low, interval.high)))
+def between(interval: Interval | None) -> Cell:
+    """Return the cell of an interval; None without one."""
+    return None if interval is None else Between(interval.estimate, interval.low, interval.high)
 
 
 def quartiles(values: Sequence[float] | Sample, *, is_share: bool = False) -> Cell:

@@ -23,19 +23,14 @@ from analysis.table import Between, Layout, Percent, Table, percent
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
-from tacevo.text import counted, drawn
+from tacevo.results.summary import TRIVIAL, worth
+from tacevo.text import counted
 
-#: Below every improvement.
-ONE_DRAW = (
-    "Every fitness is one draw: the loss of one training seed, and the best is the lowest of many draws. What other "
-    "seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
-)
+#: Below every improvement, after what a fitness is.
+OTHER_SEEDS = "What other seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
 
 #: Of a trivial loss.
-TRIVIAL_LOSS = "Trivial loss: the least that the same answer to every validation image can have."
-
-#: The same where a fitness is a median.
-MEDIAN = ONE_DRAW.replace("one draw: the loss of one training seed", "{record}").replace("many draws", "many medians")
+TRIVIAL_LOSS = f"Trivial loss: {TRIVIAL}."
 
 
 def generations_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table:
@@ -150,7 +145,7 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
         rows=tuple(rows),
         notes=(
             *([run.shortfall] if run.shortfall else []),
-            ONE_DRAW if run.fitness_in_words == drawn(1) else MEDIAN.format(record=run.fitness_in_words),
+            f"Every fitness is {worth(run.config)} {OTHER_SEEDS}",
             *([] if run.record.trivial is None else [TRIVIAL_LOSS]),
         ),
     )
@@ -158,7 +153,7 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
 
 def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
     """Return re-estimates with those of the most seeds first; where several know a network, the first one counts."""
-    return sorted(reestimates, key=lambda one: (-one.noise.seeds, one.name))
+    return sorted(reestimates, key=lambda one: (-one.seeds, one.name))
 
 
 def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[str, float, float] | None:
@@ -169,10 +164,10 @@ def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[s
         the best candidate was not trained again.
     """
     for one in by_seeds(reestimates):
-        reference, found = one.noise.networks[0].median, one.of(run.ranked()[0].id)
+        reference, found = float(one.noise["median"].iloc[0]), one.median_of(run.ranked()[0].id)
         if found is not None and reference:
-            words = f"re-estimated by a {one.kind}, median of {counted(one.noise.seeds, 'other seed')}"
-            return words, reference, found.median
+            words = f"re-estimated by a {one.kind}, median of {counted(one.seeds, 'other seed')}"
+            return words, reference, found
     return None
 
 

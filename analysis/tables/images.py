@@ -2,12 +2,14 @@
 
 from statistics import fmean
 
+import pandas as pd
+
 from analysis.statistics.effects import LEVEL
 from analysis.statistics.images import IMAGE_RESAMPLES
 from analysis.studies.images import ImageFindings
 from analysis.studies.metrics import SHARES, metric_name, recorded_scale, recorded_unit
-from analysis.table import PValue, Table
-from analysis.tables.comparison import between, score_cell
+from analysis.table import Between, Layout, Percent, PValue, Table
+from analysis.tables.comparison import scaled, score_cell
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import fewest_seeds
@@ -27,65 +29,51 @@ def image_tables(study: RecordedStudy, found: ImageFindings | None) -> tuple[Tab
     """Return the tables of a study's test images; without its test predictions, one that says so."""
     if found is None:
         return (_without(study),)
-    return (
-        (ensembles_table(study, found), image_outputs_table(study, found))
-        if found.outputs
-        else (ensembles_table(study, found),)
-    )
+    ensembles, outputs = found
+    tables = [ensembles_table(study, ensembles)]
+    return (*tables, image_outputs_table(study, outputs)) if len(outputs) else tuple(tables)
 
 
-def ensembles_table(study: RecordedStudy, found: ImageFindings) -> Table:
+def ensembles_table(study: RecordedStudy, ensembles: pd.DataFrame) -> Table:
     """Show each network as the mean of its seeds' predictions, and its difference from the baseline over images."""
     metric, name = study.primary, metric_name(study.primary)
-    score = trivial_score(study)
-    return Table(
+    means = [rounded(fmean(study.values(network, metric))) for network in ensembles.network]
+    mean, score = ((Percent, column) if metric in SHARES else column for column in ("mean", "score"))
+    return Table.of(
+        ensembles.assign(mean=means),
+        {"network": "network", "mean of the seeds": mean, "ensemble": score}
+        | {f"difference from the baseline ({_unit(metric)})": scaled("difference", 100 if metric in SHARES else 1)},
         name="ensembles",
         caption=f"The networks of {study.task} as ensembles of their {study.seeds} seeds, test {name}.",
-        columns=("network", "mean of the seeds", "ensemble", f"difference from the baseline ({_unit(metric)})"),
-        rows=(
-            *(
-                (
-                    one.network,
-                    score_cell(metric, rounded(fmean(study.values(one.network, metric)))),
-                    score_cell(metric, one.score),
-                    between(one.difference, _factor(metric)),
-                )
-                for one in found.ensembles
-            ),
-            ("trivial", score_cell(metric, score), None, None),
-        ),
         notes=(
             f"Ensemble: the mean of the seeds' {_what(study)}. Trivial: looks at no image.",
-            *((_DIFFERENCE,) if len(found.ensembles) > 1 else ()),
+            *((_DIFFERENCE,) if len(ensembles) > 1 else ()),
         ),
+        last=(("trivial", score_cell(metric, trivial_score(study)), None, None),),
     )
 
 
-def image_outputs_table(study: RecordedStudy, found: ImageFindings) -> Table:
+def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
     """Show every variant against the baseline on each output, image by image."""
     scale = recorded_scale(study)
-    return Table(
+    in_unit = (_times, "difference", "difference_low", "difference_high", "factor")
+    layout: Layout = {
+        **{"output": "output", "network": "network", f"difference (MSE, {recorded_unit(study, '²')})": in_unit},
+        **{"better on": "better", "worse on": "worse", "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")},
+        "verdict": "verdict",
+    }
+    return Table.of(
+        outputs.assign(factor=[scale[output] ** 2 for output in outputs.output]),
+        layout,
         name="image_outputs",
         caption=f"The variants of {study.task} against the baseline on each output, image by image.",
-        columns=(
-            *("output", "network", f"difference (MSE, {recorded_unit(study, '²')})"),
-            *("better on", "worse on", "p", "p, Holm", "verdict"),
-        ),
-        rows=tuple(
-            (
-                *(one.output, one.network, between(one.difference, scale[one.output] ** 2)),
-                *(one.test.first, one.test.second, PValue(one.test.p), PValue(one.p_holm)),
-                one.verdict and one.verdict.value,
-            )
-            for one in found.outputs
-        ),
         notes=(
             "Difference: as in the table of ensembles, over images and seeds.",
             "Better on: images on which the network's squared error is the smaller. p: Wilcoxon's signed-rank test, "
             "two-sided.",
             "It asks whether these two ensembles differ on other images of the kind; not whether other seeds would.",
             _verdict_note(study),
-            f"Corrected after Holm over all {counted(len(found.outputs), 'pair')} of output and variant, at alpha "
+            f"Corrected after Holm over all {counted(len(outputs), 'pair')} of output and variant, at alpha "
             f"{study.terms.alpha:g}.",
         ),
     )
@@ -112,8 +100,8 @@ def _what(study: RecordedStudy) -> str:
     return "probabilities of the classes" if study.kind is Kind.classification else "predictions"
 
 
-def _factor(metric: str) -> int:
-    return 100 if metric in SHARES else 1
+def _times(estimate: float, low: float, high: float, factor: float) -> Between:
+    return Between(*(rounded(factor * end) for end in (estimate, low, high)))
 
 
 def _unit(metric: str) -> str:

@@ -1,39 +1,40 @@
 """Tables of what a run's recorded fitnesses are worth: their re-estimates, and how a fitness ranks the networks."""
 
+import pandas as pd
+
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL
-from analysis.statistics.noise import NetworkNoise
 from analysis.studies.corrected import Corrected
 from analysis.studies.noise import Reestimates
-from analysis.table import Cell, Percent, Table
+from analysis.table import Between, Percent, Table
 from analysis.tables.comparison import between
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
-from tacevo.results.study_lines import Network
 from tacevo.text import counted, drawn
+
+#: The column of the chances to beat the baseline.
+BEATS = (Between, "beats", "beats_low", "beats_high")
 
 
 def noise_tables(found: Reestimates, task: str, trivial: float | None) -> tuple[Table, ...]:
     """Return all tables of a study's or a noise run's re-estimates, with the trivial loss where it is known."""
     noise = noise_table(found, task, trivial)
-    return (noise, ranking_table(found, task)) if found.rankings else (noise,)
+    return (noise,) if found.rankings is None else (noise, ranking_table(found, found.rankings, task))
 
 
 def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
     """Show the recorded fitness of each network beside what other training seeds give, and the trivial loss."""
-    seeds = counted(found.noise.seeds, "other training seed")
-    return Table(
+    seeds = counted(found.seeds, "other training seed")
+    frame = found.noise if found.record == drawn(1) else found.noise.assign(expected=None)  # the ICC is of one training
+    return Table.of(
+        frame,
+        {"network": "network", "candidate": "candidate", "recorded fitness": "recorded"}
+        | {"re-estimated, median": "median", "least": "least", "most": "most"}
+        | {"seeds as low as recorded": "as_low", "recorded less re-estimated": "optimism"}
+        | {"expected by regression": "expected", "chance to beat the baseline": BEATS},
         name="noise",
         caption=f"What the recorded fitnesses of {task} are worth: the same networks under {seeds}.",
-        columns=(
-            *("network", "candidate", "recorded fitness", "re-estimated, median", "least", "most"),
-            *("seeds as low as recorded", "recorded less re-estimated", "expected by regression"),
-            "chance to beat the baseline",
-        ),
-        rows=(
-            *(_cells(found, *pair) for pair in zip(found.networks, found.noise.networks, strict=True)),
-            *(() if trivial is None else (("trivial", None, trivial, trivial, *(None,) * 6),)),
-        ),
+        last=() if trivial is None else (("trivial", None, trivial, trivial, *(None,) * 6),),
         notes=(
             *chance_note(found, trivial),
             f"Fitness: the validation loss after {counted(found.epochs, 'epoch')}, lower is better. The recorded one "
@@ -51,16 +52,16 @@ def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
 
 def chance_note(found: Reestimates, trivial: float | None) -> tuple[str, ...]:
     """Say that no network's re-estimate is better than chance, where that is so."""
-    best = min(one.median for one in found.noise.networks)
+    best = float(found.noise["median"].min())
     if trivial is None or not is_at_chance(best, trivial):
         return ()
-    return (f"{chance_in_words(trivial)} By the medians of {counted(found.noise.seeds, 'other seed')}.",)
+    return (f"{chance_in_words(trivial)} By the medians of {counted(found.seeds, 'other seed')}.",)
 
 
 def corrected_table(found: Corrected, again: Reestimates, task: str) -> Table:
     """Show the figures of an archive as recorded beside those after its elites were trained again."""
     before, after = found.recorded, found.reestimated
-    seeds = counted(again.noise.seeds, "other training seed")
+    seeds = counted(again.seeds, "other training seed")
     lost = f"Their niches are empty, because a training failed: {', '.join(found.lost)}." if found.lost else ""
     return Table(
         name="corrected",
@@ -82,20 +83,16 @@ def corrected_table(found: Corrected, again: Reestimates, task: str) -> Table:
     )
 
 
-def ranking_table(found: Reestimates, task: str) -> Table:
+def ranking_table(found: Reestimates, rankings: pd.DataFrame, task: str) -> Table:
     """Show how the validation loss after some epochs ranks the networks, beside their test scores."""
-    last = len(found.rankings)
+    last = len(rankings)
     doubled = {2**power for power in range(last.bit_length())}
-    return Table(
+    return Table.of(
+        rankings[rankings.epoch.isin(doubled | {found.epochs, last})],
+        {"epochs": "epoch", "tau, one seed": "one_seed", "tau, median of the seeds": "median"},
         name="ranking",
         caption=f"How a fitness after so many epochs ranks the networks of {task}, beside their test scores "
         "(weights of the best validation epoch).",
-        columns=("epochs", "tau, one seed", "tau, median of the seeds"),
-        rows=tuple(
-            (ranking.epoch, ranking.one_seed, ranking.median)
-            for ranking in found.rankings
-            if ranking.epoch in doubled | {found.epochs, last}
-        ),
         notes=(
             f"Kendall's tau over {counted(len(found.networks), 'network')}: 1 is the same order, 0 none. The first, "
             "third ... seed give the fitness and the others the test score, so no training stands on both sides. One "
@@ -105,19 +102,13 @@ def ranking_table(found: Reestimates, task: str) -> Table:
     )
 
 
-def _cells(found: Reestimates, network: Network, one: NetworkNoise) -> tuple[Cell, ...]:
-    expected = one.expected if found.record == drawn(1) else None  # the ICC is that of one training
-    measured = one.recorded, one.median, one.least, one.most, one.as_low, one.optimism, expected
-    return network.name, network.id, *measured, between(one.beats)
-
-
 def _failed_note(found: Reestimates) -> tuple[str, ...]:
     names = ", ".join(f"{network.name} ({network.id})" for network in found.failed)
     return (f"Left out, because a training with another seed failed: {names}.",) if names else ()
 
 
 def _icc_note(found: Reestimates) -> str:
-    icc = found.noise.icc
+    icc = found.icc
     if icc is None:
         return (
             "No ICC, and hence no regression to the mean: it takes two networks, two seeds, and losses above 0 that "
@@ -137,7 +128,7 @@ def _icc_note(found: Reestimates) -> str:
 
 
 def _agreement_note(found: Reestimates) -> tuple[str, ...]:
-    tau = found.noise.agreement
+    tau = found.agreement
     if tau is None:
         return ()
     return (f"Kendall's tau of recorded and re-estimated fitness, over these networks: {shown(tau)}.",)

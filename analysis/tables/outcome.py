@@ -10,7 +10,7 @@ from analysis.studies.noise import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import between, score_cell
-from analysis.tables.noise import chance_note
+from analysis.tables.noise import BEATS, chance_note
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import Network
 from tacevo.results.trivial import at_chance, trivial_score
@@ -84,8 +84,7 @@ def _row(
         cells["verdict"] = verdicts.get(network.name)
     cells["fitness"] = network.fitness
     if again is not None:
-        known = again.of(network.id)
-        cells["again"] = None if known is None else known.median
+        cells["again"] = again.median_of(network.id)
     return cells
 
 
@@ -96,32 +95,25 @@ def noise_outcome(found: Reestimates, task: str, trivial: float | None) -> Table
 
     It begins with the finding in one sentence (`_finding`), unless the baseline was trained again alone.
     """
-    pairs = list(zip(found.networks, found.noise.networks, strict=True))
-    best = sorted(pairs[2:], key=lambda pair: pair[1].median)[: MOST - 2]
-    listed_ones = [pair for pair in pairs if pair in pairs[:2] or pair in best]
-    seeds = counted(found.noise.seeds, "other seed")
-    trained = f"{task}: {counted(len(pairs), 'network')}, trained again as the search did, with {seeds}"
+    known = found.noise
+    best = known[2:].sort_values("median", kind="stable").index[: MOST - 2]
+    listed_ones = known.loc[[*known.index[:2], *sorted(best)]]
+    seeds = counted(found.seeds, "other seed")
+    trained = f"{task}: {counted(len(known), 'network')}, trained again as the search did, with {seeds}"
     finding = _finding(found)
-    return Table(
+    return Table.of(
+        listed_ones,
+        {"network": "network", "id": "candidate", f"fitness, {found.record}": "recorded", "re-estimated": "median"}
+        | {"least": "least", "most": "most", f"chance to beat the baseline [{100 * LEVEL:g} %]": BEATS},
         name="outcome",
         caption=trained if finding is None else finding,
-        columns=(
-            *("network", "id", f"fitness, {found.record}", "re-estimated", "least", "most"),
-            f"chance to beat the baseline [{100 * LEVEL:g} %]",
-        ),
-        rows=(
-            *(
-                (network.name, network.id, one.recorded, one.median, one.least, one.most, between(one.beats))
-                for network, one in listed_ones
-            ),
-            *(() if trivial is None else (("trivial", None, trivial, trivial, None, None, None),)),
-        ),
+        last=() if trivial is None else (("trivial", None, trivial, trivial, None, None, None),),
         notes=(
             *chance_note(found, trivial),
             *(() if finding is None else (f"{trained}.",)),
-            *((_TOGETHER,) if len(pairs) > 2 else ()),
+            *((_TOGETHER,) if len(known) > 2 else ()),
             *_undecidable(found),
-            *_left_out(found, len(pairs) - len(listed_ones)),
+            *_left_out(found, len(known) - len(listed_ones)),
             "Re-estimated: the median of these seeds. The lowest of many flatters its network too, if less.",
             _icc(found),
         ),
@@ -141,10 +133,8 @@ def _finding(found: Reestimates) -> str | None:
     if not others:
         return None
     chances = [superiority(values, baseline, level=_level(len(others))) for values in others]
-    ranked = sorted(
-        zip(found.noise.networks[1:], found.networks[1:], chances, strict=True), key=lambda one: one[0].median
-    )
-    better = [f"{network.id} ({shown(one.median)})" for one, network, chance in ranked if chance.low > 0.5]
+    ranked = found.noise[1:].assign(low=[chance.low for chance in chances]).sort_values("median", kind="stable")
+    better = [f"{one.candidate} ({shown(one.median)})" for one in ranked[ranked.low > 0.5].itertuples()]
     worse = sum(chance.high < 0.5 for chance in chances)
     rest = [
         f"{count} {words}"
@@ -155,8 +145,8 @@ def _finding(found: Reestimates) -> str | None:
     trained = " that trained with every seed" if found.failed else ""
     return (
         f"Of {counted(len(others), 'elite')}, the best on record{trained}, {len(better) or 'none'} can be called "
-        f"better than the baseline, whose loss is {shown(found.noise.networks[0].median)}{named}"
-        f"{''.join(f'; {one}' for one in rest)} (medians of {counted(found.noise.seeds, 'other seed')})."
+        f"better than the baseline, whose loss is {shown(float(found.noise['median'].iloc[0]))}{named}"
+        f"{''.join(f'; {one}' for one in rest)} (medians of {counted(found.seeds, 'other seed')})."
     )
 
 
@@ -167,7 +157,7 @@ def _level(others: int) -> float:
 
 def _undecidable(found: Reestimates) -> tuple[str, ...]:
     """Say where so few seeds could not tell any of so many networks from the baseline."""
-    seeds, others = found.noise.seeds, len(found.networks) - 1
+    seeds, others = found.seeds, len(found.networks) - 1
     if others < 1 or superiority([0] * seeds, [1] * seeds, level=_level(others)).low > 0.5:
         return ()
     return (
@@ -217,7 +207,7 @@ def _alone(is_alone: bool) -> tuple[str, ...]:
 def _fitness(again: Reestimates | None) -> str:
     if again is None:
         return "The fitness is not re-estimated here; tacevo noise RUN does that, and tacevo show RUN prints it."
-    seeds, epochs = counted(again.noise.seeds, "other seed"), counted(again.epochs, "epoch")
+    seeds, epochs = counted(again.seeds, "other seed"), counted(again.epochs, "epoch")
     return f"Fitness: the loss after {epochs}; the record is {again.record}, the re-estimate a median of {seeds}."
 
 
@@ -234,7 +224,7 @@ def _left_out(found: Reestimates, unlisted: int) -> tuple[str, ...]:
 
 
 def _icc(found: Reestimates) -> str:
-    icc = found.noise.icc
+    icc = found.icc
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
     part = f"{shown(between(icc))} ({100 * LEVEL:g} % interval)"

@@ -7,10 +7,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from analysis.report.page.contents import PageContents
 from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.whole import page_contents, replay_commands
+from analysis.report.page.whole import PageContents, page_contents, replay_commands
 from analysis.report.sweep_collection import collect_sweep
 from tacevo.api.runs import Run, remarks_on
 from tacevo.bundles.open import Opened

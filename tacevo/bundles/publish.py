@@ -25,10 +25,10 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
 from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.study_lines import ScoreLine
+from tacevo.results.summary import summarise
 from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
-from tacevo.runs.summary import summarise
 from tacevo.storage.arrays import KIND
 from tacevo.storage.canonical import value_at
 from tacevo.storage.entries import pack

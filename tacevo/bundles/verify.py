@@ -19,10 +19,10 @@ from tacevo.evolution.lines import TrainedLine
 from tacevo.reproduce.replay import Replayed, replay
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import FinishedStudy, study_names
+from tacevo.results.summary import summarise
 from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
-from tacevo.runs.summary import summarise
 from tacevo.storage.store import Seen
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.study import replay_studies

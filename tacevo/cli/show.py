@@ -20,7 +20,7 @@ from tacevo.records import Json, Operator, Task, written
 from tacevo.results.run import RecordedRun, finished_run
 from tacevo.results.settings import read_config
 from tacevo.results.study_directory import studies_of
-from tacevo.runs.summary import summarise
+from tacevo.results.summary import summarise
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.notes import HEADING, read_note
 from tacevo.storage.run_directory import RunDirectory, RunRecord

@@ -39,7 +39,7 @@ from tacevo.evolution.lines import (
     training_flops,
 )
 from tacevo.evolution.reevaluation import fitness_by_id
-from tacevo.records import DataFacts, Task, to_json
+from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.rules import Rules
 from tacevo.storage.canonical import differences, shown
@@ -276,7 +276,7 @@ def without_archives(
     config = read_settings(directory, record, store)
     run = RecordedRun(directory=directory, record=record, config=config, ledger=ledger)
     rules_of(ledger.lines)
-    _check_description(run.path, config, record.task, run.header)
+    _check_description(run)
     return run
 
 
@@ -300,15 +300,17 @@ def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[Axis] 
     return tuple(on_axis(axis, value, scale) for axis, value in zip(axes, values, strict=True))
 
 
-def _check_description(path: Path, config: RunConfig, task: Task, header: RunLine) -> None:
-    """Check that run.json has the configuration and the task of the ledger's first line."""
-    differing = [shown(field) for field in differences(header.config, to_json(identity(config)))]
-    if task_hash(task) != header.task:
+def _check_description(run: RecordedRun) -> None:
+    """Check that run.json has the configuration, the task and the data of the ledger's first line."""
+    differing = [shown(field) for field in differences(run.header.config, to_json(identity(run.config)))]
+    if task_hash(run.record.task) != run.header.task:
         differing.append("task")
+    if run.record.data != run.header.data:
+        differing.append("data")
     if differing:
         raise RunError(
             f"other values of {listed(differing)}",
-            place=f"{path}/run.json",
-            expected="the configuration and the task that the ledger begins with",
+            place=f"{run.path}/run.json",
+            expected="the configuration, the task and the data that the ledger begins with",
             remedy="restore the file",
         )

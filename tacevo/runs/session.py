@@ -22,13 +22,13 @@ from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
+from tacevo.results.summary import summarise, tell
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.doubts import doubts_of
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
-from tacevo.runs.summary import in_short, summarise
 from tacevo.runs.usable import UsableAnswers
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
 from tacevo.sandbox.client import Run, Zygote
@@ -246,7 +246,8 @@ def _finish(
     names = [elite.name for elite in state.networks.archive.elites.values()]
     lines, spent = read_ledger(directory).lines, directory.read_spending()
     directory.write_text("summary.md", summarise(run, config, lines, names, spent))
-    return in_short(run, config, lines, names, spent)
+    told = tell(run, config, lines, names, spent)
+    return told.in_short, not told.shortfall
 
 
 @contextlib.contextmanager

@@ -283,7 +283,7 @@ def test_sizes_beyond_reason_are_refused_at_once(whole: Members, refused: Refuse
     for key in ("generations", "candidates", "initial"):
         config = {**run["config"], "search": {**run["config"]["search"], key: MOST}}
         edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}
-        begun = "expected the configuration and the task that the ledger begins with"
+        begun = "expected the configuration, the task and the data that the ledger begins with"
         refused(edited, "lines, by run.json; got " if key == "generations" else begun)
     config = {**run["config"], "training": {**run["config"]["training"], "seeds": MOST - 1}}
     edited = {**whole, "run/run.json": json.dumps({**run, "config": config}).encode()}

@@ -24,10 +24,10 @@ from tacevo.evolution.lines import CandidateLine, SearchLine, not_sent
 from tacevo.evolution.state import Plan
 from tacevo.records import Completion, Request
 from tacevo.results.run import RecordedRun
+from tacevo.results.summary import summarise
 from tacevo.results.sweep_checks import check_sweep
 from tacevo.rules import FIRST
 from tacevo.runs.search_files import run_under
-from tacevo.runs.summary import summarise
 from tacevo.storage.ledger import Ledger
 
 WORDS = "temperature was not sent: the model refuses it"

@@ -4,16 +4,16 @@ import io
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pages import HOSTILE, check_panels, elites_of, elites_on_map, page_of, page_of_shipped_run, poisoned
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 from rich.console import Console
 
-from analysis.report.page.contents import PageContents
 from analysis.report.page.html import as_html
+from analysis.report.page.whole import PageContents
 from benchmarks.synthetic import record_synthetic
-from tacevo.records import Reason, Stage
 from tacevo.runs.progress import Progress
 
 #: What `open_page` takes, and what it found wrong until now: errors, and requests that left the page.
@@ -57,6 +57,11 @@ def open_page(browser: Browser, tmp_path: Path) -> Iterator[Opener]:
         context.close()
 
 
+def address_of(run: dict[str, Any], candidate: str) -> str:
+    """Return the address of a candidate within the page."""
+    return f"#/{run['name']}/{candidate}"
+
+
 def test_every_panel_is_filled_and_nothing_is_asked(shipped: PageContents, open_page: Opener) -> None:
     """No error, no request; map, lineage, table, figures, study, tables and provenance hold what the records have."""
     page, wrong = open_page(shipped)
@@ -70,12 +75,12 @@ def test_thousand_candidates_have_a_page(tmp_path: Path, open_page: Opener) -> N
     record_synthetic(tmp_path, 20, Progress(Console(file=io.StringIO())))
     contents = page_of(tmp_path / "run", tmp_path / "cache", title="synthetic")
     (run,) = contents.runs
-    assert len(run.candidates) > 1_000
+    assert len(run["candidates"]) > 1_000
     assert len(as_html(contents)) < 15_000_000
     page, wrong = open_page(contents)
     check_panels(page, contents)
-    for line in (run.generations[0], run.generations[10], run.generations[20]):
-        page.locator("#generation").fill(str(line.generation))
+    for line in (run["generations"][0], run["generations"][10], run["generations"][20]):
+        page.locator("#generation").fill(str(line["generation"]))
         assert elites_on_map(page) == elites_of(line)
     assert wrong == []
 
@@ -84,14 +89,15 @@ def test_click_on_an_elite_opens_its_source(shipped: PageContents, open_page: Op
     """The source shown is the candidate's, to the letter; its changes name what was lost and gained."""
     page, wrong = open_page(shipped)
     run = shipped.runs[0]
-    wanted = next(one for one in run.candidates if one.changes and one.id in dict(run.generations[-1].elites).values())
-    page.locator(f'.elites a[href$="/{wanted.id}"] .cell').click()
-    expect(page.locator("#candidate-name")).to_have_text(f"Candidate {wanted.id}")
+    elites = elites_of(run["generations"][-1])
+    wanted = next(one for one in run["candidates"] if one["changes"] and one["id"] in elites)
+    name = wanted["id"]
+    page.locator(f'.elites a[href$="/{name}"] .cell').click()
+    expect(page.locator("#candidate-name")).to_have_text(f"Candidate {name}")
     assert page.locator("#candidate del, #candidate ins").count() > 0
     page.locator("#source-choice").select_option("")
     lines = page.locator("#candidate pre.source .line-of-code").all_text_contents()
-    assert wanted.source is not None
-    assert "\n".join(lines) == shipped.sources[wanted.source].text
+    assert "\n".join(lines) == shipped.sources[wanted["source"]]["text"]
     assert wrong == []
 
 
@@ -99,11 +105,11 @@ def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: 
     """Rejected ones show the answer; trained ones their losses; an address of none changes nothing."""
     page, wrong = open_page(shipped)
     run = shipped.runs[0]
-    for one in run.candidates[:: len(run.candidates) // 12]:
-        page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
-        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
-        assert page.locator("#candidate figure").count() == bool(one.validation_losses)
-    for address in ("#/nobody/g00s00", "#/%E0%A4%A/x", f"#/{run.name}/g99s99", "#/"):
+    for one in run["candidates"][:: len(run["candidates"]) // 12]:
+        page.evaluate("id => { location.hash = id }", address_of(run, one["id"]))
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one['id']}")
+        assert page.locator("#candidate figure").count() == bool(one["validation_losses"])
+    for address in ("#/nobody/g00s00", "#/%E0%A4%A/x", address_of(run, "g99s99"), "#/"):
         page.evaluate("hash => { location.hash = hash }", address)
     expect(page.locator("#candidate-name")).to_have_text("Candidate")
     assert wrong == []
@@ -124,12 +130,12 @@ def test_back_button_leaves_the_candidate(shipped: PageContents, open_page: Open
 def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open_page: Opener) -> None:
     """By keyboard, from the first one on: the elites are those of the records, and lost niches are marked."""
     page, wrong = open_page(shipped)
-    generations = shipped.runs[0].generations
+    generations = shipped.runs[0]["generations"]
     page.locator("#generation").focus()
     page.keyboard.press("Home")
     for line, before in zip(generations, (None, *generations), strict=False):
         assert elites_on_map(page) == elites_of(line)
-        lost = set() if before is None else dict(before.elites).keys() - dict(line.elites).keys()
+        lost = set() if before is None else dict(before["elites"]).keys() - dict(line["elites"]).keys()
         assert page.locator(".lost path").count() == len(lost)
         page.keyboard.press("ArrowRight")
     assert wrong == []
@@ -148,16 +154,18 @@ def test_colours_follow_the_choice(shipped: PageContents, open_page: Opener) -> 
 def test_table_filters_and_sorts(shipped: PageContents, open_page: Opener) -> None:
     """A filter leaves those of its value; a second click on a column turns the order, and absent values stay last."""
     page, _ = open_page(shipped)
-    candidates = shipped.runs[0].candidates
+    candidates = shipped.runs[0]["candidates"]
     page.locator("#filter-outcome").select_option("rejected at probe")
-    assert page.locator("#candidates-table tbody tr:visible").count() == sum(one.stage == "probe" for one in candidates)
+    assert page.locator("#candidates-table tbody tr:visible").count() == sum(
+        one["stage"] == "probe" for one in candidates
+    )
     page.locator("#filter-outcome").select_option("")
     page.get_by_role("button", name="loss", exact=True).click()
-    best = min((one for one in candidates if one.fitness is not None), key=lambda one: one.fitness or 0)
-    assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == best.id
+    best = min((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == best["id"]
     page.get_by_role("button", name="loss", exact=True).click()
-    worst = max((one for one in candidates if one.fitness is not None), key=lambda one: one.fitness or 0)
-    assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == worst.id
+    worst = max((one for one in candidates if one["loss"] is not None), key=lambda one: one["loss"])
+    assert page.locator("#candidates-table tbody tr").first.locator("a").inner_text() == worst["id"]
     assert page.locator('th[aria-sort="descending"]').inner_text() == "loss"
 
 
@@ -223,18 +231,18 @@ def test_line_charts_have_their_numbers(shipped: PageContents, open_page: Opener
     page, _ = open_page(shipped)
     numbers = page.locator("#dynamics-figures figure:has(.readout) details")
     assert numbers.count() == page.locator("#dynamics-figures .readout").count()
-    assert numbers.first.locator("tbody tr").count() == len(shipped.runs[0].generations)
+    assert numbers.first.locator("tbody tr").count() == len(shipped.runs[0]["generations"])
     assert numbers.first.locator('[role="region"][tabindex="0"][aria-label]').count() == 1
 
 
 def test_elite_that_only_moved_is_not_new(shipped: PageContents, open_page: Opener) -> None:
     """Moved bounds bring old elites into other niches."""
     run = shipped.runs[0]
-    before = run.generations[-1]
-    niches = [niche for niche, _ in before.elites]
-    moved = tuple(zip(niches[1:] + niches[:1], (name for _, name in before.elites), strict=True))
-    after = replace(before, generation=before.generation + 1, elites=moved)
-    page, _ = open_page(replace(shipped, runs=(replace(run, generations=(*run.generations, after)),)))
+    before = run["generations"][-1]
+    niches = [niche for niche, _ in before["elites"]]
+    moved = list(zip(niches[1:] + niches[:1], (name for _, name in before["elites"]), strict=True))
+    after = {**before, "generation": before["generation"] + 1, "elites": moved}
+    page, _ = open_page(replace(shipped, runs=({**run, "generations": [*run["generations"], after]},)))
     assert ", 0 by a new elite" in page.locator("#generation-words").inner_text()
     assert page.locator(".elites .is-new").count() == 0
 
@@ -242,13 +250,13 @@ def test_elite_that_only_moved_is_not_new(shipped: PageContents, open_page: Open
 def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None:
     """All that came of a network can be opened from it, in the order in which they came."""
     run = shipped.runs[0]
-    first = run.candidates[1]
-    page, _ = open_page(shipped, address=f"#/{run.name}/{first.id}")
+    first = run["candidates"][1]
+    page, _ = open_page(shipped, address=address_of(run, first["id"]))
     cell = page.locator("#candidate-body dt", has_text="All descendants").locator("xpath=following-sibling::dd[1]")
-    family = [first.id]
-    for one in run.candidates:
-        if not set(family).isdisjoint(one.parents):
-            family.append(one.id)
+    family = [first["id"]]
+    for one in run["candidates"]:
+        if not set(family).isdisjoint(one["parents"]):
+            family.append(one["id"])
     assert len(family) > 2
     assert cell.locator("a").all_text_contents() == family[1:]
 
@@ -256,21 +264,21 @@ def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None
 def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -> None:
     """What a trained network passed, each answer that was sent back, and where a rejected one ended."""
     run = shipped.runs[0]
-    trained, other, *_ = (one for one in run.candidates if one.stage is None and one.parents)
-    lost = next(one for one in run.candidates if one.stage is Stage.probe)
-    repaired = replace(other, repairs=((Stage.policy, Reason.forbidden_import),))
-    candidates = tuple(repaired if one is other else one for one in run.candidates)
-    page, _ = open_page(replace(shipped, runs=(replace(run, candidates=candidates),)))
+    trained, other, *_ = (one for one in run["candidates"] if one["stage"] is None and one["parents"])
+    lost = next(one for one in run["candidates"] if one["stage"] == "probe")
+    repaired = {**other, "repairs": [{"stage": "policy", "reason": "forbidden_import"}]}
+    candidates = [repaired if one is other else one for one in run["candidates"]]
+    page, _ = open_page(replace(shipped, runs=({**run, "candidates": candidates},)))
     whole = "extract: passed → policy: passed → probe: passed → train: passed"
     back = "extract: passed → policy: rejected (forbidden_import), sent back"
     for one, expected in (
-        (run.candidates[0], ["policy: passed → probe: passed → train: passed"]),
+        (run["candidates"][0], ["policy: passed → probe: passed → train: passed"]),
         (trained, [whole]),
         (repaired, [f"Answer 1. {back}", f"Answer 2. {whole}"]),
-        (lost, [f"extract: passed → policy: passed → probe: rejected ({lost.reason})"]),
+        (lost, [f"extract: passed → policy: passed → probe: rejected ({lost['reason']})"]),
     ):
-        page.evaluate("id => { location.hash = id }", f"#/{run.name}/{one.id}")
-        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one.id}")
+        page.evaluate("id => { location.hash = id }", address_of(run, one["id"]))
+        expect(page.locator("#candidate-name")).to_have_text(f"Candidate {one['id']}")
         assert page.locator("#candidate-body dl ol li").all_inner_texts() == expected
 
 
@@ -279,33 +287,37 @@ def test_every_edge_of_the_lineage_has_its_instruction(shipped: PageContents, op
     run = shipped.runs[0]
     page, _ = open_page(shipped)
     links = page.eval_on_selector_all("#lineage-tree a", "all => all.map(a => a.href.baseVal)")
-    known = {one.id: one for one in run.candidates}
+    known = {one["id"]: one for one in run["candidates"]}
     shown = [known[link.rsplit("/", 1)[1]] for link in links]
-    asked = ["crossover" if one.prompt is None else run.instructions[one.prompt][0] for one in shown if one.parents]
+    asked = [
+        "crossover" if one["prompt"] is None else run["instructions"][one["prompt"]]["id"]
+        for one in shown
+        if one["parents"]
+    ]
     assert sorted(page.locator("#lineage-tree .edge-names text:visible").all_text_contents()) == sorted(asked)
 
 
 def test_rejected_answer_says_where_it_is_from(shipped: PageContents, open_page: Opener) -> None:
     """Its file has no hash in the ledger."""
     run = shipped.runs[0]
-    one = next(one for one in run.candidates if one.rejected is not None)
-    page, _ = open_page(shipped, address=f"#/{run.name}/{one.id}")
-    assert page.locator(f'pre[aria-label="rejected answer of {one.id}"]').count() == 1
+    one = next(one for one in run["candidates"] if one["rejected"] is not None)
+    page, _ = open_page(shipped, address=address_of(run, one["id"]))
+    assert page.locator("pre[aria-label^='rejected answer of ']").count() == 1
     assert "`tacevo replay` checks it" in page.locator("#candidate-body").inner_text()
 
 
 def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_page: Opener) -> None:
     """It ranks its networks, and has no cells."""
-    run = replace(shipped.runs[0], cells=())
-    name = run.generations[-1].elites[0][1]
-    page, _ = open_page(replace(shipped, runs=(run,)), address=f"#/{run.name}/{name}")
+    run = {**shipped.runs[0], "cells": []}
+    name = run["generations"][-1]["elites"][0][1]
+    page, _ = open_page(replace(shipped, runs=(run,)), address=address_of(run, name))
     for box in ("#candidate-body dl", "#map"):
         assert "niche" not in page.locator(box).inner_text().lower()
     labels = page.eval_on_selector_all(".elites a", "all => all.map(a => a.getAttribute('aria-label'))")
     assert all(", place " in label for label in labels)
     colours = page.eval_on_selector_all(".elites .cell", "all => all.map(one => getComputedStyle(one).fill)")
     assert len(set(colours)) > 1
-    other = next(elite for _, elite in run.generations[-1].elites if elite != name)
+    other = next(elite for _, elite in run["generations"][-1]["elites"] if elite != name)
     page.locator(f'.elites a[href$="/{other}"]').click(force=True)
     expect(page.locator("#candidate-name")).to_have_text(f"Candidate {other}")
 
@@ -351,10 +363,10 @@ def test_policy_stops_what_would_become_markup(shipped: PageContents, open_page:
 def test_single_generation_has_a_page(shipped: PageContents, open_page: Opener) -> None:
     """Nothing can slide, and every figure has its one value."""
     run = shipped.runs[0]
-    first = tuple(one for one in run.candidates if one.generation == 0)
-    short = replace(run, generations=run.generations[:1], candidates=first, studies=(), tables=())
+    first = [one for one in run["candidates"] if one["generation"] == 0]
+    short = {**run, "generations": run["generations"][:1], "candidates": first, "studies": [], "tables": []}
     page, wrong = open_page(replace(shipped, runs=(short,)))
-    assert page.locator(".elites a").count() == len(run.generations[0].elites)
+    assert page.locator(".elites a").count() == len(run["generations"][0]["elites"])
     assert not page.locator("#studies").is_visible()
     assert wrong == []
 
@@ -362,10 +374,10 @@ def test_single_generation_has_a_page(shipped: PageContents, open_page: Opener) 
 def test_reestimates_stand_beside_the_recorded_fitness(shipped: PageContents, open_page: Opener) -> None:
     """Where a candidate was trained again, its further losses are shown."""
     run = shipped.runs[0]
-    again = replace(run.candidates[0], reestimates=(0.25, 0.125))
+    again = {**run["candidates"][0], "again": [0.25, 0.125]}
     page, _ = open_page(
-        replace(shipped, runs=(replace(run, candidates=(again, *run.candidates[1:])),)),
-        address=f"#/{run.name}/{again.id}",
+        replace(shipped, runs=({**run, "candidates": [again, *run["candidates"][1:]]},)),
+        address=address_of(run, again["id"]),
     )
     assert "0.250, 0.125" in page.locator("#candidate-body dl").inner_text()
 
@@ -373,7 +385,7 @@ def test_reestimates_stand_beside_the_recorded_fitness(shipped: PageContents, op
 def test_phone_scrolls_in_one_direction(shipped: PageContents, open_page: Opener) -> None:
     """At 390 pixels nothing is wider than the screen; what is wide scrolls in its own box."""
     run = shipped.runs[0]
-    page, _ = open_page(shipped, address=f"#/{run.name}/{run.generations[-1].elites[0][1]}", size=_PHONE)
+    page, _ = open_page(shipped, address=address_of(run, run["generations"][-1]["elites"][0][1]), size=_PHONE)
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
 
 

@@ -52,10 +52,10 @@ def test_tables_and_page_have_the_archive_as_the_search_left_it(uncertain: Path)
     last = archive_history(found.run, found.niches.networks)[-1]
     held = {niche: (elite.name, -elite.objective) for niche, elite in last.elites.items()}
     assert held == {elite.niche: (elite.id, elite.fitness) for elite in found.run.elites}
-    assert any(table.name.startswith("noise/corrected") for table in tables_of(found, None))
+    assert any(table.name.endswith("/corrected") for table in tables_of(found, None))
     page = run_contents(RunMaterial(found=found, recorded=read_texts(found.run)))
     again = {line.source for line in found.run.reevaluations}
-    losses = {one.id: len(one.seed_losses) for one in page.candidates}
+    losses = {one["id"]: len(one["losses"]) for one in page["candidates"]}
     assert losses == {
         line.id: 0 if line.fitness is None else 3 + 3 * (line.source in again) for line in found.run.candidates
     }

@@ -39,13 +39,13 @@ const listOf = (nodes) => nodes.flatMap((node, place) => (place ? [", ", node] :
 
 // Say what the search knew of a network's loss at its end.
 function lossOf(one) {
-    const isOut = one.fitness === null && one.first_loss !== null;
-    return isOut ? "out, because it failed when it was trained again" : `loss ${number(one.fitness)}`;
+    const isOut = one.loss === null && one.fitness !== null;
+    return isOut ? "out, because it failed when it was trained again" : `loss ${number(one.loss)}`;
 }
 
 // Say a loss with what further trainings gave.
 function lossWords(one) {
-    const again = one.reestimates.length ? `, trained again ${number(d3.median(one.reestimates))}` : "";
+    const again = one.again.length ? `, trained again ${number(d3.median(one.again))}` : "";
     return `${lossOf(one)}${again}`;
 }
 
@@ -56,7 +56,7 @@ const statusOf = (one) => (one.status === "rejected" ? "not inserted" : one.stat
 const placeName = (run) => (run.cells.length ? "niche" : "place");
 
 // What a candidate was asked by: an instruction of the library, or its operator where it has none.
-const instructionOf = (run, one) => (one.prompt === null ? one.operator : run.instructions[one.prompt][0]);
+const instructionOf = (run, one) => (one.prompt === null ? one.operator : run.instructions[one.prompt].id);
 
 // Give a group of links one stop of the Tab key; arrow keys go to the nearest link in their direction, PageDown and
 // PageUp to the next and the previous one, wherever they are: two can be at one point.

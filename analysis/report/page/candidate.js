@@ -10,7 +10,7 @@ function drawCandidate() {
         return;
     }
     byId("candidate-name").textContent = `Candidate ${one.id}`;
-    const losses = one.validation_losses.length
+    const losses = one.validation_losses?.length
         ? lineChart({
               caption: "Loss after each epoch.",
               xName: "epoch",
@@ -19,7 +19,7 @@ function drawCandidate() {
               scaleOf: lossScale,
               series: [
                   { name: "validation", values: one.validation_losses },
-                  ...(one.train_losses.length ? [{ name: "training", values: one.train_losses }] : []),
+                  ...(one.train_losses?.length ? [{ name: "training", values: one.train_losses }] : []),
               ],
           })
         : null;
@@ -42,18 +42,18 @@ function factsOf(run, one) {
               ["FLOPs", number(one.flops)],
           ]
         : [];
-    const fitness = one.fitness === null ? [] : [["Validation loss", number(one.fitness)]];
-    if (one.first_loss !== one.fitness) fitness.push(["Loss when it came", number(one.first_loss)]);
-    if (one.seed_losses.length) {
-        const losses = one.seed_losses.map((loss) => (loss === null ? "failed" : number(loss)));
+    const fitness = one.loss === null ? [] : [["Validation loss", number(one.loss)]];
+    if (one.fitness !== one.loss) fitness.push(["Loss when it came", number(one.fitness)]);
+    if (one.losses.length) {
+        const losses = one.losses.map((loss) => (loss === null ? "failed" : number(loss)));
         fitness.push(["Of each seed", losses.join(", ")]);
     }
-    if (one.reestimates.length) {
-        const all = one.reestimates.map(number).join(", ");
-        fitness.push(["Trained again", `${number(d3.median(one.reestimates))}, the median of ${all}`]);
+    if (one.again.length) {
+        const all = one.again.map(number).join(", ");
+        fitness.push(["Trained again", `${number(d3.median(one.again))}, the median of ${all}`]);
     }
     const descendants = descendantsOf(run, one.id);
-    const held = one.first_loss === null ? [] : [[run.cells.length ? "Niches held" : "Places held", nichesHeld(run, one)]];
+    const held = one.fitness === null ? [] : [[run.cells.length ? "Niches held" : "Places held", nichesHeld(run, one)]];
     return facts([
         ["Made in", `generation ${one.generation}, slot ${one.slot}`],
         ["Gate, and training", gatePath(run, one)],
@@ -78,8 +78,8 @@ function factsOf(run, one) {
 function gatePath(run, one) {
     const all = Object.keys(run.generations[0].rejected);
     const stages = one.temperature === null ? all.filter((stage) => stage !== "extract") : all;
-    const answers = [...one.repairs, [one.stage, one.reason]];
-    const ways = answers.map(([stage, reason], at) => {
+    const answers = [...one.repairs, one];
+    const ways = answers.map(({ stage, reason }, at) => {
         const passed = stage === null ? stages : stages.slice(0, stages.indexOf(stage));
         const end = stage === null ? [] : [`${stage}: rejected (${reason})${at < one.repairs.length ? ", sent back" : ""}`];
         const way = [...passed.map((name) => `${name}: passed`), ...end].join(" → ");
@@ -113,10 +113,10 @@ function requestOf(run, one) {
     if (one.operator === "baseline") return h("p", null, "The task's baseline; no model was asked for it.");
     if (one.operator === "given") return h("p", null, "A network that was given; no model was asked for it.");
     const fixed = one.operator === "sample" ? "Draw a network at random." : run.crossover;
-    const text = one.prompt === null ? fixed : run.instructions[one.prompt][1];
-    const temperature = one.temperature_sent
-        ? `Temperature ${number(one.temperature)}.`
-        : `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`;
+    const text = one.prompt === null ? fixed : run.instructions[one.prompt].text;
+    const temperature = one.dropped.includes("temperature")
+        ? `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`
+        : `Temperature ${number(one.temperature)}.`;
     return h(
         "div",
         null,

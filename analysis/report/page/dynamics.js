@@ -63,9 +63,9 @@ function yields(caption, found) {
         .map((one) => ({
             name: `${one.name} (${one.inserted} of ${one.tried})`,
             points: [],
-            low: one.interval[0],
-            high: one.interval[1],
-            middle: one.inserted / one.tried,
+            low: one.rate_low,
+            high: one.rate_high,
+            middle: one.rate,
         }));
     return dotRows({ caption, xName: "inserted / tried", rows });
 }
@@ -89,7 +89,7 @@ function promptMap(run) {
     });
     const colour = d3.scaleSequential([0.5, 2], d3.interpolateCividis);
     for (const trial of run.trials) {
-        const words = `${run.instructions[trial.prompt][0]} at temperature ${number(trial.temperature)}: curiosity ${number(trial.curiosity)}, child ${trial.inserted ? "inserted" : "not inserted"}`;
+        const words = `${trial.instruction} at temperature ${number(trial.temperature)}: curiosity ${number(trial.curiosity)}, child ${trial.inserted ? "inserted" : "not inserted"}`;
         svg.append("path")
             .attr("class", "cell")
             .attr("d", shape(trial.niche))

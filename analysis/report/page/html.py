@@ -13,7 +13,7 @@ from importlib.resources import files
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from analysis.report.page.contents import PageContents
+from analysis.report.page.whole import PageContents
 from tacevo.records import to_json
 
 #: The script's parts in order: D3 (https://d3js.org; its licence, d3.LICENSE, stands before it), then the page's own,

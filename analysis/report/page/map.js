@@ -1,7 +1,7 @@
 // The archive map: the niches of the network archive and what held them after the chosen generation.
 
 const COLOURS = {
-    fitness: { name: "validation loss", value: (one) => one.fitness, isReversed: true },
+    fitness: { name: "validation loss", value: (one) => one.loss, isReversed: true },
     generation: { name: "generation", value: (one) => one.generation, isLinear: true },
     parameters: { name: "parameters", value: (one) => one.parameters },
     flops: { name: "FLOPs", value: (one) => one.flops },
@@ -13,10 +13,11 @@ const mapY = d3.scaleLinear([0, 1], [MAP.height - MAP.bottom, MAP.top]);
 
 const cellPath = (corners) => `M${corners.map(([x, y]) => `${mapX(x)},${mapY(y)}`).join("L")}Z`;
 
-// Where a network stands: clipped to the bounds, as the archive clips it; in the middle of an axis without extent.
-function placeOnMap(point, bounds) {
+// Where a network stands: clipped to the ends of its axes, as the archive clips it; in the middle of an axis without
+// extent.
+function placeOnMap(point, extents) {
     const places = point.map((value, axis) => {
-        const [low, high] = bounds[axis];
+        const [low, high] = extents[axis];
         return high > low ? Math.min(Math.max((value - low) / (high - low), 0), 1) : 0.5;
     });
     return [places[0], places[1] ?? 0.5];
@@ -72,14 +73,14 @@ function drawMap() {
 function fillMap() {
     const run = state.run;
     const line = run.generations[state.generation];
-    const previous = state.generation ? run.generations[state.generation - 1] : { elites: [], bounds: line.bounds };
+    const previous = state.generation ? run.generations[state.generation - 1] : { elites: [], extents: line.extents };
     const before = new Map(previous.elites);
     const now = new Map(line.elites);
     const held = new Set(before.values());
     const isNew = ([, id]) => !held.has(id); // an old elite that only changed its niche is not
     const lost = [...before.keys()].filter((niche) => !now.has(niche));
     const scale = colouring(run, state.colour);
-    const best = d3.least(line.elites, ([, id]) => run.byId.get(id).fitness)?.[1];
+    const best = d3.least(line.elites, ([, id]) => run.byId.get(id).loss)?.[1];
     const svg = d3.select("#map-drawing svg");
     svg.select(".lost")
         .selectAll("path")
@@ -96,7 +97,7 @@ function fillMap() {
             link.append("path").attr("class", "point");
             return link;
         });
-    const placeOf = ([, id]) => placeOnMap(run.byId.get(id).point, line.bounds);
+    const placeOf = ([, id]) => placeOnMap(run.byId.get(id).point, line.extents);
     links.attr("href", ([, id]) => addressOf(run, id));
     links.attr("aria-label", ([niche, id]) => eliteWords(run, niche, id));
     links
@@ -131,7 +132,7 @@ function fillMap() {
     drawMapAxes(svg, run, line);
     const changed = line.elites.filter(isNew).length;
     const holds = `${now.size} of ${run.places} ${placeName(run)}s held`;
-    const isMoved = run.cells.length > 0 && String(previous.bounds) !== String(line.bounds);
+    const isMoved = run.cells.length > 0 && String(previous.extents) !== String(line.extents);
     const emptied = lost.length ? `; ${lost.length} emptied${isMoved ? " because the bounds moved" : ""}` : "";
     byId("generation-words").textContent =
         `Generation ${line.generation}: ${holds}, ${changed} by a new elite${emptied}.`;
@@ -146,7 +147,7 @@ function fillMap() {
 function drawMapAxes(svg, run, line) {
     const axes = svg.select(".axes");
     axes.selectAll("*").remove();
-    const [x, y] = line.bounds.map(([low, high]) => d3.scaleLinear([low, high > low ? high : low + 1], [0, 1]));
+    const [x, y] = line.extents.map(([low, high]) => d3.scaleLinear([low, high > low ? high : low + 1], [0, 1]));
     const bottom = MAP.height - MAP.bottom;
     for (const tick of x ? x.ticks(6) : []) {
         axes.append("line")

@@ -1,27 +1,19 @@
-"""What the page shows of one run."""
+"""What the page shows of one run, as JSON: its ledger lines with what stands beside them, under names the script reads.
+
+Texts of candidates, models and names stand here as they came. They are data to the page's script, which sets them as
+text only.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
-from analysis.report.page.contents import (
-    Candidate,
-    Change,
-    Corners,
-    Generation,
-    RunContents,
-    Source,
-    StudyContents,
-    TableContents,
-    Tested,
-    Trial,
-    Yield,
-)
 from analysis.report.page.sources import kept_lines, marked
 from analysis.rounding import shown
 from analysis.runs.archive_history import archive_history, archive_medians
@@ -39,11 +31,14 @@ from tacevo.config.identity import identity
 from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
-from tacevo.records import Kind, Stage
+from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
+from tacevo.results.summary import tell
 from tacevo.storage.run_directory import RunRecord
-from tacevo.text import counted
+
+#: Corners of a polygon in order, each (x, y) in [0, 1].
+Corners = tuple[tuple[float, float], ...]
 
 #: Decimals of a cell's corners: a thousandth of a pixel.
 _CORNERS = 5
@@ -86,86 +81,82 @@ class RunMaterial:
     samples: str | None = None
 
 
-def run_contents(given: RunMaterial) -> RunContents:
-    """Return all that the page shows of a run but its sources (`run_sources`)."""
+def run_contents(given: RunMaterial) -> dict[str, Any]:
+    """Return all that the page shows of a run but its sources (`run_sources`), as JSON.
+
+    `cells` are the corners of every niche of the network archive, none where it has no niches, and `places` how many
+    elites it can hold; `unreachable` the niches of the prompt archive that no trial could reach.
+    """
     found, recorded, tables = given.found, given.recorded, given.tables
     run, task = found.run, recorded.record.task
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, found.niches.prompts) if has_prompts else frozenset()
+    return {
+        "name": run.name,
+        "headlines": _headlines(found),
+        "remarks": [*([run.shortfall] if run.shortfall else []), *given.remarks, *_sourceless(run, recorded)],
+        "axes": [axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes],
+        "cells": _cells(found.niches.networks),
+        "places": run.places,
+        "instructions": to_json(task.instructions),
+        "crossover": task.crossover,
+        "candidates": _candidates(found, recorded.texts),
+        "generations": _generations(run, found.niches.networks),
+        "prompt_cells": _cells(found.niches.prompts) if has_prompts else (),
+        "unreachable": sorted(set(range(len(found.niches.prompts))) - reached) if has_prompts else [],
+        "trials": to_json(run.prompt_trials),
+        "by_instruction": _rows(by_prompt(run)),
+        "by_temperature": _rows(by_temperature(run)),
+        "studies": [_study(compared, tables) for compared in found.studies],
+        "tables": [table_contents(table) for table in tables if not _of_study(table, found.studies)],
+        "samples": given.samples,
+        "provenance": _provenance(run, recorded.record),
+        "settings": identity(run.config),
+    }
+
+
+def run_sources(run: RecordedRun, texts: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Return the sources of a run's candidates by their hash: the text, and what its parts are (`marked`)."""
+    known = {line.source: texts[line.id] for line in run.candidates if line.source and line.id in texts}
+    return {source: {"text": text, "marks": marked(text)} for source, text in known.items()}
+
+
+def table_contents(table: Table) -> dict[str, Any]:
+    """Return a table with rounded cells, and which of its columns hold numbers."""
+    return {
+        "caption": table.caption,
+        "columns": table.columns,
+        "numeric": numeric_columns(table),
+        "rows": [[shown(cell) for cell in row] for row in table.rows],
+        "notes": table.notes,
+    }
+
+
+def _sourceless(run: RecordedRun, recorded: Recorded) -> list[str]:
+    """Name the candidates without a source, and why."""
     there = {*recorded.texts, *recorded.edited}
     missing = [line.id for line in run.candidates if line.source is not None and line.id not in there]
     lost = {"the file was edited": recorded.edited, "the file is missing": missing}
-    sourceless = [f"no source, because {why}: {', '.join(names)}" for why, names in lost.items() if names]
-    return RunContents(
-        name=run.name,
-        headlines=_headlines(found),
-        remarks=(*([run.shortfall] if run.shortfall else []), *given.remarks, *sourceless),
-        axes=tuple(axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes),
-        cells=_cells(found.niches.networks),
-        places=run.places,
-        instructions=tuple((instruction.id, instruction.text) for instruction in task.instructions),
-        crossover=task.crossover,
-        candidates=_candidates(found, recorded.texts),
-        generations=_generations(run, found.niches.networks),
-        prompt_cells=_cells(found.niches.prompts) if has_prompts else (),
-        unreachable=tuple(sorted(set(range(len(found.niches.prompts))) - reached)) if has_prompts else (),
-        trials=tuple(
-            Trial(
-                niche=trial.niche,
-                prompt=trial.prompt,
-                temperature=trial.temperature,
-                curiosity=trial.curiosity,
-                inserted=trial.inserted,
-            )
-            for trial in run.prompt_trials
-        ),
-        by_instruction=_yields(by_prompt(run)),
-        by_temperature=_yields(by_temperature(run)),
-        studies=tuple(_study(compared, tables) for compared in found.studies),
-        tables=tuple(table_contents(table) for table in tables if not _of_study(table, found.studies)),
-        samples=given.samples,
-        provenance=_provenance(run, recorded.record),
-        settings=identity(run.config),
-    )
+    return [f"no source, because {why}: {', '.join(names)}" for why, names in lost.items() if names]
 
 
-def run_sources(run: RecordedRun, texts: Mapping[str, str]) -> dict[str, Source]:
-    """Return the sources of a run's candidates by their hash."""
-    return {line.source: marked(texts[line.id]) for line in run.candidates if line.source and line.id in texts}
-
-
-def table_contents(table: Table) -> TableContents:
-    """Round the cells of a table."""
-    return TableContents(
-        caption=table.caption,
-        columns=table.columns,
-        numeric=tuple(numeric_columns(table)),
-        rows=tuple(tuple(map(shown, row)) for row in table.rows),
-        notes=table.notes,
-    )
-
-
-def _headlines(found: Collection) -> tuple[str, str, str]:
-    """Say what was searched, with which model and data, and what it rests on."""
-    run, config, best = found.run, found.run.config, found.run.generations[-1].best
-    losses = f"; best validation loss {shown(best)} ({run.fitness_in_words})" if best is not None else ""
-    baseline = run.fitness.get(run.baseline.id)
-    if losses and baseline is not None:
-        losses += f", the baseline's {shown(baseline)} ({run.fitness_in_words})"
-    if losses and run.record.trivial is not None:
-        losses += f", the trivial loss {shown(run.record.trivial)}"
-    again = reestimated(run, found.reestimates)
+def _headlines(found: Collection) -> list[str]:
+    """Say what was searched and found, as summary.md does; with which data; and what it rests on."""
+    run, again = found.run, reestimated(found.run, found.reestimates)
+    told = tell(run.record, run.config, run.ledger.lines, [elite.id for elite in run.elites], run.spent)
+    provider = f"; provider of the model: {run.config.llm.provider}" if run.answered else ""
+    trained_again = ""
     if again is not None:
         words, reference, median = again
-        losses += f"; {words}: {shown(median)} against the baseline's {shown(reference)}"
-    model = f"Model: {run.model}, provider: {config.llm.provider}" if run.answered else "No model was asked"
-    size = f"{counted(len(run.candidates), 'candidate')} in {counted(len(run.generations), 'generation')}"
-    images = f"{sum(run.facts.counts):,} images of {run.facts.image_size} x {run.facts.image_size} pixels"
-    return (
-        f"Task: {run.task}. {size}, seed {config.seed}{losses}.",
-        f"{model}. Data source: {config.data.source}, {images}.",
-        f"Digest: {run.digest}. Numerics: {config.numerics.kind}. Rules: {rules_in_words(run.rules)}.",
-    )
+        trained_again = f" The lowest, {words}: {shown(median)} against the baseline's {shown(reference)}."
+    lines = [
+        told.searched,
+        told.found + trained_again,
+        f"{told.data} Data source: {run.config.data.source}{provider}.",
+        " ".join(filter(None, (*told.gate, told.cost))),
+        f"Digest: {run.digest}. Rules: {rules_in_words(run.rules)}.",
+    ]
+    return [line for line in lines if line]
 
 
 def _cells(centroids: NDArray[np.float64]) -> tuple[Corners, ...]:
@@ -187,99 +178,81 @@ def _bands(centres: NDArray[np.float64]) -> tuple[Corners, ...]:
     return tuple(found[niche] for niche in range(len(centres)))
 
 
-def _candidates(found: Collection, texts: Mapping[str, str]) -> tuple[Candidate, ...]:
-    run = found.run
+def _candidates(found: Collection, texts: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return the ledger line of every candidate, with what the page says beside it.
+
+    `loss` is what the search knew at its end (`RecordedRun.fitness`), None also where the source failed when it was
+    trained again; `losses` the last one of each training seed, where there are several, None of a failure; `again` the
+    fitness of further trainings with other seeds; `point` the descriptors on the archive's axes, none where nothing was
+    measured. `changes` are the lines that it kept of each parent; `rejected` is the reason in words and the model's
+    answer.
+    """
+    run, again = found.run, by_seeds(found.reestimates)
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
-    known, fitness = estimates_of((*run.candidates, *run.reevaluations)), run.fitness
-
-    def several(line: CandidateLine) -> tuple[float | None, ...]:
-        losses = known.losses.get(str(line.source), ())
-        return tuple(loss if math.isfinite(loss) else None for loss in losses) if len(losses) > 1 else ()
-
-    again = by_seeds(found.reestimates)
-    return tuple(
-        Candidate(
-            id=line.id,
-            generation=line.generation,
-            slot=line.slot,
-            operator=line.operator,
-            parents=line.parents,
-            prompt=line.prompt,
-            temperature=line.temperature,
-            temperature_sent=line.sent_temperature is not None,
-            repairs=tuple((sent.stage, sent.reason) for sent in line.repairs),
-            stage=line.stage,
-            reason=line.reason,
-            source=line.source if line.id in sources else None,
-            rejected=texts.get(line.id) if line.source is None else None,
-            changes=tuple(
-                Change(parent=parent, kept=kept_lines(sources[parent], sources[line.id]))
-                for parent in dict.fromkeys(line.parents)
-                if parent in sources and line.id in sources
-            ),
-            parameters=line.parameters,
-            flops=line.flops,
-            point=tuple(points.get(line.id, ())),
-            fitness=fitness.get(line.id),
-            first_loss=line.fitness,
-            train_losses=line.train_losses or (),
-            validation_losses=line.validation_losses or (),
-            seed_losses=several(line),
-            reestimates=next((values for one in again if (values := one.estimates_of(line.id))), ()),
-            niche=line.niche,
-            status=line.status,
-        )
+    estimates, fitness = estimates_of((*run.candidates, *run.reevaluations)), run.fitness
+    return [
+        to_json(line)
+        | {
+            "loss": fitness.get(line.id),
+            "losses": _several(estimates.losses.get(str(line.source), ())),
+            "again": next((values for one in again if (values := one.estimates_of(line.id))), ()),
+            "point": points.get(line.id, ()),
+            "changes": _changes(line, sources),
+            "rejected": texts.get(line.id) if line.source is None else None,
+        }
         for line in run.candidates
-    )
+    ]
 
 
-def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Generation, ...]:
+def _several(losses: Sequence[float]) -> list[float | None]:
+    return [loss if math.isfinite(loss) else None for loss in losses] if len(losses) > 1 else []
+
+
+def _changes(line: CandidateLine, sources: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return which lines a candidate kept of each parent (`kept_lines`), as far as both sources are there."""
+    return [
+        {"parent": parent, "kept": kept_lines(sources[parent], sources[line.id])}
+        for parent in dict.fromkeys(line.parents)
+        if parent in sources and line.id in sources
+    ]
+
+
+def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[str, Any]]:
+    """Return the ledger line of every generation, with what the page says beside it.
+
+    `rejected` counts first answers by stage; `tokens` and `usd` are what its answers cost, None where that is not known
+    of all of them; `extents` (low, high) of each axis that its niches were looked up under, none before anything was
+    trained; `elites` (niche or place, id) of the network archive after it.
+    """
     medians, archives = archive_medians(run, centroids), archive_history(run, centroids)
-    entries = zip(progress(run).itertuples(), run.generations, medians, archives, strict=True)
     raw = descriptors(run)
     born = np.array([line.generation for line in run.trained])
-    return tuple(
-        Generation(
-            generation=line.generation,
-            temperature=line.temperature,
-            candidates=line.candidates,
-            trained=line.trained,
-            rejected={stage: getattr(entry, f"rejected_{stage}") for stage in Stage},
-            best=line.best,
-            archive_median=median,
-            generation_median=line.generation_median,
-            coverage=line.coverage,
-            prompt_coverage=line.prompt_coverage,
-            qd_score=line.qd_score,
-            tokens=None if pd.isna(entry.tokens) else int(entry.tokens),
-            usd=None if pd.isna(entry.usd) else entry.usd,
-            bounds=tuple(zip(line.bounds.low, line.bounds.high, strict=True))
+    return [
+        to_json(line)
+        | {
+            "rejected": {stage.value: entry[f"rejected_{stage}"] for stage in Stage},
+            "archive_median": median,
+            "tokens": entry["tokens"],
+            "usd": entry["usd"],
+            "extents": list(zip(line.bounds.low, line.bounds.high, strict=True))
             if line.bounds is not None
-            else _extent(raw[born <= line.generation]),
-            elites=tuple((niche, elite.name) for niche, elite in sorted(archive.elites.items())),
-        )
-        for entry, line, median, archive in entries
-    )
+            else _extents(raw[born <= line.generation]),
+            "elites": [(niche, elite.name) for niche, elite in sorted(archive.elites.items())],
+        }
+        for entry, line, median, archive in zip(_rows(progress(run)), run.generations, medians, archives, strict=True)
+    ]
 
 
-def _extent(points: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
-    """Return (low, high) of each axis, for an archive that has no bounds; () before anything was trained."""
-    if not len(points):
-        return ()
-    return tuple((low, high) for low, high in zip(points.min(0).tolist(), points.max(0).tolist(), strict=True))
+def _extents(points: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Return (low, high) of each axis, for an archive that has no bounds; [] before anything was trained."""
+    return list(zip(points.min(0).tolist(), points.max(0).tolist(), strict=True)) if len(points) else []
 
 
-def _yields(found: pd.DataFrame) -> tuple[Yield, ...]:
-    return tuple(
-        Yield(
-            name=one.name,
-            tried=one.tried,
-            inserted=one.inserted,
-            interval=(one.rate_low, one.rate_high) if one.tried else None,
-        )
-        for one in found.itertuples()
-    )
+def _rows(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a frame by column; None where a value is missing."""
+    rows: list[dict[str, Any]] = frame.astype(object).where(frame.notna(), None).to_dict("records")
+    return rows
 
 
 def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
@@ -287,29 +260,34 @@ def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
     return any(table.name.endswith(f"_{compared.name}") for compared in studies)
 
 
-def _study(compared: Compared, tables: Sequence[Table]) -> StudyContents:
+def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
+    """Return a study: of each network the primary metric of every seed, and its comparison with the baseline, if any.
+
+    `confusion` counts test images by (true class, predicted class) under its median seed; None of a regression.
+    """
     study = compared.study
     variants = of_whole(compared.comparisons).itertuples()
     verdicts = {one.network: f"{one.verdict}, Holm's p {_relation(one.p_holm)}" for one in variants}
     matrices = {(score.network, score.seed): score.confusion for score in study.scores}
     is_classification = study.kind is Kind.classification
-    return StudyContents(
-        name=compared.name,
-        metric=metric_name(study.primary),
-        lower_is_better=LOWER_IS_BETTER[study.primary],
-        names=study.names,
-        networks=tuple(
-            Tested(
-                name=network.name,
-                id=network.id,
-                values=tuple(study.values(network.name, study.primary).tolist()),
-                verdict=verdicts.get(network.name),
-                confusion=matrices[network.name, study.median_seed(network.name)] if is_classification else None,
-            )
-            for network in study.networks
-        ),
-        tables=tuple(table_contents(table) for table in tables if _of_study(table, [compared])),
-    )
+    networks = [
+        {
+            "name": network.name,
+            "id": network.id,
+            "values": study.values(network.name, study.primary).tolist(),
+            "verdict": verdicts.get(network.name),
+            "confusion": matrices[network.name, study.median_seed(network.name)] if is_classification else None,
+        }
+        for network in study.networks
+    ]
+    return {
+        "name": compared.name,
+        "metric": metric_name(study.primary),
+        "lower_is_better": LOWER_IS_BETTER[study.primary],
+        "names": study.names,
+        "networks": networks,
+        "tables": [table_contents(table) for table in tables if _of_study(table, [compared])],
+    }
 
 
 def _relation(value: float) -> str:

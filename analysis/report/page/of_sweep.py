@@ -1,9 +1,10 @@
-"""What the page shows of a sweep beside its runs: the arms, compared."""
+"""What the page shows of a sweep beside its runs, as JSON: the arms, compared."""
+
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from analysis.report.page.contents import ArmContents, Band, SweepContents
 from analysis.report.page.of_run import table_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import CURVES, QUARTILES, by_generation
@@ -13,29 +14,27 @@ from analysis.sweeps.metrics import Metric
 ENDS = (Metric.test_mse, Metric.test_accuracy, Metric.best_fitness, Metric.qd_score, Metric.coverage)
 
 
-def sweep_contents(found: SweepCollection) -> SweepContents:
+def sweep_contents(found: SweepCollection) -> dict[str, Any]:
     """Return the arms of a sweep: how they went by generation, where every seed ended, and the tables."""
-    return SweepContents(
-        arms=tuple(
-            ArmContents(
-                name=name,
-                bands={metric.value: _band(found.curves, name, metric) for metric in CURVES},
-                ends={
-                    metric.value: tuple(found.found.values(name, metric).items())
-                    for metric in ENDS
-                    if metric in found.found.arms
-                },
-            )
-            for name in found.found.names
-            if name in set(found.found.jobs.arm)
-        ),
-        tables=tuple(map(table_contents, sweep_tables(found))),
-    )
+    arms = [
+        {
+            "name": name,
+            "bands": {metric.value: _band(found.curves, name, metric) for metric in CURVES},
+            "ends": {
+                metric.value: list(found.found.values(name, metric).items())
+                for metric in ENDS
+                if metric in found.found.arms
+            },
+        }
+        for name in found.found.names
+        if name in set(found.found.jobs.arm)
+    ]
+    return {"arms": arms, "tables": [table_contents(table) for table in sweep_tables(found)]}
 
 
-def _band(curves: pd.DataFrame, arm: str, metric: Metric) -> Band:
+def _band(curves: pd.DataFrame, arm: str, metric: Metric) -> dict[str, list[float | None]]:
     """Return the quartiles over the seeds of an arm by generation; None where a seed has no value."""
     values = by_generation(curves, arm, metric)
     ends = np.quantile(values, QUARTILES, axis=0)
-    low, median, high = (tuple(None if np.isnan(end) else end for end in row) for row in ends.tolist())
-    return Band(low=low, median=median, high=high)
+    rows = ([None if np.isnan(end) else end for end in row] for row in ends.tolist())
+    return dict(zip(("low", "median", "high"), rows, strict=True))

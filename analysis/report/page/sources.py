@@ -7,8 +7,6 @@ from itertools import groupby
 from pygments.lexers.python import PythonLexer
 from pygments.token import Comment, Keyword, Name, Number, Operator, String, _TokenType
 
-from analysis.report.page.contents import Source
-
 #: What the page colours, by the letter of its class; the rest is `t`.
 CLASSES: dict[str, tuple[_TokenType, ...]] = {
     "c": (Comment, String.Doc),
@@ -27,11 +25,15 @@ _LEXER = PythonLexer()
 
 
 @lru_cache(maxsize=4096)  # a page of a running search is made again after every generation
-def marked(text: str) -> Source:
-    """Return a source text with the classes of its letters, whatever it holds: what is not Python is plain text."""
+def marked(text: str) -> str:
+    """Return the classes of a source's letters, whatever it holds: what is not Python is plain text.
+
+    These are runs of letters in the order of the text, as `k3 t1 d7`: a class of `CLASSES` and a length in UTF-16
+    units, which is how the page's script counts.
+    """
     parts = ((_class_of(token), _units(part)) for _, token, part in _LEXER.get_tokens_unprocessed(text))
     runs = ((name, sum(units for _, units in group)) for name, group in groupby(parts, key=lambda part: part[0]))
-    return Source(text=text, marks=" ".join(f"{name}{units}" for name, units in runs))
+    return " ".join(f"{name}{units}" for name, units in runs)
 
 
 @lru_cache(maxsize=8192)

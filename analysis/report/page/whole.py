@@ -1,10 +1,31 @@
 """The whole page: its runs, their sources, and a sweep's arms."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from analysis.report.page.contents import PageContents, Source, SweepContents
 from analysis.report.page.of_run import RunMaterial, run_contents, run_sources
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageContents:
+    """Everything that the page shows; `page.html` holds it as JSON, and its script draws it."""
+
+    title: str
+    #: Of a running search; the page then reloads itself.
+    live: bool
+    #: A sentence on how the search stands, of a live page.
+    state: str
+    #: As `run_contents`; at least one, but for a live page of a search that has only begun.
+    runs: tuple[dict[str, Any], ...]
+    #: As `sweep_contents`; None of a single run.
+    sweep: dict[str, Any] | None
+    #: As `run_sources`, by hash; runs of a sweep share many.
+    sources: Mapping[str, dict[str, str]]
+    #: What was checked before this was written, a sentence each; and the commands that check the rest.
+    checked: tuple[str, ...]
+    commands: tuple[str, ...]
 
 
 def page_contents(
@@ -13,12 +34,12 @@ def page_contents(
     title: str,
     checked: Sequence[str],
     commands: Sequence[str],
-    sweep: SweepContents | None = None,
+    sweep: dict[str, Any] | None = None,
     state: str = "",
     live: bool = False,
 ) -> PageContents:
     """Return all that the page shows; the arguments are the fields of `PageContents`."""
-    sources: dict[str, Source] = {}
+    sources: dict[str, dict[str, str]] = {}
     for one in runs:
         sources |= run_sources(one.found.run, one.recorded.texts)
     return PageContents(

@@ -11,8 +11,8 @@ import pytest
 from pages import HOSTILE, page_of_shipped_run, poisoned
 
 import analysis.report.page.html as page_html
-from analysis.report.page.contents import PageContents
 from analysis.report.page.html import SCRIPTS, as_data, as_html, json_in_html
+from analysis.report.page.whole import PageContents
 from tacevo.records import to_json
 
 PARTS = Path(page_html.__file__).parent

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import f_oneway, kendalltau, spearmanr
 
-from analysis.statistics.noise import Draws, agreement, expected, icc, noise, rankings
+from analysis.statistics.noise import agreement, expected, icc, noise, rankings
 
 #: Six targets by four judges: the example of Shrout and Fleiss (1979), whose ICC(1) is 0.17.
 SHROUT_FLEISS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
@@ -14,13 +14,12 @@ SHROUT_FLEISS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5,
 
 def test_recorded_fitness_is_placed_among_its_draws() -> None:
     """By hand: a winner at 1 whose other seeds give 2, 3 and 4, against a reference of 2, 2 and 5."""
-    found = noise(Draws(recorded=np.array([3.0, 1.0]), estimates=np.array([[2.0, 2.0, 5.0], [2.0, 3.0, 4.0]])))
-    reference, winner = found.networks
+    found = noise([3.0, 1.0], [[2.0, 2.0, 5.0], [2.0, 3.0, 4.0]])
+    reference, winner = found.itertuples()
     assert (winner.median, winner.least, winner.most, winner.as_low, winner.optimism) == (3, 2, 4, 0, -2)
-    assert (reference.median, reference.as_low, reference.optimism, reference.beats) == (2, 2, 1, None)
-    assert winner.beats is not None
-    assert winner.beats.estimate == pytest.approx(4 / 9, abs=1e-9)  # 1/2 + 1/2 + 1 + 1 + 1 of nine pairs
-    assert (found.seeds, found.agreement) == (3, -1)
+    assert (reference.median, reference.as_low, reference.optimism) == (2, 2, 1)
+    assert math.isnan(reference.beats)
+    assert winner.beats == pytest.approx(4 / 9, abs=1e-9)  # 1/2 + 1/2 + 1 + 1 + 1 of nine pairs
 
 
 def test_icc_is_that_of_shrout_and_fleiss() -> None:
@@ -45,8 +44,7 @@ def test_icc_is_that_of_shrout_and_fleiss() -> None:
 def test_icc_is_none_where_it_is_not_defined(losses: list[list[float]], reason: str) -> None:
     """Neither an error nor a number; and then nothing is expected of a recorded fitness."""
     assert icc(losses) is None, reason
-    found = noise(Draws(recorded=np.ones(len(losses)), estimates=np.array(losses)))
-    assert [network.expected for network in found.networks] == [None] * len(losses)
+    assert noise([1.0] * len(losses), losses).expected.isna().all()
 
 
 def test_networks_without_noise_have_an_icc_of_one() -> None:
@@ -75,21 +73,24 @@ def test_agreement_is_kendalls_tau_b() -> None:
 def test_each_side_of_a_ranking_has_seeds_of_its_own() -> None:
     """Networks that are all alike agree by the luck of a shared training only, and here no training is shared."""
     luck = np.random.default_rng(0).permutation(40).reshape(4, 10).astype(float)
-    (found,) = rankings(luck[:, :, None], luck)
-    assert found.median == agreement(np.median(luck[:, ::2], axis=1), np.median(luck[:, 1::2], axis=1))
+    found = rankings(luck[:, :, None], luck)
+    assert found is not None
+    assert list(found["median"]) == [agreement(np.median(luck[:, ::2], axis=1), np.median(luck[:, 1::2], axis=1))]
     changed = luck.copy()
     changed[:, 1::2] = 0  # losses of the seeds that are tested, and scores of those that are not
     changed_scores = luck.copy()
     changed_scores[:, ::2] = 0
-    assert rankings(changed[:, :, None], changed_scores) == (found,)
+    assert found.equals(rankings(changed[:, :, None], changed_scores))
 
 
 def test_rankings_follow_the_epochs() -> None:
     """A fitness that orders the networks wrongly at the first epoch and rightly at the second; one seed has none."""
     losses = np.array([[[3.0, 1.0]] * 2, [[2.0, 2.0]] * 2, [[1.0, 3.0]] * 2])
     scores = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    assert [(one.epoch, one.one_seed, one.median) for one in rankings(losses, scores)] == [(1, -1, -1), (2, 1, 1)]
-    assert rankings(losses[:, :1], scores[:, :1]) == ()
+    found = rankings(losses, scores)
+    assert found is not None
+    assert found.to_numpy().tolist() == [[1, -1, -1], [2, 1, 1]]
+    assert rankings(losses[:, :1], scores[:, :1]) is None
 
 
 @pytest.mark.parametrize(
@@ -99,4 +100,4 @@ def test_rankings_follow_the_epochs() -> None:
 def test_what_is_not_draws_is_refused(recorded: list[float], estimates: list[list[float]]) -> None:
     """Other shapes, nothing at all, or what is not finite."""
     with pytest.raises(ValueError, match="expected"):
-        Draws(recorded=np.array(recorded), estimates=np.array(estimates, dtype=float))
+        noise(recorded, estimates)

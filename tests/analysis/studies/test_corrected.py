@@ -2,21 +2,18 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from hand_runs import elite
 from studies import network
 
-from analysis.statistics.noise import Draws, noise
 from analysis.studies.corrected import Corrected, correct
 from analysis.studies.noise import Reestimates
 from analysis.table import Percent
 from analysis.tables.noise import corrected_table
 
 #: The baseline, and two elites whose records of 0.25 and 0.5 other seeds bring to 1 and 0.6.
-DRAWS = Draws(
-    recorded=np.array([1.0, 0.25, 0.5]), estimates=np.array([[1.0, 1.0, 1.0], [3.0, 0.25, 1.0], [0.6, 0.5, 0.7]])
-)
+RECORDED = (1.0, 0.25, 0.5)
+LOSSES = ((1.0, 1.0, 1.0), (3.0, 0.25, 1.0), (0.6, 0.5, 0.7))
 
 ELITES = [elite("g01s00", niche=3, fitness=0.25), elite("g01s01", niche=7, fitness=0.5)]
 
@@ -24,11 +21,12 @@ SOURCES = {"g01s00": "a", "g01s01": "b", "g02s00": "b"}
 
 AGAIN = Reestimates(
     name="noise2-seeds3-epochs5-00000000",
-    networks=tuple(replace(network(f"variant {name}"), id=name, source=name) for name in ("baseline", "a", "b")),
-    estimates=tuple(map(tuple, DRAWS.estimates.tolist())),
+    networks=tuple(
+        replace(network(f"variant {name}"), id=name, source=name, fitness=fitness)
+        for name, fitness in zip(("baseline", "a", "b"), RECORDED, strict=True)
+    ),
+    estimates=LOSSES,
     epochs=5,
-    noise=noise(DRAWS),
-    rankings=(),
 )
 
 
@@ -53,7 +51,7 @@ def test_elite_that_a_seed_does_not_train_leaves_its_niche_empty() -> None:
     again = replace(
         AGAIN,
         networks=AGAIN.networks[:2],
-        noise=noise(Draws(recorded=DRAWS.recorded[:2], estimates=DRAWS.estimates[:2])),
+        estimates=LOSSES[:2],
         failed=AGAIN.networks[2:],
     )
     found = corrected(again=again)
@@ -70,7 +68,7 @@ def test_elites_of_one_source_have_one_estimate() -> None:
 
 def test_archive_that_was_trained_again_in_part_is_not_corrected() -> None:
     """Four elites of many say nothing of the others."""
-    part = replace(AGAIN, networks=AGAIN.networks[:2], noise=replace(AGAIN.noise, networks=AGAIN.noise.networks[:2]))
+    part = replace(AGAIN, networks=AGAIN.networks[:2], estimates=LOSSES[:2])
     assert correct(ELITES, 10, SOURCES, part) is None
 
 

@@ -71,47 +71,46 @@ def test_predictions_that_are_missing_are_told(tmp_path: Path) -> None:
 
 def test_ensemble_is_the_mean_of_the_seeds() -> None:
     """Of outputs; of the probabilities of classes, not of logits, whose sizes say nothing."""
-    for one in OF_FORCES.ensembles:
+    for one in OF_FORCES[0].itertuples():
         mean = FORCE_PREDICTIONS.of[one.network].mean(axis=0)
         assert one.score == pytest.approx(mean_squared_error(FORCE_PREDICTIONS.labels, mean), rel=1e-6)
-    for one in OF_GRATINGS.ensembles:
+    for one in OF_GRATINGS[0].itertuples():
         powers = np.exp(GRATING_PREDICTIONS.of[one.network].astype(float))
         mean = (powers / powers.sum(axis=2, keepdims=True)).mean(axis=0)
         assert one.score == pytest.approx(accuracy_score(GRATING_PREDICTIONS.labels, mean.argmax(axis=1)))
     loud = np.array([[[9.0, 0.0]], [[0.0, 2.0]], [[0.0, 2.0]]], np.float32)  # one seed is sure, two are not
     study, predictions = study_with(np.array([1]), {"baseline": loud, "variant 1": loud})
-    assert image_findings(study, predictions).ensembles[0].score == 1.0
+    assert image_findings(study, predictions)[0].score[0] == 1.0
 
 
 def test_differences_are_those_of_the_mean_scores() -> None:
     """Of all seeds and images, between the ends of their interval; the baseline has none."""
     for study, found in ((FORCES, OF_FORCES), (GRATINGS, OF_GRATINGS)):
-        baseline, *variants = found.ensembles
-        assert baseline.difference is None
+        baseline, *variants = found[0].itertuples()
+        assert np.isnan(baseline.difference)
         for one in variants:
             means = [study.values(name, study.primary).mean() for name in (one.network, "baseline")]
-            assert one.difference is not None
-            assert one.difference.estimate == pytest.approx(means[0] - means[1])
-            assert one.difference.low <= one.difference.estimate <= one.difference.high
+            assert one.difference == pytest.approx(means[0] - means[1])
+            assert one.difference_low <= one.difference <= one.difference_high
 
 
 def test_outputs_are_judged_apart() -> None:
     """Variant 1 is better on Fx alone; all four pairs are one family."""
-    words = {(one.output, one.network): one.verdict for one in OF_FORCES.outputs}
+    words = {(one.output, one.network): one.verdict for one in OF_FORCES[1].itertuples()}
     assert words == {
         ("Fx", "variant 1"): "better",
         ("Fx", "variant 2"): "undecided",
         ("Fy", "variant 1"): "undecided",
         ("Fy", "variant 2"): "undecided",
     }
-    first = OF_FORCES.outputs[0]
-    assert first.p_holm == pytest.approx(4 * first.test.p)
-    assert first.difference.high < 0
+    first = next(OF_FORCES[1].itertuples())
+    assert first.p_holm == pytest.approx(4 * first.p)
+    assert first.difference_high < 0
     errors = [
         (FORCE_PREDICTIONS.of[name].mean(axis=0)[:, 0] - FORCE_PREDICTIONS.labels[:, 0]) ** 2
         for name in ("variant 1", "baseline")
     ]
-    assert first.test.p == pytest.approx(signed_rank(*errors).p, rel=1e-6)
+    assert first.p == pytest.approx(signed_rank(*errors).p, rel=1e-6)
 
 
 def opposed(seeds: int, images: int = 60) -> tuple[RecordedStudy, Predictions]:
@@ -127,24 +126,24 @@ def opposed(seeds: int, images: int = 60) -> tuple[RecordedStudy, Predictions]:
 @pytest.mark.parametrize("made", [forces, partial(opposed, 4), partial(opposed, 6)])
 def test_no_verdict_contradicts_the_interval_beside_it(made: Callable[[], tuple[RecordedStudy, Predictions]]) -> None:
     """Better and worse stand where the interval lies on that side of 0."""
-    for one in image_findings(*made()).outputs:
-        assert one.verdict != "better" or one.difference.high < 0
-        assert one.verdict != "worse" or one.difference.low > 0
+    for one in image_findings(*made())[1].itertuples():
+        assert one.verdict != "better" or one.difference_high < 0
+        assert one.verdict != "worse" or one.difference_low > 0
 
 
 def test_variant_with_larger_errors_is_worse() -> None:
     """The same networks, with their names exchanged."""
     one, other = FORCE_PREDICTIONS.of["baseline"], FORCE_PREDICTIONS.of["variant 1"]
     found = image_findings(*study_with(FORCE_PREDICTIONS.labels, {"baseline": other, "variant 1": one}))
-    assert [output.verdict for output in found.outputs] == ["worse", "undecided"]
+    assert list(found[1].verdict) == ["worse", "undecided"]
 
 
 def test_ensemble_that_is_better_by_its_seeds_luck_is_undecided() -> None:
     """Its test alone is significant; the means of the seeds say nothing, or the opposite."""
-    one, _ = image_findings(*opposed(6)).outputs
-    assert one.test.lead > 0
+    one, _ = image_findings(*opposed(6))[1].itertuples()
+    assert one.lead > 0
     assert one.p_holm < 0.001
-    assert one.difference.high >= 0
+    assert one.difference_high >= 0
     assert one.verdict == "undecided"
 
 
@@ -162,8 +161,8 @@ def test_another_variant_changes_no_interval() -> None:
     names = ("baseline", "variant 1")
     fewer = study_with(FORCE_PREDICTIONS.labels, {name: FORCE_PREDICTIONS.of[name] for name in names})
     found = image_findings(*fewer)
-    assert found.ensembles == OF_FORCES.ensembles[:2]
-    assert found.outputs[0].test == OF_FORCES.outputs[0].test
+    assert found[0].equals(OF_FORCES[0][:2])
+    assert found[1].p[0] == OF_FORCES[1].p[0]
 
 
 @pytest.mark.parametrize(

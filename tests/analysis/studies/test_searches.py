@@ -12,7 +12,6 @@ from statsmodels.stats.multitest import multipletests
 from studies import around, network, study_of
 
 from analysis.report.collection import side_by_side
-from analysis.statistics.noise import Draws, noise
 from analysis.studies.noise import Reestimates
 from analysis.studies.searches import CHOSEN, StudiedSearch, best_by_reestimates
 from analysis.table import Between
@@ -41,8 +40,6 @@ def studied(
         networks=networks,
         estimates=tuple(map(tuple, estimates.tolist())),
         epochs=5,
-        noise=noise(Draws(recorded=np.full(len(losses), 0.1), estimates=estimates)),
-        rankings=(),
     )
     study = replace(study_of(scores, kind=kind), run=name, networks=networks)
     return StudiedSearch(name=name, study=study, reestimates=again)
@@ -185,7 +182,7 @@ def test_three_seeds_are_too_few(few: str) -> None:
         if few == "study":
             return replace(search, study=replace(search.study, seeds=3))
         again = search.reestimates
-        return replace(search, reestimates=replace(again, noise=replace(again.noise, seeds=3)))
+        return replace(search, reestimates=replace(again, estimates=tuple(one[:3] for one in again.estimates)))
 
     assert side_by_side([collected(lacking(one)) for one in (FIRST, SECOND)])[0] == []
 

@@ -1,5 +1,6 @@
 """Promise: no improvement is shown without its re-estimate once there is one, and what other seeds give is in words."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -7,28 +8,28 @@ import pytest
 from hand_runs import altered, closed, elite, run, trained
 from studies import network
 
-from analysis.statistics.noise import Draws, noise, rankings
+from analysis.statistics.noise import rankings
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent
-from analysis.tables.dynamics import ONE_DRAW, improvement_table
+from analysis.tables.dynamics import OTHER_SEEDS, improvement_table
 from analysis.tables.noise import noise_table, noise_tables
 from tacevo.results.run import RecordedRun
 
-#: A baseline and a winner whose record is the lowest of all: 0.4, which no other seed gives.
-DRAWS = Draws(recorded=np.array([0.5, 0.4]), estimates=np.array([[0.6, 0.5, 0.7], [0.7, 0.8, 0.9]]))
+#: Losses of a baseline with a record of 0.5, and of a winner whose record is the lowest of all: 0.4, which no other
+#: seed gives.
+LOSSES = ((0.6, 0.5, 0.7), (0.7, 0.8, 0.9))
 
 
-def reestimates(draws: Draws = DRAWS, *, name: str = "noise1-seeds3-epochs5-00000000") -> Reestimates:
+def reestimates(
+    losses: Sequence[Sequence[float]] = LOSSES, *, name: str = "noise1-seeds3-epochs5-00000000"
+) -> Reestimates:
     """Make the re-estimates of a baseline and a winner."""
-    networks = (network("baseline"), replace(network("variant 1"), id="g01s00"))
-    return Reestimates(
-        name=name,
-        networks=networks[: len(draws.recorded)],
-        estimates=tuple(map(tuple, draws.estimates.tolist())),
-        epochs=5,
-        noise=noise(draws),
-        rankings=(),
+    networks = (
+        replace(network("baseline"), fitness=0.5),
+        replace(network("variant 1"), id="g01s00", fitness=0.4),
     )
+    estimates = tuple(map(tuple, losses))
+    return Reestimates(name=name, networks=networks[: len(losses)], estimates=estimates, epochs=5)
 
 
 def searched() -> RecordedRun:
@@ -51,7 +52,7 @@ def test_record_stands_beside_its_re_estimates() -> None:
 
 def test_one_network_has_a_table_without_an_icc() -> None:
     """The note says what it would take."""
-    alone = reestimates(Draws(recorded=DRAWS.recorded[:1], estimates=DRAWS.estimates[:1]))
+    alone = reestimates(LOSSES[:1])
     (table,) = noise_tables(alone, "force", None)
     assert any(note.startswith("No ICC") for note in table.notes)
     assert not any("Kendall" in note for note in table.notes)
@@ -77,7 +78,8 @@ def test_improvement_stands_beside_the_trivial_loss() -> None:
 def test_improvement_is_one_draw_until_it_is_re_estimated() -> None:
     """Then the re-estimate stands below it: 20 % by one draw is a third worse by the medians of three seeds."""
     alone, beside = improvement_table(searched()), improvement_table(searched(), [reestimates()])
-    assert alone.notes == beside.notes == (ONE_DRAW,)
+    draw = "Every fitness is one draw, the loss of one training seed, and the best is the lowest of many."
+    assert alone.notes == beside.notes == (f"{draw} {OTHER_SEEDS}",)
     words = "re-estimated by a noise run, median of 3 other seeds"
     assert beside.rows == (
         *alone.rows,
@@ -89,7 +91,7 @@ def test_improvement_is_one_draw_until_it_is_re_estimated() -> None:
 
 def test_improvement_is_re_estimated_by_the_most_seeds_that_have_the_best_network() -> None:
     """Not by more seeds of other networks, nor by fewer."""
-    few = reestimates(Draws(recorded=DRAWS.recorded, estimates=DRAWS.estimates[:, :2]), name="a")
-    other = reestimates(Draws(recorded=DRAWS.recorded[:1], estimates=np.full((1, 9), 0.5)), name="b")
+    few = reestimates([one[:2] for one in LOSSES], name="a")
+    other = reestimates([[0.5] * 9], name="b")
     rows = improvement_table(searched(), [few, other, reestimates(name="c")]).rows
     assert str(rows[-1][0]).endswith("median of 3 other seeds")

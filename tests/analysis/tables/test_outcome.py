@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from studies import FOUR, around, network, study_of, study_of_outputs
 
 from analysis.rounding import shown
 from analysis.statistics.effects import median
-from analysis.statistics.noise import Draws, noise
 from analysis.studies.comparison import compare
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent, PValue
@@ -24,14 +22,11 @@ ONE_DRAW = "fitness, one draw"
 
 def reestimates(names: list[str], estimates: list[list[float]]) -> Reestimates:
     """Make re-estimates of networks whose recorded fitness was 0.1 each."""
-    draws = Draws(recorded=np.full(len(names), 0.1), estimates=np.array(estimates))
     return Reestimates(
         name="noise",
         networks=tuple(replace(network(name), id=f"id of {name}") for name in names),
         estimates=tuple(map(tuple, estimates)),
         epochs=5,
-        noise=noise(draws),
-        rankings=(),
     )
 
 
@@ -163,8 +158,8 @@ def test_noise_run_lists_the_baseline_the_winner_and_the_best_by_re_estimate() -
     assert winner[ONE_DRAW] == 0.1
     assert (winner["re-estimated"], winner["least"], winner["most"]) == (2.05, 2.0, 2.1)
     assert isinstance(winner["chance to beat the baseline [95 %]"], Between)
-    assert again.noise.icc is not None
-    assert table.notes[-1].startswith(f"ICC {again.noise.icc.estimate:.3f} [")
+    assert again.icc is not None
+    assert table.notes[-1].startswith(f"ICC {again.icc.estimate:.3f} [")
 
 
 def test_noise_run_of_a_baseline_alone_has_no_icc() -> None:

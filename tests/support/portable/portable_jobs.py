@@ -39,8 +39,8 @@ from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Limits, Loss, Recipe, Training, to_json
+from tacevo.results.summary import summarise
 from tacevo.runs.search_files import archive_files
-from tacevo.runs.summary import summarise
 from tacevo.sandbox.client import Finished, Frame
 from tacevo.storage.ledger import Ledger
 from tacevo.training import trainer

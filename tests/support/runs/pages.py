@@ -1,25 +1,31 @@
 """Contents of the report page for tests: those of a shipped run, and the same with hostile texts in every place."""
 
-import dataclasses
-import enum
-from collections.abc import Mapping
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 from checkout import BUNDLES
 from playwright.sync_api import Page
 
 from analysis.report.collection import collect, tables_of
-from analysis.report.page.contents import Generation, PageContents, Source
 from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.sources import marked
-from analysis.report.page.whole import page_contents
+from analysis.report.page.whole import PageContents, page_contents
 from tacevo.bundles.open import opened
+from tacevo.evolution.archive import AddStatus
+from tacevo.records import Operator, Reason, Stage
 
 #: What would do harm as markup, and what could end the element that holds the contents; `hurt` is set if it runs.
 HOSTILE = (
     " </script><script>window.hurt = 1</script><img src=x onerror='window.hurt = 2'><!--<script>]]>"
     "\u2028\u2029{{ 7 * 7 }}\"'><svg onload='window.hurt = 3'>\x00\u202e&lt;b&gt; javascript:window.hurt=4"
 )
+
+#: What a ledger names things by, and no text from outside: the script looks for these.
+_WORDS = {*Operator, *Stage, *Reason, *AddStatus}
+
+#: Mappings whose keys come from outside, too.
+_NAMED = {"sources", "settings", "bands", "ends"}
 
 #: One of the first published runs (test_rules).
 SHIPPED = BUNDLES / "force-grammar.zip"
@@ -40,27 +46,25 @@ def page_of(run: Path, store: Path, *, title: str) -> PageContents:
 
 def poisoned(page: PageContents) -> PageContents:
     """Return contents with `HOSTILE` behind every text: ids, names, sources, answers, table cells, keys of mappings."""
-    found = _poisoned(page)
-    assert isinstance(found, PageContents)
-    return found
+    return replace(page, **{field.name: _poisoned(getattr(page, field.name), field.name) for field in fields(page)})
 
 
 def check_panels(page: Page, contents: PageContents) -> None:
     """Compare how much every panel holds with the records."""
     (run,) = contents.runs
-    assert page.locator("#map-drawing .cells path").count() == len(run.cells)
-    assert elites_on_map(page) == elites_of(run.generations[-1])
-    assert page.locator("#candidates-table tbody tr").count() == len(run.candidates)
+    assert page.locator("#map-drawing .cells path").count() == len(run["cells"])
+    assert elites_on_map(page) == elites_of(run["generations"][-1])
+    assert page.locator("#candidates-table tbody tr").count() == len(run["candidates"])
     assert page.locator("#lineage-line li").count() > 1
-    assert page.locator("#lineage-tree a").count() >= len(run.generations[-1].elites)
+    assert page.locator("#lineage-tree a").count() >= len(run["generations"][-1]["elites"])
     assert page.locator("#dynamics-figures figure").count() >= 7
     assert page.locator("#studies-body circle").count() == sum(
-        len(one.values) for study in run.studies for one in study.networks
+        len(one["values"]) for study in run["studies"] for one in study["networks"]
     )
-    assert page.locator("#run-tables details").count() == len(run.tables)
-    assert page.locator("#headlines p").all_inner_texts() == list(run.headlines)
+    assert page.locator("#run-tables details").count() == len(run["tables"])
+    assert page.locator("#headlines p").all_inner_texts() == list(run["headlines"])
     assert page.locator("#checked li").all_inner_texts() == list(contents.checked)
-    assert run.provenance[1][1] in page.locator("#provenance-facts").inner_text()
+    assert run["provenance"][1][1] in page.locator("#provenance-facts").inner_text()
 
 
 def elites_on_map(page: Page) -> set[str]:
@@ -69,21 +73,18 @@ def elites_on_map(page: Page) -> set[str]:
     return {link.rsplit("/", 1)[1] for link in links}
 
 
-def elites_of(generation: Generation) -> set[str]:
+def elites_of(generation: dict[str, Any]) -> set[str]:
     """Return the elites that the archive had at the end of a generation, by id."""
-    return {name for _, name in generation.elites}
+    return {name for _, name in generation["elites"]}
 
 
-def _poisoned(value: object) -> object:
-    if isinstance(value, str) and not isinstance(value, enum.Enum):
+def _poisoned(value: Any, name: str = "") -> Any:
+    """Return JSON with `HOSTILE` behind its texts; those of a mapping of a `name` that is `_NAMED` behind its keys."""
+    if isinstance(value, str) and value not in _WORDS:
         return value + HOSTILE
-    if isinstance(value, Source):
-        return marked(value.text + HOSTILE)
-    if isinstance(value, Mapping):
-        return {_poisoned(key): _poisoned(one) for key, one in value.items()}
-    if isinstance(value, tuple):
-        return tuple(map(_poisoned, value))
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {field.name: _poisoned(getattr(value, field.name)) for field in dataclasses.fields(value)}
-        return dataclasses.replace(value, **fields)
-    return value
+    if isinstance(value, dict) and "marks" in value:
+        return {"text": value["text"] + HOSTILE, "marks": marked(value["text"] + HOSTILE)}
+    if isinstance(value, dict):
+        behind = HOSTILE if name in _NAMED else ""
+        return {f"{key}{behind}": _poisoned(one, key) for key, one in value.items()}
+    return [_poisoned(one) for one in value] if isinstance(value, list | tuple) else value

@@ -16,7 +16,7 @@ from tacevo.costs import Spending
 from tacevo.evolution.files import Line
 from tacevo.evolution.lines import GenerationLine, ReevaluationLine, RepairedAnswer
 from tacevo.records import Operator, Reason, Stage
-from tacevo.runs.summary import in_short, summarise
+from tacevo.results.summary import summarise, tell
 from tacevo.text import table
 
 CONFIG = compose(["experiment=published_force", "seed=3"])
@@ -201,8 +201,9 @@ def test_end_of_a_search_fits_one_screen() -> None:
     ends = generation(1, trained=8, candidates=8, best=0.1, median=0.4)
     elites = [trained(name, 0.1 * at, operator=Operator.crossover) for at, name in enumerate(names, start=1)]
     lines: list[Line] = [header(), *LINES[:3], *elites, rejected("g01s08", "extract", "truncated"), ends]
-    told, succeeded = in_short(RUN, CONFIG, lines, names, {})
-    assert succeeded
+    found = tell(RUN, CONFIG, lines, names, {})
+    told = found.in_short
+    assert not found.shortfall
     assert told.rstrip() in summarise(RUN, CONFIG, lines, names, {})
     assert "Best fitness 0.1 by g01s00; the best of generation 0 has 0.4, the baseline 0.5." in told
     assert "Each is one draw, the loss of one training seed, and the best is the lowest of many." in told
@@ -215,8 +216,8 @@ def test_end_of_a_search_says_what_was_paid_and_not_sent() -> None:
     """Each only where there is such."""
     spent = {"g01s00": Spending(answers=2, input_tokens=3000, output_tokens=1500, usd=0.5)}
     refusing = [replace(line, dropped=("temperature",)) if line == LINES[1] else line for line in LINES]
-    told = in_short(RUN, CONFIG, [header(), *refusing], ["g01s00"], spent)[0]
-    silent = in_short(RUN, CONFIG, [header(), *LINES], ["g01s00"], {})[0]
+    told = tell(RUN, CONFIG, [header(), *refusing], ["g01s00"], spent).in_short
+    silent = tell(RUN, CONFIG, [header(), *LINES], ["g01s00"], {}).in_short
     for words in (
         "Cost: 2 answers, 3,000 + 1,500 tokens, 0.500 USD.",
         "temperature was not sent with 1 of 7 requests: the model refuses it",
@@ -227,7 +228,7 @@ def test_end_of_a_search_says_what_was_paid_and_not_sent() -> None:
 def test_end_of_a_search_that_asked_nobody_has_no_rate() -> None:
     """There are no first answers."""
     lines: list[Line] = [header(), LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5)]
-    assert in_short(RUN, CONFIG, lines, ["g00s00"], {})[0].endswith("\n\nGate: no model was asked.\n")
+    assert tell(RUN, CONFIG, lines, ["g00s00"], {}).in_short.endswith("\n\nGate: no model was asked.\n")
 
 
 @pytest.mark.parametrize("trivial", [0.1, 0.104])
@@ -241,8 +242,7 @@ def test_summary_of_a_search_at_chance_says_so_first(trivial: float) -> None:
     assert "training.epochs" in found[0]
     assert f"the baseline 0.5; the trivial loss is {trivial:.4g}." in page
     assert f"every validation image can have: {trivial:.4g}." in page
-    told, succeeded = in_short(run, CONFIG, lines, ["g01s00"], {})
-    assert not succeeded
+    told = tell(run, CONFIG, lines, ["g01s00"], {}).in_short
     assert told.index("At chance: ") < told.index("Lowest fitness 0.1")
     assert "Best fitness" not in told
 

@@ -1,4 +1,4 @@
-"""What a run found, in words and tables, from its ledger alone."""
+"""What a run found, in words and tables, from its ledger alone: for summary.md, the end of a search and the page."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -24,7 +24,8 @@ from tacevo.results.run import answered_by
 from tacevo.storage.run_directory import RunRecord
 from tacevo.text import counted, drawn, listed, table
 
-_TRIVIAL = "The trivial loss, the least that the same answer to every validation image can have"
+#: What the trivial loss is.
+TRIVIAL = "the least that the same answer to every validation image can have"
 
 #: How many elites the summary lists.
 TOP = 5
@@ -41,34 +42,68 @@ def summarise(
 
     Elites, those of the network archive, and costs are by the candidates' ids.
     """
-    short, _ = in_short(run, config, lines, elites, spent)
-    generations = _generations(lines)
-    parts = [f"# {run.name}", short.rstrip(), _data(run), *_unpromised(_candidates(lines).values())]
+    told, generations = tell(run, config, lines, elites, spent), _generations(lines)
+    parts = [f"# {run.name}", told.in_short.rstrip(), told.data, *_unpromised(_candidates(lines).values())]
     return "\n\n".join([*parts, *([_progress(generations, config)] if generations else [])]) + "\n"
 
 
-def in_short(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Told:
+    """A run in sentences; those of which there is nothing to say are empty."""
+
+    #: Task, seed, what answered, and the size.
+    searched: str
+    #: The images, and their trivial loss.
+    data: str
+    #: Which sampling settings the model refuses, and what that makes of T.
+    not_sent: str
+    #: That nothing was learned or found, and what to raise.
+    shortfall: str
+    #: The lowest fitness beside the baseline's and the best of generation 0; called the best only where it is one.
+    found: str
+    #: The best elites, as a table.
+    best: str
+    #: The gate's rate, why first answers were rejected, and what came of second ones.
+    gate: tuple[str, ...]
+    #: What the answers cost.
+    cost: str
+
+    @property
+    def in_short(self) -> str:
+        """What fits one screen; where nothing was found it begins with that."""
+        parts = [self.searched, self.not_sent]
+        if self.found:
+            parts += [self.shortfall, self.found, self.best, "\n".join(filter(None, (*self.gate, self.cost)))]
+        return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def tell(
     run: RunRecord,
     config: RunConfig,
     lines: Sequence[Line],
     elites: Collection[str],
     spent: Mapping[str, Spending],
-) -> tuple[str, bool]:
-    """Write what of a run fits one screen: size, best networks, the gate's rate, and what was paid.
+) -> Told:
+    """Say what a run found; arguments as of `summarise`."""
+    candidates = _candidates(lines)
+    shortfall, found, best = _found(run, config, lines, elites)
+    return Told(
+        searched=_headline(run, config, candidates.values(), len(_generations(lines))),
+        data=_data(run),
+        not_sent=_not_sent(candidates.values()),
+        shortfall=shortfall,
+        found=found,
+        best=best,
+        gate=_gate(candidates.values()),
+        cost=_cost(candidates, spent),
+    )
 
-    Where nothing was found it begins with that, and calls nothing the best.
 
-    Returns:
-        The text; whether the run learned something and found what is better than its baseline, as far as is known.
-    """
-    candidates, found = _candidates(lines), _found(run, lines, elites)
-    parts = [_headline(run, config, candidates.values(), len(_generations(lines))), *_not_sent(candidates.values())]
-    if found is not None:
-        told = [found.shortfall, f"Lowest {found.sentence}"]
-        parts += told if found.shortfall else [f"Best {found.sentence} {_draws(config)}."]
-        parts += [found.best]
-        parts += ["\n".join([*_gate(candidates.values()), *_paid(candidates, spent)])]
-    return "\n\n".join(parts) + "\n", found is None or not found.shortfall
+def worth(config: RunConfig) -> str:
+    """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
+    seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
+    losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
+    return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 
 def _candidates(lines: Sequence[Line]) -> dict[str, CandidateLine]:
@@ -95,38 +130,25 @@ def _data(run: RunRecord) -> str:
     return (
         f"Data {run.data.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
         f"{size} x {size} pixels; the test images play no part in a search."
-        + ("" if run.trivial is None else f" {_TRIVIAL}: {_number(run.trivial)}.")
+        + ("" if run.trivial is None else f" The trivial loss, {TRIVIAL}: {_number(run.trivial)}.")
     )
 
 
-def _not_sent(lines: Collection[CandidateLine]) -> list[str]:
-    """Say which sampling settings the model refuses, where it refuses any, and what that makes of T."""
+def _not_sent(lines: Collection[CandidateLine]) -> str:
     said = not_sent([line.dropped for line in lines if line.request is not None])
     planned = ["T, and the temperatures of the prompt archive, are what was planned."] if TEMPERATURE in said else []
-    return [" ".join([*(f"{words}." for words in said.values()), *planned])] if said else []
+    return " ".join([*(f"{words}." for words in said.values()), *planned])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Found:
-    """What a run found."""
-
-    #: That nothing was learned or found, and what to raise; empty where it was.
-    shortfall: str
-    #: The lowest fitness beside the baseline's and the best of generation 0, as `fitness 0.1 by g01s00; ...`.
-    sentence: str
-    #: The best elites, as a table.
-    best: str
-
-
-def _found(run: RunRecord, lines: Sequence[Line], elites: Collection[str]) -> _Found | None:
-    """Say what was found; None before a generation is complete, and where no elite is left."""
+def _found(run: RunRecord, config: RunConfig, lines: Sequence[Line], elites: Collection[str]) -> tuple[str, str, str]:
+    """Return `Told.shortfall`, `found` and `best`; empty before a generation is complete, and without any elite."""
     # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
     whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
     known = fitness_by_id(lines[:whole])
     candidates = {name: replace(line, fitness=known.get(name)) for name, line in _candidates(lines).items()}
     ranked = sorted((candidates[name] for name in elites if name in known), key=lambda line: (_fitness(line), line.id))
     if not ranked:
-        return None
+        return "", "", ""
     baseline = next(line for line in candidates.values() if line.operator is Operator.baseline)
     first = min((_fitness(candidates[name]) for name in known if candidates[name].generation == 0), default=None)
     rows = [
@@ -135,35 +157,27 @@ def _found(run: RunRecord, lines: Sequence[Line], elites: Collection[str]) -> _F
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
     trivial = "" if run.trivial is None else f"; the trivial loss is {_number(run.trivial)}"
-    return _Found(
-        shortfall=shortfall(
-            best=_fitness(ranked[0]),
-            baseline=baseline.fitness,
-            trivial=run.trivial,
-            asked=any(line.request is not None for line in candidates.values()),
-            usable=any(line.request is not None and line.fitness is not None for line in candidates.values()),
-        ),
-        sentence=f"fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has "
-        f"{_number(first)}, the baseline {_number(baseline.fitness)}{trivial}.",
-        best=table(["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"], rows),
+    missed = shortfall(
+        best=_fitness(ranked[0]),
+        baseline=baseline.fitness,
+        trivial=run.trivial,
+        asked=any(line.request is not None for line in candidates.values()),
+        usable=any(line.request is not None and line.fitness is not None for line in candidates.values()),
     )
-
-
-def _draws(config: RunConfig) -> str:
-    """Say what a fitness is, and what it is not, without the full stop."""
-    seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
-    losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
-    return (
-        "Fitness is the validation loss after the short training; lower wins. Each is "
-        f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many"
+    words = (
+        f"fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has {_number(first)}, "
+        f"the baseline {_number(baseline.fitness)}{trivial}."
     )
+    best = f"Best {words} Fitness is the validation loss after the short training; lower wins. Each is {worth(config)}"
+    header = ["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"]
+    return missed, f"Lowest {words}" if missed else best, table(header, rows)
 
 
 def _fitness(line: CandidateLine) -> float:
     return math.nan if line.fitness is None else line.fitness
 
 
-def _gate(lines: Collection[CandidateLine]) -> list[str]:
+def _gate(lines: Collection[CandidateLine]) -> tuple[str, ...]:
     """Say how many first answers the gate let through, where and why others ended, and what came of second ones.
 
     The share that is left is the paper's rate.
@@ -171,11 +185,11 @@ def _gate(lines: Collection[CandidateLine]) -> list[str]:
     stages = gate_stages(lines)
     left, share = stages[-1].left, stages[-1].left_share
     if share is None:
-        return ["Gate: no model was asked."]
+        return ("Gate: no model was asked.",)
     answers = counted(left + sum(one.rejected for one in stages), "first answer")
     rejected = listed(f"{one.stage} {one.rejected} ({_reasons(one)})" for one in stages if one.rejected)
     rate = f"Gate: {left} of {answers} trained ({share:.1%}); rejected: {rejected}."
-    return [rate, *misreported(stages), *_repaired(lines)]
+    return (rate, *misreported(stages), *_repaired(lines))
 
 
 def _reasons(stage: GateStage) -> str:
@@ -208,14 +222,14 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in named.items() if names]
 
 
-def _paid(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> list[str]:
+def _cost(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> str:
     """Say in a line what the answers cost when they were recorded; nothing where they were free."""
     known = {name: spent[name] for name in candidates if name in spent}
     run = total(known.values())
     asked = sum(line.request is not None for line in candidates.values())
     missing = asked - sum(part.answers > 0 for part in known.values())
     gap = f" That of {counted(missing, 'candidate')} is not in timings.jsonl." if missing else ""
-    return [f"Cost: {in_words(run)}.{gap}"] if run.usd or run.unpriced else []
+    return f"Cost: {in_words(run)}.{gap}" if run.usd or run.unpriced else ""
 
 
 def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
