@@ -15,6 +15,7 @@ PAPER = {
     "verdicts": "Which networks are better than the baseline, and which are as good?",
     "noise": "What were the recorded fitnesses worth: losses under other training seeds?",
     "gate": "How many answers became networks, and why were the others rejected?",
+    "searches": "Which of these searches found better networks?",
     "beside_published": "How does this compare with the published searches?",
 }
 
@@ -38,7 +39,6 @@ FURTHER = {
     "prompts": "Which instructions were productive?",
     "ranking": "Does the search rank its elites as other training seeds do?",
     "scores": "What did every network score with every seed?",
-    "searches": "Which of these searches found better networks?",
     "temperatures": "Which temperatures were productive?",
     "transfer": "Do the networks keep their advantage on other data?",
 }
@@ -59,7 +59,9 @@ def _kind(table: Table) -> str:
     name = table.name.rpartition("/")[2]
     if name in FURTHER:
         return name
-    return {"ablation": "ablation", "published": "beside_published"}.get(name.partition("_")[0], name)
+    return {"ablation": "ablation", "published": "beside_published", "searches": "searches"}.get(
+        name.partition("_")[0], name
+    )
 
 
 def place_of(table: Table) -> str:

@@ -60,6 +60,8 @@ def study(run: Run | str | os.PathLike[str], *data: str, quiet: bool = False, **
     given = compose_study(_settings(settings))
     with progress(quiet) as view:
         done = run_study(replace(given, run=str(_directory(run))), view, data)
+    if isinstance(run, Run):
+        run.forget()
     return _study_of(done, given.store.root)
 
 
@@ -81,6 +83,8 @@ def noise(run: Run | str | os.PathLike[str], *, quiet: bool = False, **settings:
     given = compose_noise(_settings(settings))
     with progress(quiet) as view:
         done = estimate_noise(replace(given, run=str(_directory(run))), view)
+    if isinstance(run, Run):
+        run.forget()
     return _study_of(done, given.store.root)
 
 

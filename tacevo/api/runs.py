@@ -171,6 +171,11 @@ class Run:
         with progress(quiet) as view:
             return replay(self.place, self.recorded.config.store.root, view).digest
 
+    def forget(self) -> None:
+        """Read its studies again when they are next asked for: one was made."""
+        for name in ("collection", "studies", "tables", "figures"):
+            self.__dict__.pop(name, None)
+
     def all_tables(self) -> tuple[tuple[Rows, ...], list[str]]:
         """Return its tables, and why there are none of motifs, if there are none."""
         try:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Table:
     """A table: rows under named columns, with a caption and notes."""
 
@@ -45,6 +45,12 @@ class Table:
     def to_markdown(self) -> str:
         """Write it as GitHub's Markdown."""
         return as_markdown(self._rows)
+
+    def __str__(self) -> str:
+        return self.to_markdown()
+
+    def __repr__(self) -> str:
+        return f"<table: {self.caption}>"
 
     def _repr_html_(self) -> str:
         return f"<p>{self.caption}</p>{self.frame.to_html(index=False, na_rep='')}"

@@ -108,9 +108,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     """Read the command line; overrides may stand after options too, where argparse itself accepts no more of them."""
     command = next((word for word in arguments if not word.startswith("-")), None)
-    if command == "watch":  # of the last release
-        remedy = "`tacevo report RUN --follow` writes the same page, without a server"
-        raise ConfigError("watch, which is no longer there", place="tacevo", remedy=remedy)
     parser = _parser(command)
     try:
         options, rest = parser.parse_known_args(arguments)
@@ -135,7 +132,8 @@ def _parser(command: str | None) -> Parser:
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
     parser.set_defaults(interrupted="nothing was finished, and the same command begins again")
     if command in _REPLACED:
-        parser.error(f"{command} is no command of this release: use `{_REPLACED[command]}`")
+        remedy = f"use `{_REPLACED[command]}`"
+        raise ConfigError(command, place="tacevo", expected="a command of this release", remedy=remedy)
     commands = parser.add_subparsers(
         required=True, metavar="COMMAND", help="one of those above; each has its own --help"
     )

@@ -47,6 +47,8 @@ def add_report(parser: Parser) -> None:
 
 def _report(options: argparse.Namespace) -> int:
     if options.latex:
+        if options.follow:
+            options.parser.error("--follow writes a page again, so it does not go with --latex")
         return _document(options)
     if len(options.runs) > 1:
         expected = "one run or sweep for a page; with --latex, a document of several"

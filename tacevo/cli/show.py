@@ -11,7 +11,7 @@ from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DONE, Parser
-from tacevo.errors import RunError
+from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.files import Line, check_references, read_elites, read_ledger
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING
@@ -38,17 +38,17 @@ def add_show(parser: Parser) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
-    path = Path(options.run)
-    if SweepDirectory(path).is_one:
-        text = show_sweep(SweepDirectory(path))
-    elif path.is_dir():
-        text = _text(path, None, options.candidate)
-    else:
+    path, store = Path(options.run), None
+    if not path.is_dir():
         bundle = opened(path)
-        if bundle.jobs is None:
-            text = _text(bundle.folder, bundle.store, options.candidate)
-        else:
-            text = show_sweep(SweepDirectory(bundle.folder))
+        path, store = bundle.folder, bundle.store
+    if (sweep := SweepDirectory(path)).is_one:
+        if options.candidate is not None:
+            expected = f"no second name after a sweep; a job of it is named {options.run}/JOB"
+            raise ConfigError(options.candidate, place="tacevo show", expected=expected)
+        text = show_sweep(sweep)
+    else:
+        text = _text(path, store, options.candidate)
     print(printable(text), end="")
     return DONE
 
@@ -65,7 +65,8 @@ def show_sweep(directory: SweepDirectory) -> str:
     """
     record = directory.read()
     jobs = describe_jobs([status_of(directory, job) for job in record.jobs])
-    text = f"sweep over {shlex.join(record.overrides) or 'the defaults'}: {jobs}\n"
+    over = f" over {shlex.join(record.overrides)}" if record.overrides else ""  # a published sweep has none
+    text = f"sweep{over}: {jobs}\n"
     return text if record.terms == UNSTATED else f"{text}\n{describe_terms(record.terms)}\n"
 
 

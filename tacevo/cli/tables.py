@@ -37,7 +37,7 @@ def add_tables(parser: Parser) -> None:
         "index.md says which question each answers."
     )
     parser.add_argument("runs", metavar="RUN", nargs="*", help=f"{RUNS}; optional with --paper")
-    parser.add_argument("--paper", action="store_true", help="print the paper's own tables, and one beside the runs")
+    parser.add_argument("--paper", action="store_true", help="the paper's own tables, too, and one beside the runs")
     parser.add_argument("--latex", action="store_true", help="print LaTeX instead of Markdown")
     add_places(parser, "tables")
     parser.set_defaults(command=_tables)
@@ -46,7 +46,10 @@ def add_tables(parser: Parser) -> None:
 def add_places(parser: Parser, what: str) -> None:
     """Describe where these commands read and write."""
     parser.add_argument(
-        "-o", "--output", metavar="DIR", help=f"where to write (default: RUN/{what}; of several runs: DIR/NAME)"
+        "-o",
+        "--output",
+        metavar="DIR",
+        help=f"where to write (default: RUN/{what}; several need it, and go to DIR/NAME)",
     )
     add_store(parser)
 
@@ -75,7 +78,7 @@ def _tables(options: argparse.Namespace) -> int:
     if beside:
         if options.output is not None:
             write_tables(beside, output_directory(options.output))
-        print("\n".join(map(write, beside)))
+        print("\n".join(map(write, for_paper(beside))))
     return max(map(status_of, opened), default=DONE)
 
 
@@ -83,6 +86,7 @@ def _write(one: Run | Sweep, place: Path, write: Callable[[Table], str]) -> None
     """Write the tables of a run or a sweep, and print those that a paper needs."""
     say(remarks_of(one))
     directory = output_directory(place)
+    print(f"# {one.name}\n")
     tables, missing = one.all_tables()
     write_tables(tables, directory)
     print("\n".join(map(write, for_paper(tables))))
