@@ -291,3 +291,25 @@ def test_directory_that_is_write_protected_is_refused(tmp_path: Path, monkeypatc
     monkeypatch.setattr(os, "access", lambda *_: False)
     with refused(ConfigError, place=str(tmp_path), got="write-protected", remedy="-o"):
         output_directory(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("command", "now"),
+    [
+        (["paper", "run", "-o", "out"], "`tacevo report RUN... --latex`"),
+        (["sweep", "status", "all"], "`tacevo show SWEEP`"),
+        (["watch", "run", "--open"], "`tacevo report RUN --follow`"),
+    ],
+)
+def test_command_of_the_last_release_names_what_took_its_place(
+    command: list[str], now: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever follows it."""
+    assert main(command) == 2
+    assert now in capsys.readouterr().err
+
+
+def test_options_that_would_be_ignored_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    """A document is not written again and again."""
+    assert main(["report", "run", "--latex", "--follow"]) == 2
+    assert "does not go with --latex" in capsys.readouterr().err

@@ -171,6 +171,8 @@ def test_failed_job_stops_no_other_and_is_repeated(
     assert f"{NONE}: run.dir=all/{NONE}: expected a directory" in capsys.readouterr().out
     assert main(["show", "all"]) == 0
     assert "2 jobs: 1 finished, 1 failed" in capsys.readouterr().out
+    assert main(["show", "all", FIXED]) == 2  # a job is named all/JOB
+    assert f"all/JOB; got {FIXED}" in capsys.readouterr().err
 
     (place / "all" / NONE).unlink()
     before = files_of(place / "all" / FIXED)

@@ -153,9 +153,3 @@ def test_what_has_not_begun_is_refused(place: Path, capsys: pytest.CaptureFixtur
     Path("conf").mkdir()
     assert main(["report", "conf", "--follow"]) == 2
     assert "conf: expected the directory of a run or a sweep that has begun" in capsys.readouterr().err
-
-
-def test_watch_names_what_took_its_place(capsys: pytest.CaptureFixture[str]) -> None:
-    """For one release."""
-    assert main(["watch", "run", "--open"]) == 2
-    assert "`tacevo report RUN --follow`" in capsys.readouterr().err
