@@ -99,7 +99,7 @@ def collection_of(run: RecordedRun, found: Studies, store: Path | None = None) -
     Raises:
         RunError: the niches are not those of the run.
     """
-    on_images = [_on_images(one.study, run.path / "studies" / one.name, _store_of(run, store)) for one in found.studies]
+    on_images = [_on_images(run, one, _store_of(run, store)) for one in found.studies]
     return Collection(
         run=run,
         niches=load_niches(run, store),
@@ -188,13 +188,14 @@ def _compared(study: RecordedStudy, path: Path) -> tuple[pd.DataFrame | None, li
         return None, [f"the comparison of {path}: {error}"]
 
 
-def _on_images(study: RecordedStudy, path: Path, store: Path) -> tuple[ImageFindings | None, list[str]]:
+def _on_images(run: RecordedRun, one: Compared, store: Path) -> tuple[ImageFindings | None, list[str]]:
     """Compare a study's networks on its test images; where it keeps them and they cannot be read, return the reason."""
     try:
-        predictions = load_predictions(study, store)
+        predictions = load_predictions(one.study, store)
     except (CacheMissError, StoreError) as error:
-        return None, [f"no tables of the test images of {path}: {error}"]
-    return None if predictions is None else image_findings(study, predictions), []
+        reason = error if run.has_predictions else "the bundle of a sweep holds no test predictions"
+        return None, [f"no tables of the test images of {run.path / 'studies' / one.name}: {reason}"]
+    return None if predictions is None else image_findings(one.study, predictions), []
 
 
 def with_largest_studies(found: Collection) -> Collection:

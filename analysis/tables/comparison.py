@@ -115,6 +115,7 @@ def verdicts_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
         name="verdicts",
         caption=f"The variants of {study.task} against the baseline, test {metric_name(study.primary)}.",
         notes=(
+            *at_chance(study),
             *_scale_note(study),
             *_mean_note(study, found),
             *_method_notes(study, variants),

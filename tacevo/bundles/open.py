@@ -106,7 +106,7 @@ def opened(path: Path) -> Opened:
         raise RunError(
             "a path that does not exist",
             place=str(path),
-            expected="the directory of a run, or a bundle",
+            expected="the directory or bundle of a run or a sweep",
             remedy="`tacevo search` makes a run, and prints its name",
         )
     return _read(path) if path.is_file() else located(path)

@@ -165,7 +165,7 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
         (
             ["replay", "nowhere"],
-            "nowhere: expected the directory of a run, or a bundle; got a path that does not exist",
+            "nowhere: expected the directory or bundle of a run or a sweep; got a path that does not exist",
         ),
         (["show", "nowhere"], "nowhere: expected the directory of a run"),
         (
