@@ -7,7 +7,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -75,12 +75,13 @@ def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[
 
 
 @contextlib.contextmanager
-def doubting(others: Sequence[str]) -> Iterator[None]:
-    """Name the versions that are others here beside a failure of a replay."""
+def doubting(recorded: Mapping[str, Json]) -> Iterator[None]:
+    """Name the recorded versions that are others here beside a failure of what reads or replays a run."""
     try:
         yield
     except TacevoError as error:
-        if others:
+        others = deviations(recorded, versions())
+        if others and "another version may be the reason" not in error.remedy:
             doubt = f"another version may be the reason: {', '.join(others)}"
             error.remedy = f"{error.remedy}; {doubt}" if error.remedy else doubt
         raise

@@ -13,7 +13,7 @@ from pathlib import Path
 from tacevo.bundles.format import refusing
 from tacevo.bundles.open import Opened, over_runs
 from tacevo.bundles.texts import check_texts
-from tacevo.environment import deviations, doubting, versions
+from tacevo.environment import doubting
 from tacevo.errors import BundleError, DivergenceError, RunError
 from tacevo.evolution.lines import TrainedLine
 from tacevo.reproduce.replay import Replayed, replay
@@ -123,7 +123,7 @@ def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Reru
     check_sizes(run)
     replayed = replay(run, view, seen=seen)
     studies = replay_studies(run, view, seen=seen)
-    with doubting(deviations(run.record.versions, versions())):  # a summary is its version's
+    with doubting(run.record.versions):  # a summary is its version's
         check_records(run, replayed)
     for study in studies.values():
         _check_name(study, searched=bool(run.answered))

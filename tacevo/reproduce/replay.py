@@ -55,7 +55,7 @@ def replay(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rep
     others = deviations(run.record.versions, versions())
     for other in others:
         view.say(f"another version: {other}")
-    with doubting(others):
+    with doubting(run.record.versions):
         return _replay(run, view, seen)
 
 

@@ -14,6 +14,7 @@ from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
 from tacevo.config.schema import LLMConfig, RunConfig, StoreConfig
 from tacevo.costs import Spending
+from tacevo.environment import doubting
 from tacevo.errors import RunError
 from tacevo.evolution.archive import Bounds, best_distinct
 from tacevo.evolution.chance import shortfall
@@ -257,8 +258,9 @@ def finished_run(
         RunError: as `without_archives`, or an archive is not what the ledger ends with.
         ConfigError: as `read_run`.
     """
-    run = without_archives(directory, record, ledger, store)
-    archives = read_archives(directory, run.generations[-1])
+    with doubting(record.versions):
+        run = without_archives(directory, record, ledger, store)
+        archives = read_archives(directory, run.generations[-1])
     networks, prompts = archives
     return replace(run, archives=archives, elites=networks.elites, prompt_trials=prompts.trials)
 

@@ -16,7 +16,7 @@ from tacevo.choices import ChosenBy
 from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
-from tacevo.environment import deviations, doubting, machine, versions
+from tacevo.environment import doubting, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
@@ -189,7 +189,7 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
         elif recorded.run in run.ledger.hashes[:-1]:
             view.say(f"study {name} is about the run before it was extended, and is passed over")
         else:
-            with doubting(deviations(recorded.versions, versions())):
+            with doubting(recorded.versions):
                 scores = directory.read_scores()
                 studies[name] = FinishedStudy(path=directory.path, record=recorded, scores=scores)
                 _replay(run, studies[name], seen)

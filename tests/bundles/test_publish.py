@@ -116,7 +116,12 @@ def test_bundle_holds_all_that_was_asked_for(published: Path) -> None:
     for name in ("ledger.jsonl", "archive.json", "prompts.json", "summary.md", "timings.jsonl"):
         assert members[f"run/{name}"] == (published / "run" / name).read_bytes()
     assert {entry["kind"] for entry in entries_of(members)} == set(KINDS)
-    assert {"tables/generations.csv", f"tables/{study.name}/scores.tex"} <= members.keys()
+    assert {
+        "tables/index.md",
+        "tables/gate.csv",
+        "tables/more/generations.csv",
+        f"tables/{study.name}/verdicts.tex",
+    } <= members.keys()
     assert {"figures/network_map.pdf", f"figures/{study.name}/seed_boxes.pdf"} <= members.keys()
     assert {"LICENSE.txt", "CITATION.cff", "README.md", "requirements.lock"} <= members.keys()
 

@@ -251,7 +251,7 @@ def test_published_list_has_no_overrides(whole: Members) -> None:
     assert told["overrides"] == []
     arms = [(job["arm"], job["overrides"]) for job in told["jobs"]]
     assert arms == [("none", []), ("none", []), ("fixed_temperature", [])]
-    assert "temperature.rule,paper,fixed" in whole["tables/ablation_settings.csv"].decode()
+    assert "temperature.rule,paper,fixed" in whole["tables/more/ablation_settings.csv"].decode()
 
 
 def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) -> None:

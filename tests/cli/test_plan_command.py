@@ -35,7 +35,7 @@ def test_study_keeps_its_plan(folder: Path, capsys: pytest.CaptureFixture[str]) 
     assert json.loads(study.read_text())["plan"] == written
     assert main(["replay", "run"]) == 0
     assert main(["tables", "run"]) == 0
-    notes = [path.read_text() for path in folder.glob("run/tables/scores_force_*.md")]
+    notes = [path.read_text() for path in folder.glob("run/tables/more/*/scores.md")]
     assert any(f"Planned: {written['seeds']} seeds of each network" in note for note in notes)
 
 

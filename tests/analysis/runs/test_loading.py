@@ -57,7 +57,7 @@ def test_edited_description_is_refused(edit: Callable[[Any], None], run: Path) -
     described = json.loads((run / "run.json").read_text())
     edit(described)
     (run / "run.json").write_text(json.dumps(described))
-    with refused(RunError, place="run.json", expected="the configuration and the task"):
+    with refused(RunError, place="run.json", expected="the configuration, the task and the data"):
         read_run(run)
 
 
