@@ -167,7 +167,7 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
             ["replay", "nowhere"],
             "nowhere: expected the directory or bundle of a run or a sweep; got a path that does not exist",
         ),
-        (["show", "nowhere"], "nowhere: expected the directory of a run"),
+        (["show", "nowhere"], "nowhere: expected the directory or bundle of a run"),
         (
             ["check", "nowhere.py"],
             "nowhere.py: expected the file of an answer: text in UTF-8; got one that cannot be read (No such file",
