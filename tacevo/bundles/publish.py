@@ -23,14 +23,14 @@ from tacevo.evolution.files import read_elites
 from tacevo.results.publishable import check_name, published_config, published_overrides
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
-from tacevo.results.study_directory import StudyDirectory, studies_of
+from tacevo.results.study_directory import StudyDirectory, plain_study, studies_of
 from tacevo.results.study_lines import ScoreLine
 from tacevo.results.summary import summarise
 from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.storage.arrays import KIND
-from tacevo.storage.canonical import value_at
+from tacevo.storage.canonical import readable, value_at
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
 from tacevo.storage.members import Member, as_tree
@@ -171,8 +171,11 @@ def _stage(run: RecordedRun, studies: Iterable[StudyDirectory]) -> dict[str, byt
     directory, record = run.directory, _publishable(run.record)
     source = directory.path
     paths = [*source.glob("candidates/*"), *(source / name for name in RUN_FILES if name != NOTE)]
-    paths += [study.path / name for study in studies for name in ("study.json", "scores.jsonl")]
+    known = list(studies)
+    paths += [study.path / "scores.jsonl" for study in known]
     files = {path.relative_to(source).as_posix(): path.read_bytes() for path in paths if path.exists()}
+    for study in known:  # as a replay of the bundle demands it, however it is spaced here
+        files[f"studies/{study.path.name}/study.json"] = readable(plain_study(study.read())).encode()
     if "timings.jsonl" in files:  # without lines that a kill tore
         files["timings.jsonl"] = "".join(map(timing_text, directory.read_timings())).encode()
     if (run.record.pages, run.record.elsewhere) != (PAGES, record.elsewhere):  # by another release

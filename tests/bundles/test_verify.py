@@ -173,7 +173,7 @@ def test_edited_answer_is_found(whole: Members, refused: Refused) -> None:
         ("run/candidates/g00s01.py", rb"\Z", b"# mine\n", "candidates/g00s01.py: expected the text that was judged"),
         ("run/candidates/g99s99.py", rb"\Z", b"class Mine: pass\n", "expected only files of the ledger; got g99s99.py"),
         ("run/summary.md", rb"Lowest fitness 0", b"Lowest fitness -0", "summary.md: line "),
-        ("tables/generations.tex", rb"\\toprule", rb"\\midrule", "table generations_force.tex: line "),
+        ("tables/more/generations.tex", rb"\\toprule", rb"\\midrule", "table more/generations.tex: line "),
         ("tables/wishes.csv", rb"\Z", b"a,b\r\n", "table wishes.csv: expected the tables"),
     ],
 )

@@ -85,7 +85,7 @@ def test_directory_of_the_same_name_harms_nobody(tmp_path: Path) -> None:
     """Without Python in it, it is no package, and ours is found; a search needs neither."""
     (tmp_path / "analysis").mkdir()
     told = python("-m", "tacevo", "show", "nowhere", cwd=tmp_path)
-    assert "nowhere: expected the directory of a run" in told.stderr
+    assert "nowhere: expected the directory or bundle of a run" in told.stderr
     (tmp_path / "analysis" / "__init__.py").write_text("raise SystemExit('I was run')\n")
     assert 'seed: expected an integer; got "x"' in python("-m", "tacevo", "search", "seed=x", cwd=tmp_path).stderr
 

@@ -4,13 +4,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from run_files import contents
 
 from tacevo.cli.app import main
-
-
-def written(folder: Path) -> dict[str, bytes]:
-    """Read all files of a directory by name."""
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @pytest.mark.slow
@@ -20,9 +16,9 @@ def test_bundle_and_folder_give_the_same_files(swept: Path, tmp_path: Path) -> N
     (tmp_path / "renamed").symlink_to(swept / "sweep")
     assert main(["ablations", str(tmp_path / "renamed"), "-o", str(tmp_path / "renamed out")]) == 0
     assert main(["ablations", str(swept / "sweep.zip"), "-o", str(tmp_path / "file")]) == 0
-    files = written(tmp_path / "folder")
+    files = contents(tmp_path / "folder")
     assert "ablation.md" in files
-    assert written(tmp_path / "file") == files == written(tmp_path / "renamed out")
+    assert contents(tmp_path / "file") == files == contents(tmp_path / "renamed out")
 
 
 def test_place_for_a_bundle_is_asked_for(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:

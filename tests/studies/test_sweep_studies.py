@@ -10,6 +10,7 @@ from statistics import median
 import pytest
 from bundles import Members, entries_of, members_of, resealed, with_entries
 from refusals import refused
+from run_files import contents
 from smallest import Once
 
 from tacevo.bundles.format import STORE
@@ -159,9 +160,7 @@ def test_published_sweep_has_its_terms_and_its_tests(folder: Path, capsys: pytes
     for source, target in (("sweep", "from-directory"), ("sweep.zip", "from-bundle")):
         store = ["--store", "cache"] if source == "sweep" else []
         assert main(["ablations", source, "-o", target, *store]) == 0
-    one, other = (
-        {path.name: path.read_bytes() for path in Path(name).iterdir()} for name in ("from-directory", "from-bundle")
-    )
+    one, other = (contents(Path(name)) for name in ("from-directory", "from-bundle"))
     assert one == other
     assert "ablation_test_mse.md" in one
     assert main(["replay", "sweep.zip/none-seed1"]) == 0
