@@ -49,9 +49,8 @@ INDEX = "index.md"
 
 def for_paper(tables: Iterable[Table]) -> list[Table]:
     """Return the tables that a paper needs, in their order there: also the arms in every metric, and published ones."""
-    ranks = {name: rank for rank, name in enumerate(PAPER)}
-    kinds = [(_kind(table), table) for table in tables]
-    return [table for kind, table in sorted(kinds, key=lambda one: ranks.get(one[0], 0)) if kind in ranks]
+    order = list(PAPER)
+    return sorted((table for table in tables if _kind(table) in PAPER), key=lambda table: order.index(_kind(table)))
 
 
 def _kind(table: Table) -> str:

@@ -19,7 +19,6 @@ from tacevo.config.folder import conf_root
 from tacevo.config.identity import config_hash
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
-from tacevo.evolution.files import read_elites
 from tacevo.results.publishable import check_name, published_config, published_overrides
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
@@ -179,8 +178,8 @@ def _stage(run: RecordedRun, studies: Iterable[StudyDirectory]) -> dict[str, byt
     if "timings.jsonl" in files:  # without lines that a kill tore
         files["timings.jsonl"] = "".join(map(timing_text, directory.read_timings())).encode()
     if (run.record.pages, run.record.elsewhere) != (PAGES, record.elsewhere):  # by another release
-        elites = [elite.id for elite in read_elites(directory)]
-        summary = summarise(record, run.config, run.ledger.lines, elites, directory.read_spending())
+        elites = [elite.id for elite in run.elites]
+        summary = summarise(record, run.config, run.ledger.lines, elites, run.spent)
         files["summary.md"] = summary.encode()
     return {**files, **_note(source), "run.json": run_text(record).encode()}
 

@@ -154,7 +154,7 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
     """Compare the costs and the summary of a run with its replay; the summary only if it is of this release."""
     remedy = "the command that began the run writes it again"
     path = run.directory.path
-    spending = run.directory.read_spending()
+    spending = run.spent
     for name, spent in sorted(spending.items()):
         if (computed := replayed.spending.get(name)) != spent:
             place = f"{path}/timings.jsonl, {name}"

@@ -18,6 +18,9 @@ OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a 
 #: A run, in the help of the commands that read one.
 RUN = "the directory or bundle of a run, or SWEEP.zip/JOB"
 
+#: A run or a sweep, in the help of the commands that read either.
+RUNS = "the directory or bundle of a run or a sweep, or SWEEP.zip/JOB"
+
 
 def existing_store(name: str | None) -> str | None:
     """Return what `--store` names; a mistyped directory would be made and filled again.

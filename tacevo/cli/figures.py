@@ -15,8 +15,8 @@ from analysis.tables.rendering import as_markdown
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import DONE, Parser, existing_store, output_directory, place_of_results
-from tacevo.cli.tables import RUNS, add_places, add_store, open_all, places_of, remarks_of, say, status_of
+from tacevo.cli.common import DONE, RUNS, Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.tables import add_places, add_store, open_all, places_of, remarks_of, say, status_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, RunError
 from tacevo.runs.data_check import samples_of_run

@@ -12,9 +12,9 @@ from tacevo.api.report import page_of_run, page_of_sweep
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import opened
-from tacevo.cli.common import Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.common import RUNS, Parser, existing_store, output_directory, place_of_results
 from tacevo.cli.figures import drawable, progress_of
-from tacevo.cli.tables import RUNS, add_store, check_names, open_all, say, status_of, with_published
+from tacevo.cli.tables import add_store, check_names, open_all, remarks_of, say, status_of, with_published
 from tacevo.errors import ConfigError
 from tacevo.results.study import check_alike
 from tacevo.storage.files import write_durably
@@ -108,7 +108,7 @@ def _with_largest(run: Run) -> Run:
 
 def _chapter(one: Run | Sweep, directory: Path) -> Chapter:
     """Write the tables and figures of a run or a sweep into a directory."""
-    say(remarks_on(one) if isinstance(one, Run) else one.left_out)
+    say(remarks_of(one))
     tables, missing = one.all_tables()
     pictures, undrawn = drawable(one)
     with progress_of(one.name, len(pictures)) as on_drawn:

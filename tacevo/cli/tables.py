@@ -22,12 +22,9 @@ from analysis.tables.rendering import WRITERS, as_latex, as_markdown, numeric_co
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import DIFFERENT, DONE, Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.common import DIFFERENT, DONE, RUNS, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import ConfigError
 from tacevo.text import listed, printable
-
-#: What these commands read, in their help.
-RUNS = "the directory or bundle of a run or a sweep, or SWEEP.zip/JOB"
 
 
 def add_tables(parser: Parser) -> None:

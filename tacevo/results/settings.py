@@ -67,6 +67,6 @@ def _check_task(config: RunConfig, record: RunRecord, place: str) -> None:
         raise RunError(str(getattr(record.task.contract, name)), place=place, expected=expected, remedy="restore it")
 
 
-def settings_of(directory: RunDirectory, store: str | None = None) -> RunConfig:
-    """Return the configuration of a run, finished or not; arguments and errors of `read_settings`."""
-    return read_settings(directory, directory.read_run(), store)
+def settings_of(directory: RunDirectory) -> RunConfig:
+    """Return the configuration of a run, finished or not, as `read_settings`."""
+    return read_settings(directory, directory.read_run())

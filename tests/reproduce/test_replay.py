@@ -11,7 +11,7 @@ from rich.console import Console
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.reproduce.replay import replay
 from tacevo.results.run import read_run
-from tacevo.results.settings import settings_of
+from tacevo.results.settings import read_settings, settings_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.run_directory import RunDirectory
 
@@ -51,7 +51,7 @@ def test_pool_fits_the_recorded_library(run: Path, tmp_path: Path) -> None:
 
 def test_stores_may_lie_elsewhere(run: Path, tmp_path: Path) -> None:
     """The caller's word counts; without it the run's own."""
-    elsewhere = settings_of(RunDirectory(run), str(tmp_path))
+    elsewhere = read_settings(RunDirectory(run), RunDirectory(run).read_run(), str(tmp_path))
     own = settings_of(RunDirectory(run))
     assert elsewhere.store.root == str(tmp_path)
     assert own.store.root == str(run.parent / "cache")
