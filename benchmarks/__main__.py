@@ -1,4 +1,4 @@
-"""`make bench`: speed and memory beside a peer, measured in the same run; README.md says how to read a figure.
+"""`make bench`: speed and memory beside a peer, measured in the same run; its README says how to read a figure.
 
 `make bench-quick` runs every benchmark once on next to nothing: it shows that they run, and its figures mean nothing.
 """
@@ -41,7 +41,7 @@ from tacevo.sandbox.client import Sandbox
 from tacevo.tracking.process import Mirror
 from tacevo.training.numerics import environment
 
-README = Path("README.md")
+PAGE = Path("benchmarks/README.md")
 RESULTS = Path("benchmarks/results/bench.json")
 
 #: Settings of a force search that is soon over.
@@ -213,7 +213,7 @@ def main() -> None:
             print(figure, flush=True)
             figures.append(figure)
     if not quick:
-        write(record(figures, datetime.date.today().isoformat(), REQUIREMENT.partition("==")[2]), RESULTS, README)
+        write(record(figures, datetime.date.today().isoformat(), REQUIREMENT.partition("==")[2]), RESULTS, PAGE)
 
 
 if __name__ == "__main__":

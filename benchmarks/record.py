@@ -1,4 +1,4 @@
-"""What `make bench` leaves: one JSON file of figures, and the table of them in the project's README."""
+"""What `make bench` leaves: one JSON file of figures, and the table of them in benchmarks/README.md."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +11,7 @@ from benchmarks.timing import Figure, number
 from tacevo.environment import checked_out, machine, versions
 from tacevo.records import to_json
 
-#: Between these lines of the README stands the table.
+#: Between these lines of the page stands the table.
 BEGIN, END = "<!-- make bench writes this table -->", "<!-- end of the table -->"
 
 

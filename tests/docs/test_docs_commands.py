@@ -1,4 +1,4 @@
-"""Promise: a search that README or a page tells to type has all that it needs, a choice of the model among it."""
+"""Promises: README is read in five minutes; what a page tells to type can be typed, and what it shows comes out."""
 
 import re
 import shlex
@@ -6,27 +6,56 @@ import shlex
 import pytest
 from checkout import ROOT
 
+from tacevo.cli.app import _parsed, main
 from tacevo.config.compose import compose, compose_estimate, spread
 
+PAGES = (
+    *sorted(ROOT.glob("*.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *(ROOT / folder / "README.md" for folder in ("benchmarks", "cache", "cache/published")),
+)
+
 #: Written on purpose with a part left out, or with a task that `tacevo init` makes first.
-NOT_WHOLE = re.compile(r" \.\.\.| @|task=shear")
+NOT_WHOLE = re.compile(r"\.\.\.| @|task=shear")
 
 
-def searches() -> list[str]:
-    """List the commands of all pages that begin a search, each in one line and without its comment."""
-    found = []
-    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+def commands() -> list[str]:
+    """List the commands of all pages: without comments and optional words, and with the first of several choices."""
+    lines: list[str] = []
+    for page in PAGES:
         text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-        found += re.findall(r"^    .*?(tacevo search [^#\n]+)", text, flags=re.MULTILINE)
-    return [command.strip() for command in found if not NOT_WHOLE.search(command)]
+        lines += re.findall(r"^    (?:.*[ /])?(tacevo [a-z][^#\n]+)", text, flags=re.MULTILINE)
+    whole = [re.sub(r" \[.*?\]|\|[A-Z]\S*", "", line).strip() for line in lines]
+    return [line for line in dict.fromkeys(whole) if not NOT_WHOLE.search(line)]
 
 
-@pytest.mark.few(12)
-@pytest.mark.parametrize("command", dict.fromkeys(searches()))
-def test_written_search_can_be_typed(command: str) -> None:
-    """Every value of every setting; an estimate needs no model."""
-    words = shlex.split(command)[2:]
+@pytest.mark.few(30)
+@pytest.mark.parametrize("command", commands())
+def test_written_command_can_be_typed(command: str) -> None:
+    """The command line reads it; every value of a search's settings is composed; an estimate needs no model."""
+    words = shlex.split(command)[1:]
+    _parsed(words)
+    if words[0] != "search":
+        return
     values = spread([word for word in words if "=" in word and not word.startswith("hydra")])
     for number in range(max(map(len, values))):
         overrides = [one[min(number, len(one) - 1)] for one in values]
         (compose_estimate if "--estimate" in words else compose)(overrides)
+
+
+def test_readme_has_at_most_900_words() -> None:
+    """Words hold a letter or a digit; the bars of tables are none."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len([word for word in text.split() if re.search(r"\w", word)]) <= 900
+
+
+def test_readme_shows_what_a_replay_ends_with(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command of its section is run, and the lines below it are the last ones of its output."""
+    monkeypatch.chdir(ROOT)
+    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Replay a published run")[1]
+    command, shown = re.findall(r"(?:^    .*\n)+", section, flags=re.MULTILINE)[:2]
+    assert main(shlex.split(command)[1:]) == 0
+    lines = [line.strip() for line in shown.splitlines()]
+    assert capsys.readouterr().out.splitlines()[-len(lines) :] == lines
