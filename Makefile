@@ -1,8 +1,11 @@
-# Every target builds the environment first where it is missing or out of date.
+# Every target builds the environment first where it is missing or out of date: what running needs, or with it what
+# tests and checks need.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+DEV := $(VENV)/.ready-dev
+PIP := $(BIN)/pip --disable-pip-version-check --quiet
 PEERS := build/peers
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
@@ -17,15 +20,22 @@ test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDON
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 20
 
-setup: $(READY) ## build the environment in .venv, and nothing else
+setup: $(READY) ## build the environment that running needs in .venv, and nothing else
 
 $(READY): requirements.lock torch.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "tacevo needs Python 3.11 or later; got $$($(PYTHON) --version); give one with PYTHON=..."; exit 1; }
+	@echo "Installing what running needs into $(VENV): 120 packages, 1.8 GB, some minutes."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --require-hashes --requirement requirements.lock
-	$(BIN)/pip install --quiet --disable-pip-version-check --requirement torch.lock
-	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(PIP) install --no-deps --require-hashes --requirement requirements.lock
+	$(PIP) install --requirement torch.lock
+	$(PIP) install --no-deps --no-build-isolation --editable .
+	$(BIN)/pip check
+	@touch $@
+
+$(DEV): $(READY) requirements-dev.lock
+	@echo "Installing what tests and checks need into $(VENV): 44 packages, 0.9 GB more."
+	$(PIP) install --no-deps --require-hashes --requirement requirements-dev.lock
 	$(BIN)/pip check
 	@touch $@
 
@@ -33,34 +43,34 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
 	$(BIN)/tacevo noise runs/demo elites=2 seeds=12
 
-test: $(READY) ## run the tests, two at a time (about ten minutes on two cores)
+test: $(DEV) ## run the tests, two at a time (about ten minutes on two cores)
 	$(BIN)/pytest $(TWO)
 
-test-slow: $(READY) ## run the tests that attack each promise further (about ten minutes)
+test-slow: $(DEV) ## run the tests that attack each promise further (about ten minutes)
 	$(BIN)/pytest $(TWO) -m "slow and not cluster"
 
-test-all: $(READY) ## run brute force, too (hours); all but test-portable and test-cluster
+test-all: $(DEV) ## run brute force, too (hours); all but test-portable and test-cluster
 	$(BIN)/pytest $(TWO) -m "not portable and not cluster" --hypothesis-profile thorough
 
-test-portable: $(READY) ## compare bits with those of emulated CPUs (qemu-user; ten minutes)
+test-portable: $(DEV) ## compare bits with those of emulated CPUs (qemu-user; ten minutes)
 	$(BIN)/pytest -m portable
 
-test-cluster: $(READY) ## run the tests on clusters of several nodes: Ray, and Slurm where it is installed
+test-cluster: $(DEV) ## run the tests on clusters of several nodes: Ray, and Slurm where it is installed
 	$(BIN)/pytest -m "cluster and not slow"
 
-test-cluster-all: $(READY) ## the same, and those that wait for minutes
+test-cluster-all: $(DEV) ## the same, and those that wait for minutes
 	$(BIN)/pytest -m cluster
 
-coverage: $(READY) ## run `make test` and `make test-slow`, and print the lines that no test reaches
+coverage: $(DEV) ## run `make test` and `make test-slow`, and print the lines that no test reaches
 	$(BIN)/pytest $(TWO) -m "not long and not portable and not cluster" --cov --cov-report=term-missing:skip-covered
 
-check: $(READY) ## formatting, lint, types and import direction
+check: $(DEV) ## formatting, lint, types and import direction
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-format: $(READY) ## format the code
+format: $(DEV) ## format the code
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
 
@@ -77,7 +87,7 @@ answered: $(READY) ## run a benchmark of an answered question: NAME=evidence, ni
 	cd build/answered && $(abspath $(BIN))/python -m benchmarks.$(NAME)
 
 # The peer's own environment; the packages of ours are seen in it, so that both train with one torch.
-$(PEERS)/.ready: $(READY) benchmarks/peers.txt
+$(PEERS)/.ready: $(DEV) benchmarks/peers.txt
 	$(BIN)/python -m venv --without-pip $(PEERS)
 	$(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))' \
 		> "$$($(PEERS)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/project.pth"
@@ -103,17 +113,20 @@ paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR
 	@for sweep in $(SWEEPS); do \
 		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
 
-lock: ## resolve the dependencies again into requirements.lock, with the hashes of every file that the index has
+OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel
+lock: ## resolve the dependencies again into requirements.lock and requirements-dev.lock, with the hashes of every file (ten minutes)
 	rm -rf build/lock
 	$(PYTHON) -m venv build/lock
-	build/lock/bin/pip install --quiet --disable-pip-version-check --requirement torch.lock hatchling editables '.[dev]'
-	build/lock/bin/pip freeze --all --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel \
-		> build/lock/versions
+	build/lock/bin/pip install --quiet --disable-pip-version-check --requirement torch.lock hatchling editables .
+	build/lock/bin/pip freeze --all $(OURS) > build/lock/requirements
+	build/lock/bin/pip install --quiet --disable-pip-version-check --constraint build/lock/requirements '.[dev]'
+	build/lock/bin/pip freeze --all $(OURS) | grep --invert-match --line-regexp --fixed-strings --file build/lock/requirements \
+		> build/lock/requirements-dev
 	build/lock/bin/pip install --quiet --disable-pip-version-check uv
-	@sed '/^[^#]/,$$d' requirements.lock > build/lock/requirements.lock
-	build/lock/bin/uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate build/lock/versions \
-		>> build/lock/requirements.lock
-	cp build/lock/requirements.lock requirements.lock
+	@for name in requirements requirements-dev; do \
+		{ sed '/^[^#]/,$$d' $$name.lock; build/lock/bin/uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate \
+			build/lock/$$name; } > build/lock/$$name.lock && cp build/lock/$$name.lock $$name.lock || exit; \
+	done
 
 clean: ## remove the environment, builds and caches of tools; runs and stores stay
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .coverage*
