@@ -7,6 +7,7 @@ READY := $(VENV)/.ready
 DEV := $(VENV)/.ready-dev
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 PEERS := build/peers
+DOCS := build/docs
 
 # Two tests at a time, each on a core of its own; a worker that is done takes over tests of the other.
 TWO := --numprocesses 2 --dist worksteal
@@ -15,7 +16,7 @@ test test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_T
 test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-portable test-cluster test-cluster-all coverage check format bench bench-quick replay paper lock clean
+.PHONY: help setup demo test test-slow test-all test-portable test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  \1\t/' | expand -t 20
@@ -113,8 +114,17 @@ paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR
 	@for sweep in $(SWEEPS); do \
 		$(BIN)/tacevo ablations "$$sweep" --output "build/paper/$$(basename "$$sweep" .zip)" || exit; done
 
+docs: $(DOCS)/.ready ## build the site into build/docs/site: every page, the references and the notebooks (three minutes)
+	$(BIN)/python docs/site/pages.py $(DOCS)/pages
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --quiet --config-file docs/site/mkdocs.yml
+
+$(DOCS)/.ready: $(READY) requirements-docs.lock
+	$(PYTHON) -m venv $(DOCS)
+	$(DOCS)/bin/pip install --quiet --disable-pip-version-check --no-deps --require-hashes --requirement requirements-docs.lock
+	@touch $@
+
 OURS := --exclude tacevo --exclude torch --exclude pip --exclude setuptools --exclude wheel
-lock: ## resolve the dependencies again into requirements.lock and requirements-dev.lock, with the hashes of every file (ten minutes)
+lock: ## resolve the dependencies again into requirements*.lock, with the hashes of every file (ten minutes)
 	rm -rf build/lock
 	$(PYTHON) -m venv build/lock
 	build/lock/bin/pip install --quiet --disable-pip-version-check --requirement torch.lock hatchling editables .
@@ -122,8 +132,11 @@ lock: ## resolve the dependencies again into requirements.lock and requirements-
 	build/lock/bin/pip install --quiet --disable-pip-version-check --constraint build/lock/requirements '.[dev]'
 	build/lock/bin/pip freeze --all $(OURS) | grep --invert-match --line-regexp --fixed-strings --file build/lock/requirements \
 		> build/lock/requirements-dev
+	$(PYTHON) -m venv build/lock/docs
+	build/lock/docs/bin/pip install --quiet --disable-pip-version-check mkdocs-material mkdocstrings-python
+	build/lock/docs/bin/pip freeze > build/lock/requirements-docs
 	build/lock/bin/pip install --quiet --disable-pip-version-check uv
-	@for name in requirements requirements-dev; do \
+	@for name in requirements requirements-dev requirements-docs; do \
 		{ sed '/^[^#]/,$$d' $$name.lock; build/lock/bin/uv pip compile --quiet --no-deps --generate-hashes --no-header --no-annotate \
 			build/lock/$$name; } > build/lock/$$name.lock && cp build/lock/$$name.lock $$name.lock || exit; \
 	done

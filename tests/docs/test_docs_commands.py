@@ -11,7 +11,7 @@ from tacevo.config.compose import compose, compose_estimate, spread
 
 PAGES = (
     *sorted(ROOT.glob("*.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
     *(ROOT / folder / "README.md" for folder in ("benchmarks", "cache", "cache/published")),
 )
 
