@@ -39,12 +39,6 @@ _NEEDS: Mapping[str, tuple[str, Callable[[RunConfig], bool]]] = {
     **dict.fromkeys(("split_seed", "validation_part", "test_part"), ("data.split=random", _is_random)),
 }
 
-#: What to do in place of a setting that a user may expect to have an effect.
-_ADVICE: Mapping[tuple[DataSource, str], str] = {
-    (DataSource.tacverse, "spacings_mm"): "; its classes are the sizes in the names of the files, so keep the files of "
-    "other sizes elsewhere",
-}
-
 
 def unused(config: RunConfig) -> frozenset[str]:
     """Return the settings of `data` without effect in a configuration, by their names there."""
@@ -71,5 +65,5 @@ def check_used(config: RunConfig, found: Mapping[str, Json], usual: Mapping[str,
             canonical(found[name]),
             place=f"data.{name}",
             expected=f"no value without {lacking}: data={data.source} does not use it",
-            remedy=f"remove it{_ADVICE.get((data.source, name), '')}",
+            remedy="remove it",
         )
