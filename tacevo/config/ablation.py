@@ -75,9 +75,8 @@ def check_change(choice: str, arm: Mapping[str, Json], without: Mapping[str, Jso
     if key not in settings:
         raise ConfigError(f"{key}={value}, which is not a setting", place=place, expected="a setting of a search")
     if settings[key] == value:
-        raise ConfigError(
-            f"{key}={value} in the search without it, too",
-            place=place,
-            expected=f"a change: else it is a copy of {GROUP}={NONE}",
-            remedy=f"leave this arm out, or choose another {key}",
+        expected, remedy = (
+            f"a change: else it is a copy of {GROUP}={NONE}",
+            f"leave this arm out, or choose another {key}",
         )
+        raise ConfigError(f"{key}={value} in the search without it, too", place=place, expected=expected, remedy=remedy)

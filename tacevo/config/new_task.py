@@ -3,6 +3,7 @@
 import re
 import shutil
 from dataclasses import replace
+from typing import Any
 
 import yaml
 
@@ -46,9 +47,10 @@ def write_task(name: str, like: str) -> TaskConfig:
         remedy = "name the task whose files are to be copied"
         raise ConfigError(repr(like), place="--like", expected=f"one of {', '.join(known)}", remedy=remedy)
     old = compose([f"task={like}"]).task
-    new = replace(old, name=name, **{key: f"library/{name}/{file}" for key, file in _FILES.items()})
+    files: dict[str, Any] = {key: f"library/{name}/{file}" for key, file in _FILES.items()}
+    new = replace(old, name=name, **files)
     as_yaml = yaml.safe_dump(to_json(new), sort_keys=False, default_flow_style=None, allow_unicode=True)
-    copies = {getattr(new, key): read_named(f"task.{key}", getattr(old, key)) for key in _FILES}
+    copies = {path: read_named(f"task.{key}", getattr(old, key)) for key, path in files.items()}
     try:
         texts.mkdir()  # refused by the system where another process was quicker
         try:

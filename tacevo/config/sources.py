@@ -46,23 +46,23 @@ def unused(config: RunConfig) -> frozenset[str]:
     return frozenset(field.name for field in fields(DataConfig)) - used
 
 
-def check_used(config: RunConfig, found: Mapping[str, Json], usual: Mapping[str, Json]) -> None:
+def check_used(config: RunConfig, composed: Mapping[str, Json], usual: Mapping[str, Json]) -> None:
     """Check that no setting of `data` without effect differs from what it is where the user does not set it.
 
-    Both mappings are of these settings by name, as they were composed.
+    Both mappings are of these settings by name.
 
     Raises:
         ConfigError: one does.
     """
     data = config.data
     for name in sorted(unused(config)):
-        if found[name] == usual[name]:
+        if composed[name] == usual[name]:
             continue
         sources = " or ".join(f"data={source}" for source in DataSource if name in USED[source])
         needs = f" with {_NEEDS[name][0]}" if name in _NEEDS else ""
         lacking = _NEEDS[name][0] if name in USED[data.source] else f"{sources}{needs}"
         raise ConfigError(
-            canonical(found[name]),
+            canonical(composed[name]),
             place=f"data.{name}",
             expected=f"no value without {lacking}: data={data.source} does not use it",
             remedy="remove it",

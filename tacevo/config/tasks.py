@@ -44,12 +44,9 @@ def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str
         )
     if outputs != task.outputs:
         shown = ", ".join(names[:10]) + (", ..." if len(names) > 10 else "")
-        raise ConfigError(
-            str(task.outputs),
-            place="task.outputs",
-            expected=f"{outputs}, as the data set has ({shown})",
-            remedy=f"set task.outputs={outputs}, or choose other data",
-        )
+        expected = f"{outputs}, as the data set has ({shown})"
+        remedy = f"set task.outputs={outputs}, or choose other data"
+        raise ConfigError(str(task.outputs), place="task.outputs", expected=expected, remedy=remedy)
 
 
 #: Words that a task copied from one of the sensor's own should not keep.

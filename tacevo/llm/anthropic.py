@@ -22,7 +22,7 @@ TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 FAILURES = (anthropic.AnthropicError, ValueError, RecursionError)
 
 
-class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
+class AnthropicServer(SDKServer):
     """The Messages API (see `tacevo.llm.hosted.Server`)."""
 
     sampling: tuple[str, ...] = ("temperature",)

@@ -216,15 +216,3 @@ def test_server_without_a_list_of_models_is_no_further_fault(models: Models, exp
     """The message has what the price table knows, and what the server said."""
     with serving() as server, refused(ConfigError, expected=expected, got="the server says: 404"):
         texts(hosted(server.url, provider, models=models), "a [fault unknown]")
-
-
-@both
-@pytest.mark.parametrize(
-    ("fault", "stop_reason"), [("refusal", "refusal"), ("max_tokens", "max_tokens"), ("empty", "end_turn")]
-)
-def test_refusals_and_cut_off_answers_are_answers(fault: str, stop_reason: str, provider: str) -> None:
-    """They are paid for, and a replay reproduces them."""
-    with serving() as server:
-        ((_, completion),) = hosted(server.url, provider).complete([request(f"a [fault {fault}]")])
-        assert completion.stop_reason == stop_reason
-        assert (completion.input_tokens, completion.output_tokens) == (11, 7)

@@ -191,7 +191,7 @@ def test_interruption_waits_for_nothing_that_was_not_sent(
 
 @both
 def test_interruption_waits_for_what_was_sent(provider: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The other half of that rule, over a real connection."""
+    """The command says what it waits for; the answer that was paid for is stored before it ends."""
     store = Store(tmp_path, "completions")
     with serving() as server:
         server.held = {"a": threading.Event()}
