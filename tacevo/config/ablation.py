@@ -17,11 +17,7 @@ NONE = "none"
 
 
 def split_arm(overrides: Sequence[str]) -> tuple[str, list[str]]:
-    """Separate the choice of an arm from the other overrides.
-
-    Returns:
-        The arm, `none` if none is chosen, and the other overrides.
-    """
+    """Return the arm that overrides choose, `none` if they choose none, and the other overrides."""
     pairs = [override.partition("=") for override in overrides]
     choices = [value for key, _, value in pairs if key == GROUP]
     others = ["".join(pair) for pair in pairs if pair[0] != GROUP]

@@ -49,8 +49,7 @@ def gives_networks(overrides: Sequence[str]) -> bool:
 def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tuple[NetworkFile, ...]]:
     """Compose a study of given networks, and the run that they stand in: one of generation 0, which keeps them all.
 
-    Args:
-        overrides: those of a study, such as `networks=DIR` and `seeds=5`, and those of a run, such as `task=force`.
+    The overrides are those of a study, such as `networks=DIR`, and those of a run, such as `task=force`.
 
     Raises:
         ConfigError: as `tacevo.config.compose.compose`; a setting is that of a search; no task is named; or the files
@@ -74,11 +73,7 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
 
 
 def check_unchosen(overrides: Sequence[str]) -> None:
-    """Check that the settings of a study of given networks choose no elites among them.
-
-    Raises:
-        ConfigError: they do.
-    """
+    """Raise ConfigError where the settings of a study of given networks choose elites among them."""
     for override in overrides:
         key = override.partition("=")[0]
         if key in {"elites", "choose"}:
@@ -102,11 +97,7 @@ def _group(key: str) -> str:
 
 
 def _files(names: Sequence[str]) -> Iterator[NetworkFile]:
-    """Read the files that paths, directories and patterns name, in this order.
-
-    Raises:
-        ConfigError: nothing is there, a file is not text, or two files have one name.
-    """
+    """Read the files that paths, directories and patterns name, in this order, each of a name of its own."""
     known: dict[str, Path] = {"baseline": Path("the task's baseline, which every study has")}
     for path in (path for name in names for path in _paths(name)):
         label = path.stem

@@ -24,10 +24,7 @@ def write_task(name: str, like: str) -> TaskConfig:
     """Write `task/NAME.yaml` and `library/NAME/` into conf/, copied from the task that it is like.
 
     Both are there in full afterwards, or neither is. The settings come last, without which no search can choose what
-    a process left that was killed.
-
-    Returns:
-        The new task; its files are named relative to conf/.
+    a process left that was killed. The files of the task that is returned are named relative to conf/.
 
     Raises:
         ConfigError: tacevo is installed and not a checkout; the name is not a lower-case identifier, or is taken; there

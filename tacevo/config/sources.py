@@ -47,12 +47,9 @@ def unused(config: RunConfig) -> frozenset[str]:
 
 
 def check_used(config: RunConfig, composed: Mapping[str, Json], usual: Mapping[str, Json]) -> None:
-    """Check that no setting of `data` without effect differs from what it is where the user does not set it.
+    """Raise ConfigError where a setting of `data` without effect is not what it is where the user does not set it.
 
     Both mappings are of these settings by name.
-
-    Raises:
-        ConfigError: one does.
     """
     data = config.data
     for name in sorted(unused(config)):

@@ -114,6 +114,12 @@ def test_malformed_table_is_refused_by_its_key(table: object, key: str, tmp_path
         load(tmp_path, table)
 
 
+def test_missing_table_is_refused() -> None:
+    """A table that the user names must be there."""
+    with refused(ConfigError, place="llm.prices", got="mine.yaml"):
+        load_prices("mine.yaml")
+
+
 def test_table_of_ones_own_is_read(tmp_path: Path) -> None:
     """A model that the shipped table lacks can be given a price without touching it; days need no quotes."""
     table = load(tmp_path, {"batch_factor": 1, "models": {"llama": {**ENTRY, "dated": date(2026, 11, 21)}}})
