@@ -9,15 +9,9 @@ import numpy as np
 def stream(seed: int, *name: str | int) -> np.random.Generator:
     """Make the generator of one named purpose, e.g. `stream(0, "parents", generation, slot)`.
 
-    A generator follows from its name alone and is never stored or shared. So a resumed, reordered or parallel run draws
-    the same numbers, and a draw that is left out changes no other.
-
-    Args:
-        seed: the run's seed.
-        name: what the numbers are for, from the general to the particular.
-
-    Returns:
-        A fresh Philox generator; Philox is counter-based and its integers are equal on every CPU.
+    It follows from the run's seed and its name alone and is never stored or shared. So a resumed, reordered or parallel
+    run draws the same numbers, and a draw that is left out changes no other. Philox is counter-based, and its integers
+    are equal on every CPU.
     """
     return np.random.Generator(np.random.Philox(key=_key(seed, name)))
 

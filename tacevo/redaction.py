@@ -30,23 +30,14 @@ def secret_variables(environment: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def check_address(address: str, place: str) -> None:
-    """Reject an address with a password in it, because addresses are recorded.
-
-    Args:
-        address: any text; only an address (`SCHEME://...`) is checked.
-        place: the setting or option that holds it.
-
-    Raises:
-        ConfigError: the address holds a password; the message does not show it.
-    """
+    """Raise ConfigError where a text is an address (`SCHEME://...`) with a password in it, which it does not show."""
     if _holds_password(address):
-        raise ConfigError(
-            "one with a password",
-            place=place,
-            expected="an address without a password, because it is recorded",
-            remedy="set the password in the environment (MLFLOW_TRACKING_PASSWORD, PGPASSWORD) or in a pass file, or "
-            "the whole address in MLFLOW_TRACKING_URI, which is never recorded",
+        expected = "an address without a password, because it is recorded"
+        remedy = (
+            "set the password in the environment (MLFLOW_TRACKING_PASSWORD, PGPASSWORD) or in a pass file, or the "
+            "whole address in MLFLOW_TRACKING_URI, which is never recorded"
         )
+        raise ConfigError("one with a password", place=place, expected=expected, remedy=remedy)
 
 
 def _holds_password(address: str) -> bool:

@@ -56,18 +56,11 @@ _EXPECTED = {
 
 
 def parse(kind: type[T], text: str | bytes, *, place: str, error: type[TacevoError], remedy: str = "") -> T:
-    """Read a record from JSON text.
-
-    Args:
-        kind: the record's class, or a union of such.
-        text: UTF-8.
-        place: of the text, for the message.
-        error: what to raise.
-        remedy: for the message.
+    """Read a record of a class, or of a union of such, from JSON text in UTF-8.
 
     Raises:
-        TacevoError: of the class `error`: the text does not hold such a record, or has a key of an object twice; the
-            message names the first key at fault, what can stand there, and what does.
+        TacevoError: of the class `error`: the text does not hold such a record, or has a key of an object twice; it
+            names the first key at fault, behind the `place` of the text, what can stand there, and what does.
     """
     record = _read(kind, text, place, error, remedy)
     try:  # it is JSON of a bounded depth, or could not have been read

@@ -17,11 +17,7 @@ NONE = "none"
 
 
 def split_arm(overrides: Sequence[str]) -> tuple[str, list[str]]:
-    """Separate the choice of an arm from the other overrides.
-
-    Returns:
-        The arm, `none` if none is chosen, and the other overrides.
-    """
+    """Return the arm that overrides choose, `none` if they choose none, and the other overrides."""
     pairs = [override.partition("=") for override in overrides]
     choices = [value for key, _, value in pairs if key == GROUP]
     others = ["".join(pair) for pair in pairs if pair[0] != GROUP]
@@ -75,9 +71,8 @@ def check_change(choice: str, arm: Mapping[str, Json], without: Mapping[str, Jso
     if key not in settings:
         raise ConfigError(f"{key}={value}, which is not a setting", place=place, expected="a setting of a search")
     if settings[key] == value:
-        raise ConfigError(
-            f"{key}={value} in the search without it, too",
-            place=place,
-            expected=f"a change: else it is a copy of {GROUP}={NONE}",
-            remedy=f"leave this arm out, or choose another {key}",
+        expected, remedy = (
+            f"a change: else it is a copy of {GROUP}={NONE}",
+            f"leave this arm out, or choose another {key}",
         )
+        raise ConfigError(f"{key}={value} in the search without it, too", place=place, expected=expected, remedy=remedy)

@@ -85,12 +85,10 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
     named = {"run": config.run, "sweep": config.sweep, "networks": ", ".join(config.networks)}
     several = [name for name, value in named.items() if value]
     if len(several) > 1 or not (several or given):
-        raise ConfigError(
-            " and ".join(f"{name}={named[name]}" for name in several) or "none",
-            place="run",
-            expected="the directory of a finished run, as in run=runs/NAME, or in its place sweep= or networks=",
-            remedy="for a baseline alone, name a task, as in task=hardness",
-        )
+        got = " and ".join(f"{name}={named[name]}" for name in several) or "none"
+        expected = "the directory of a finished run, as in run=runs/NAME, or in its place sweep= or networks="
+        remedy = "for a baseline alone, name a task, as in task=hardness"
+        raise ConfigError(got, place="run", expected=expected, remedy=remedy)
     if config.sweep is None:
         return config
     if any(override.startswith("elites=") for override in overrides):
@@ -121,15 +119,12 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     brought = {key for key in chosen if choices and (key in {"source", *split} or chosen[key] != usual[key])}
     named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
     own = {key: laid[key] for key in brought | named}
-    found = from_plain({**to_plain(config), "data": {**to_json(config.data), **own}})
-    check_used(found, {**chosen, **{key: laid[key] for key in named}}, chosen)
-    if found.data.image_size != config.data.image_size:
-        raise ConfigError(
-            str(found.data.image_size),
-            place="data.image_size",
-            expected=f"{config.data.image_size}, which the run's networks are for",
-        )
-    return found
+    other = from_plain({**to_plain(config), "data": {**to_json(config.data), **own}})
+    check_used(other, {**chosen, **{key: laid[key] for key in named}}, chosen)
+    if other.data.image_size != config.data.image_size:
+        expected = f"{config.data.image_size}, which the run's networks are for"
+        raise ConfigError(str(other.data.image_size), place="data.image_size", expected=expected)
+    return other
 
 
 def compose_noise(overrides: Sequence[str]) -> NoiseConfig:
@@ -219,12 +214,8 @@ def _values(override: Override) -> tuple[str, ...]:
 def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "search") -> Iterator[None]:
     """Let Hydra read conf/, and turn what it raises into an error in the user's words."""
     if sys.flags.optimize:  # some assertions of its parser step over a token
-        raise ConfigError(
-            str(sys.flags.optimize),
-            place="PYTHONOPTIMIZE",
-            expected="no value",
-            remedy="unset it, and leave out -O: Hydra reads settings by assertions",
-        )
+        remedy = "unset it, and leave out -O: Hydra reads settings by assertions"
+        raise ConfigError(str(sys.flags.optimize), place="PYTHONOPTIMIZE", expected="no value", remedy=remedy)
     ConfigStore.instance().store(name="schema", node=_defaults(RunConfig))
     GlobalHydra.instance().clear()
     try:

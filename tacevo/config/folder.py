@@ -16,7 +16,7 @@ def conf_root() -> Path:
         if (folder / "config.yaml").is_file():
             return folder
     raise ConfigError(
-        "nothing", place=f"{here / 'conf'}", expected="the directory conf/", remedy="install tacevo again"
+        "nothing", place=str(here / "conf"), expected="the directory conf/", remedy="install tacevo again"
     )
 
 
@@ -28,11 +28,9 @@ def checkout_root() -> Path:
     """
     root = conf_root()
     if root.parent == Path(__file__).parents[1]:
-        raise ConfigError(
-            f"{root}, which belongs to an installed package",
-            expected="the directory conf/ of a checkout",
-            remedy="clone the repository, and use the .venv/bin/tacevo that `make setup` builds there",
-        )
+        got = f"{root}, which belongs to an installed package"
+        remedy = "clone the repository, and use the .venv/bin/tacevo that `make setup` builds there"
+        raise ConfigError(got, expected="the directory conf/ of a checkout", remedy=remedy)
     return root
 
 

@@ -24,9 +24,6 @@ _OF_A_RUN = {
     *("executor", "store"),
 }
 
-#: Settings of a study that choose among elites.
-_CHOOSING = ("elites", "choose")
-
 #: What a network may be called, since tables, figures and file names bear its name.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}")
 
@@ -52,8 +49,7 @@ def gives_networks(overrides: Sequence[str]) -> bool:
 def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tuple[NetworkFile, ...]]:
     """Compose a study of given networks, and the run that they stand in: one of generation 0, which keeps them all.
 
-    Args:
-        overrides: those of a study, such as `networks=DIR` and `seeds=5`, and those of a run, such as `task=force`.
+    The overrides are those of a study, such as `networks=DIR`, and those of a run, such as `task=force`.
 
     Raises:
         ConfigError: as `tacevo.config.compose.compose`; a setting is that of a search; no task is named; or the files
@@ -66,9 +62,8 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
             known = ", ".join(sorted(_OF_A_RUN - _OF_A_STUDY))
             raise ConfigError(override, place=key, expected=f"a setting of a study, or of its run: of {known}")
     if not {"task", "experiment"} & set(keys.values()):
-        raise ConfigError(
-            "no task", place="task", expected="the task of the networks", remedy="add it, as in task=force"
-        )
+        expected = "the task of the networks"
+        raise ConfigError("no task", place="task", expected=expected, remedy="add it, as in task=force")
     of_study = [override for override, key in keys.items() if _group(key) in _OF_A_STUDY]
     of_run = [override for override, key in keys.items() if _group(key) in _OF_A_RUN]
     study = compose_study(of_study, given=True)
@@ -78,14 +73,10 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
 
 
 def check_unchosen(overrides: Sequence[str]) -> None:
-    """Check that the settings of a study of given networks choose no elites among them.
-
-    Raises:
-        ConfigError: they do.
-    """
+    """Raise ConfigError where the settings of a study of given networks choose elites among them."""
     for override in overrides:
         key = override.partition("=")[0]
-        if key in _CHOOSING:
+        if key in {"elites", "choose"}:
             raise ConfigError(override, place=key, expected="no choice of elites: every given network is studied")
 
 
@@ -106,11 +97,7 @@ def _group(key: str) -> str:
 
 
 def _files(names: Sequence[str]) -> Iterator[NetworkFile]:
-    """Read the files that paths, directories and patterns name, in this order.
-
-    Raises:
-        ConfigError: nothing is there, a file is not text, or two files have one name.
-    """
+    """Read the files that paths, directories and patterns name, in this order, each of a name of its own."""
     known: dict[str, Path] = {"baseline": Path("the task's baseline, which every study has")}
     for path in (path for name in names for path in _paths(name)):
         label = path.stem
@@ -135,10 +122,7 @@ def _paths(name: str) -> list[Path]:
     for root in (Path(), conf_root()):
         path = root / name
         pattern = f"{glob.escape(str(path))}/*.py" if path.is_dir() else str(path)
-        if found := sorted(Path(match) for match in glob.glob(pattern)):
-            return found
-    raise ConfigError(
-        f"{name}, which matches no file",
-        place="networks",
-        expected="a file of a network, a directory of .py files, or a pattern such as 'nets/*.py'",
-    )
+        if files := sorted(map(Path, glob.glob(pattern))):
+            return files
+    expected = "a file of a network, a directory of .py files, or a pattern such as 'nets/*.py'"
+    raise ConfigError(f"{name}, which matches no file", place="networks", expected=expected)

@@ -2,9 +2,8 @@
 
 import re
 import shutil
-import tempfile
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -14,6 +13,9 @@ from tacevo.config.schema import TaskConfig
 from tacevo.errors import ConfigError
 from tacevo.records import to_json
 
+#: The files of a task, by the settings that name them.
+_FILES = {"baseline": "baseline.py", "instructions": "instructions.yaml", "system": "system.md"}
+
 #: What Hydra reads as another value than text.
 _VALUES = frozenset({"null", "true", "false", "inf", "nan"})
 
@@ -21,11 +23,8 @@ _VALUES = frozenset({"null", "true", "false", "inf", "nan"})
 def write_task(name: str, like: str) -> TaskConfig:
     """Write `task/NAME.yaml` and `library/NAME/` into conf/, copied from the task that it is like.
 
-    Both are there in full afterwards, or neither is. They are filled out of sight and renamed; only a process that is
-    killed between the two names leaves the directory without the settings, which no search can choose.
-
-    Returns:
-        The new task; its files are named relative to conf/.
+    Both are there in full afterwards, or neither is. The settings come last, without which no search can choose what
+    a process left that was killed. The files of the task that is returned are named relative to conf/.
 
     Raises:
         ConfigError: tacevo is installed and not a checkout; the name is not a lower-case identifier, or is taken; there
@@ -45,28 +44,19 @@ def write_task(name: str, like: str) -> TaskConfig:
         remedy = "name the task whose files are to be copied"
         raise ConfigError(repr(like), place="--like", expected=f"one of {', '.join(known)}", remedy=remedy)
     old = compose([f"task={like}"]).task
-    new = replace(
-        old,
-        name=name,
-        baseline=f"library/{name}/baseline.py",
-        instructions=f"library/{name}/instructions.yaml",
-        system=f"library/{name}/system.md",
-    )
+    files: dict[str, Any] = {key: f"library/{name}/{file}" for key, file in _FILES.items()}
+    new = replace(old, name=name, **files)
     as_yaml = yaml.safe_dump(to_json(new), sort_keys=False, default_flow_style=None, allow_unicode=True)
+    copies = {path: read_named(f"task.{key}", getattr(old, key)) for key, path in files.items()}
     try:
-        with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=texts.parent) as hidden:
-            stage, written = Path(hidden) / name, Path(hidden) / settings.name
-            stage.mkdir()
-            for key in ("baseline", "instructions", "system"):
-                text = read_named(f"task.{key}", getattr(old, key))
-                (stage / Path(getattr(new, key)).name).write_text(text, encoding="utf-8")
-            written.write_text(as_yaml, encoding="utf-8")
-            stage.rename(texts)  # refused by the system where another process was quicker
-            try:
-                written.rename(settings)
-            except OSError:
-                shutil.rmtree(texts)
-                raise
+        texts.mkdir()  # refused by the system where another process was quicker
+        try:
+            for path, text in {**copies, f"task/{name}.yaml": as_yaml}.items():
+                (root / path).write_text(text, encoding="utf-8")
+        except BaseException:
+            shutil.rmtree(texts)
+            settings.unlink(missing_ok=True)
+            raise
     except OSError as error:
         got, remedy = f"{error.strerror}; nothing was written", "make room there, or let yourself write there"
         raise ConfigError(got, place=str(root), expected="a directory that can be written to", remedy=remedy) from error

@@ -19,10 +19,7 @@ def to_plain(config: RunConfig) -> dict[str, Json]:
 
 
 def from_plain(value: Mapping[str, Json]) -> RunConfig:
-    """Read what `to_plain` wrote, and nothing else.
-
-    Args:
-        value: of this version or an earlier one, which lacks the settings that came later.
+    """Read what `to_plain` wrote, in this version or an earlier one, which lacks the settings that came later.
 
     Raises:
         ConfigError: the values are not a configuration of this version.

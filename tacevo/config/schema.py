@@ -399,9 +399,9 @@ class RunConfig(Record):
 
 def keys(schema: type = RunConfig, prefix: str = "") -> list[str]:
     """List every key of a schema, e.g. `archive.niches`."""
-    found = []
+    names = []
     for field in fields(schema):
-        found.append(f"{prefix}{field.name}")
+        names.append(f"{prefix}{field.name}")
         if isinstance(field.type, type) and is_dataclass(field.type):
-            found += keys(field.type, f"{prefix}{field.name}.")
-    return found
+            names += keys(field.type, f"{prefix}{field.name}.")
+    return names

@@ -39,12 +39,6 @@ _NEEDS: Mapping[str, tuple[str, Callable[[RunConfig], bool]]] = {
     **dict.fromkeys(("split_seed", "validation_part", "test_part"), ("data.split=random", _is_random)),
 }
 
-#: What to do in place of a setting that a user may expect to have an effect.
-_ADVICE: Mapping[tuple[DataSource, str], str] = {
-    (DataSource.tacverse, "spacings_mm"): "; its classes are the sizes in the names of the files, so keep the files of "
-    "other sizes elsewhere",
-}
-
 
 def unused(config: RunConfig) -> frozenset[str]:
     """Return the settings of `data` without effect in a configuration, by their names there."""
@@ -52,24 +46,21 @@ def unused(config: RunConfig) -> frozenset[str]:
     return frozenset(field.name for field in fields(DataConfig)) - used
 
 
-def check_used(config: RunConfig, found: Mapping[str, Json], usual: Mapping[str, Json]) -> None:
-    """Check that no setting of `data` without effect differs from what it is where the user does not set it.
+def check_used(config: RunConfig, composed: Mapping[str, Json], usual: Mapping[str, Json]) -> None:
+    """Raise ConfigError where a setting of `data` without effect is not what it is where the user does not set it.
 
-    Both mappings are of these settings by name, as they were composed.
-
-    Raises:
-        ConfigError: one does.
+    Both mappings are of these settings by name.
     """
     data = config.data
     for name in sorted(unused(config)):
-        if found[name] == usual[name]:
+        if composed[name] == usual[name]:
             continue
         sources = " or ".join(f"data={source}" for source in DataSource if name in USED[source])
         needs = f" with {_NEEDS[name][0]}" if name in _NEEDS else ""
         lacking = _NEEDS[name][0] if name in USED[data.source] else f"{sources}{needs}"
         raise ConfigError(
-            canonical(found[name]),
+            canonical(composed[name]),
             place=f"data.{name}",
             expected=f"no value without {lacking}: data={data.source} does not use it",
-            remedy=f"remove it{_ADVICE.get((data.source, name), '')}",
+            remedy="remove it",
         )

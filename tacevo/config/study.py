@@ -57,22 +57,29 @@ class MarginsConfig(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyConfig(Record):
-    """The full training of a baseline and other networks, each with several seeds."""
+class _TrainedAgain(Record):
+    """What a study and a noise run have in common."""
 
     executor: ExecutorConfig
     #: The directory of a finished run; None where a sweep is named, or networks are given.
     run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_named)]
-    #: The directory of a sweep, of each of whose jobs the best elite is studied; None where there is none.
+    #: The directory of a sweep, each of whose jobs is taken; None where there is none.
     sweep: Annotated[str | None, is_a("the directory of a sweep, as in sweep=sweeps/NAME", _is_named)]
+    #: S, the training seeds of each network.
+    seeds: OneToMillion
+    store: StudyStoreConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyConfig(_TrainedAgain):
+    """The full training of a baseline and other networks, each with several seeds; of a sweep's job, its best elite."""
+
     #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
     networks: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: OneToMillion
     #: What `best` means.
     choose: ChosenBy
-    #: S, the training seeds of each network.
-    seeds: OneToMillion
     epochs: OneToMillion
     #: What one training may use.
     seconds: Positive
@@ -82,20 +89,11 @@ class StudyConfig(Record):
     margins: MarginsConfig
     #: The plan.json that it follows; it is kept in the study.
     plan: Annotated[str | None, is_a("the file of a plan, as in plan=build/plan/plan.json", _is_named)]
-    store: StudyStoreConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseConfig(Record):
+class NoiseConfig(_TrainedAgain):
     """The search's own training of a run's elites and its baseline, with other seeds."""
 
-    executor: ExecutorConfig
-    #: The directory of a finished run; None where a sweep is named.
-    run: Annotated[str | None, is_a("the directory of a finished run, as in run=runs/NAME", _is_named)]
-    #: The directory of a sweep, of each of whose jobs the elites are trained again; None where there is none.
-    sweep: Annotated[str | None, is_a("the directory of a sweep, as in sweep=sweeps/NAME", _is_named)]
     #: How many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: Annotated[int | str, is_a("all, or an integer of at least 1", _is_all_or_count)]
-    #: Training seeds of each network.
-    seeds: OneToMillion
-    store: StudyStoreConfig

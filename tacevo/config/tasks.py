@@ -1,7 +1,5 @@
 """A task's texts, and whether the labels of a data set are what it asks for."""
 
-import ast
-import contextlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,16 +14,10 @@ from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.evolution.prompts import system_prompt
 from tacevo.records import Contract, DataFacts, Instruction, Kind, Record, Task
-from tacevo.text import listed, parse_python
+from tacevo.text import listed
 from tacevo.typed import convert
 
-_Words = Annotated[str, is_a("text that is not empty", str.strip)]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Mutation(Record):
-    id: _Words
-    text: _Words
+_is_worded = is_a("an id and a text that are not empty", lambda entry: entry.id.strip() and entry.text.strip())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +25,7 @@ class _Library(Record):
     """The file of a task's instructions."""
 
     crossover: str
-    mutations: tuple[_Mutation, ...]
+    mutations: tuple[Annotated[Instruction, _is_worded], ...]
 
 
 def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str]) -> None:
@@ -52,12 +44,9 @@ def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str
         )
     if outputs != task.outputs:
         shown = ", ".join(names[:10]) + (", ..." if len(names) > 10 else "")
-        raise ConfigError(
-            str(task.outputs),
-            place="task.outputs",
-            expected=f"{outputs}, as the data set has ({shown})",
-            remedy=f"set task.outputs={outputs}, or choose other data",
-        )
+        expected = f"{outputs}, as the data set has ({shown})"
+        remedy = f"set task.outputs={outputs}, or choose other data"
+        raise ConfigError(str(task.outputs), place="task.outputs", expected=expected, remedy=remedy)
 
 
 #: Words that a task copied from one of the sensor's own should not keep.
@@ -71,21 +60,17 @@ _WORDS = {
 def left_of_others(task: TaskConfig) -> list[str]:
     """Say what the files of a user's task have kept of the task that they were copied from, a sentence each.
 
-    These are another number of outputs than the task has, and words of the sensor's own tasks. Of such a task itself,
-    and of words in the names of the user's, nothing is said.
+    These are names of other outputs, and words of the sensor's own tasks. Of such a task itself, and of words in the
+    names of the user's, nothing is said.
 
     Raises:
         ConfigError: a file cannot be read.
     """
     if task.name in list(SensorTask):
         return []
-    found = []
+    left = []
     if len(task.output_names) not in {0, task.outputs}:
-        found.append(f"task.outputs={task.outputs}, and task.output_names={listed(task.output_names)}")
-    default = _default(read_named("task.baseline", task.baseline), task)
-    if default not in {None, task.outputs}:
-        own = f"{task.output_argument}={default} in conf/{task.baseline}"
-        found.append(f"task.outputs={task.outputs}, and {own}, which the model reads: write the same number")
+        left.append(f"task.outputs={task.outputs}, and task.output_names={listed(task.output_names)}")
     names = " ".join((task.name, *task.output_names)).casefold()
     others = "|".join(word for sensor, word in _WORDS.items() if sensor not in names)
     for key in ("system", "instructions", "baseline"):
@@ -97,23 +82,8 @@ def left_of_others(task: TaskConfig) -> list[str]:
             and not (key == "instructions" and line.startswith("#"))  # a comment, which no model reads
         ]
         if kept:
-            found.append(f"conf/{getattr(task, key)} tells the model of another task: {listed(kept)}")
-    return found
-
-
-def _default(source: str, task: TaskConfig) -> object:
-    """Return the default of a baseline's number of outputs; None where it has none, or cannot be read."""
-    with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
-        classes = [node for node in parse_python(source).body if isinstance(node, ast.ClassDef)]
-        parts = [part for node in classes if node.name == task.class_name for part in node.body]
-        for start in parts:
-            if isinstance(start, ast.FunctionDef) and start.name == "__init__":
-                names, values = start.args.args, start.args.defaults
-                names = [*names[len(names) - len(values) :], *start.args.kwonlyargs]
-                pairs = zip(names, [*values, *start.args.kw_defaults], strict=True)
-                given = {name.arg: value for name, value in pairs}.get(task.output_argument)
-                return given.value if isinstance(given, ast.Constant) else None
-    return None
+            left.append(f"conf/{getattr(task, key)} tells the model of another task: {listed(kept)}")
+    return left
 
 
 def facts_without_data(config: RunConfig) -> DataFacts:
@@ -164,7 +134,7 @@ def load_task(config: RunConfig, facts: DataFacts) -> Task:
         contract=contract,
         baseline=read_named("task.baseline", task.baseline),
         system=system,
-        instructions=tuple(Instruction(id=entry.id, text=entry.text) for entry in library.mutations),
+        instructions=library.mutations,
         crossover=library.crossover,
     )
 

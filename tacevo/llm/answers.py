@@ -113,8 +113,8 @@ def _holds_refusal(content: Json) -> bool:
 def _cached(usage: Mapping[str, Json]) -> tuple[int | None, int | None]:
     """Return how many tokens were read from a cache, and written there; None for what is no number of tokens."""
     read = _mapping(usage, "prompt_tokens_details").get("cached_tokens")
-    found = (usage.get("cache_read_input_tokens") if read is None else read, usage.get("cache_creation_input_tokens"))
-    first, second = (0 if value is None else token_count(value) for value in found)
+    said = (usage.get("cache_read_input_tokens") if read is None else read, usage.get("cache_creation_input_tokens"))
+    first, second = (0 if value is None else token_count(value) for value in said)
     return first, second
 
 

@@ -12,7 +12,7 @@ from tacevo.llm.answers import read_body, read_message
 from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of
-from tacevo.llm.wire import bound_results, check_proxies
+from tacevo.llm.wire import check_proxies
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
@@ -22,7 +22,7 @@ TIMEOUT = httpx2.Timeout(600.0, connect=15.0)
 FAILURES = (anthropic.AnthropicError, ValueError, RecursionError)
 
 
-class AnthropicServer(SDKServer[anthropic.AsyncAnthropic]):
+class AnthropicServer(SDKServer):
     """The Messages API (see `tacevo.llm.hosted.Server`)."""
 
     sampling: tuple[str, ...] = ("temperature",)
@@ -58,7 +58,7 @@ def connect_batches(base_url: str | None) -> anthropic.Anthropic:
     """Prepare to submit batches to Claude; otherwise like `connect`."""
     with _explaining():
         check_proxies(context := httpx2.create_ssl_context())
-        http = anthropic.DefaultHttpxClient(timeout=TIMEOUT, verify=context, event_hooks={"response": [bound_results]})
+        http = anthropic.DefaultHttpxClient(timeout=TIMEOUT, verify=context)
         client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT, http_client=http)
         _check_key(client)
         return client
@@ -80,12 +80,8 @@ def _check_key(client: anthropic.Anthropic | anthropic.AsyncAnthropic) -> None:
     The SDK's other logins are not used: their tokens change while it asks, so they could not be blacked out.
     """
     if not secrets_of(client):
-        raise ConfigError(
-            "nothing",
-            place="ANTHROPIC_API_KEY",
-            expected="an API key",
-            remedy="set it, or replay with llm.mode=replay",
-        )
+        remedy = "set it, or replay with llm.mode=replay"
+        raise ConfigError("nothing", place="ANTHROPIC_API_KEY", expected="an API key", remedy=remedy)
     for key, variable in ((client.api_key, "ANTHROPIC_API_KEY"), (client.auth_token, "ANTHROPIC_AUTH_TOKEN")):
         check_key(key or "", variable)
 

@@ -126,9 +126,9 @@ class BatchLLM:
     ) -> list[tuple[Path, BatchRecord]]:
         """Find the batches that hold wanted requests, and submit the rest."""
         directory = self.directory / content_hash(str(client.base_url))[:16]  # an id means nothing to other servers
-        found = [(path, _read(path)) for path in sorted(directory.glob("*.json"))]
-        found = [(path, record) for path, record in found if record.dropped.keys() & wanted.keys()]
-        left = [key for key in wanted if all(key not in record.dropped for _, record in found)]
+        known = [(path, _read(path)) for path in sorted(directory.glob("*.json"))]
+        submitted = [(path, record) for path, record in known if record.dropped.keys() & wanted.keys()]
+        left = [key for key in wanted if all(key not in record.dropped for _, record in submitted)]
         for start in range(0, len(left), MOST_REQUESTS):
             asked = {key: wanted[key][1] for key in left[start : start + MOST_REQUESTS]}
             dropped = {
@@ -140,9 +140,9 @@ class BatchLLM:
                 for key, request in asked.items()
             ]
             record = BatchRecord(id=self._submit(client, bodies), dropped=dropped)
-            found.append((directory / f"{record.id}.json", record))
-            write_durably(found[-1][0], readable(to_json(record)))
-        return found
+            submitted.append((directory / f"{record.id}.json", record))
+            write_durably(submitted[-1][0], readable(to_json(record)))
+        return submitted
 
     def _submit(self, client: anthropic.Anthropic, bodies: list[BatchRequest]) -> str:
         def create() -> str:
@@ -161,11 +161,11 @@ class BatchLLM:
 
         def results() -> dict[str, Completion | Fault]:
             read = (each for each in batches.results(record.id) if each.custom_id in record.dropped)
-            found = {each.custom_id: _outcome(each, record, secrets) for each in read}
-            if lacking := len(record.dropped) - len(found):
+            outcomes = {each.custom_id: _outcome(each, record, secrets) for each in read}
+            if lacking := len(record.dropped) - len(outcomes):
                 words = f"the results of batch {record.id} lack {counted(lacking, 'answer')}"
                 raise FaultError(Fault(kind=FaultKind.passing, message=words))
-            return found
+            return outcomes
 
         try:
             while (seen := self._call(client, lambda: batches.retrieve(record.id))).processing_status != "ended":
@@ -175,10 +175,8 @@ class BatchLLM:
             return self._call(client, results)
         except ConfigError as error:
             error.place = f"{self.name}, batch {record.id}"
-            error.remedy = (
-                "use the key and the workspace that submitted it, or, if its answers are lost, delete "
-                f"{path} to submit and pay for its requests again"
-            )
+            lost = f"if its answers are lost, delete {path} to submit and pay for its requests again"
+            error.remedy = f"use the key and the workspace that submitted it, or, {lost}"
             raise
 
     def _settle(self, path: Path, record: BatchRecord, outcomes: Mapping[str, Completion | Fault]) -> None:
@@ -213,11 +211,9 @@ class BatchLLM:
             time.sleep(wait)
         if fault.kind is not FaultKind.passing:
             raise ConfigError(fault.message, place=self.name, remedy=fault.remedy)
-        raise TransportError(
-            f"a call about a batch failed after all tries, the last with {fault.message}",
-            place=self.name,
-            remedy="repeat the same command: it reads the batches that were submitted",
-        )
+        got = f"a call about a batch failed after all tries, the last with {fault.message}"
+        remedy = "repeat the same command: it reads the batches that were submitted"
+        raise TransportError(got, place=self.name, remedy=remedy)
 
 
 def _settings(request: Request) -> set[str]:
@@ -229,14 +225,14 @@ def _outcome(
 ) -> Completion | Fault:
     """Read what became of one request; what cannot be read would be no better in another reading, so it failed."""
     try:
-        found = _read_outcome(result.result, record.id)
+        outcome = _read_outcome(result.result, record.id)
     except FaultError as error:
-        found = error.fault
+        outcome = error.fault
     except (AttributeError, TypeError, ValueError) as error:  # the SDK checks no body
-        found = fault_of_connection(error)
-    if isinstance(found, Completion):
-        return scrubbed(replace(found, dropped=record.dropped[result.custom_id]), secrets)
-    return replace(found, message=without_secrets(found.message, secrets))
+        outcome = fault_of_connection(error)
+    if isinstance(outcome, Completion):
+        return scrubbed(replace(outcome, dropped=record.dropped[result.custom_id]), secrets)
+    return replace(outcome, message=without_secrets(outcome.message, secrets))
 
 
 def _read_outcome(outcome: MessageBatchResult, batch: str) -> Completion | Fault:

@@ -142,14 +142,11 @@ class Failures:
         if final is not None:
             raise ConfigError(f"the server says: {final.message}", place=self.name, remedy=final.remedy)
         if passing:
-            again = "repeat the same command"
-            raise TransportError(
-                f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}",
-                place=self.name,
-                remedy=f"start the server, or check llm.base_url; then {again}"
-                if passing[0].silent
-                else f"{again}: the answers that came are recorded",
-            )
+            got = f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}"
+            remedy = "repeat the same command: the answers that came are recorded"
+            if passing[0].silent:
+                remedy = "start the server, or check llm.base_url; then repeat the same command"
+            raise TransportError(got, place=self.name, remedy=remedy)
 
     def _is_about_the_request(self, request: Request, fault: Fault) -> bool:
         if fault.kind not in {FaultKind.request, FaultKind.doubtful} or not self.models.answers(request):
@@ -177,12 +174,8 @@ def check_key(key: str, variable: str) -> None:
         ConfigError: it holds a blank, a control character or one that is not ASCII.
     """
     if not key.isascii() or not key.isprintable() or " " in key:
-        raise ConfigError(
-            "a blank, a line break or another character that keys do not have",
-            place=variable,
-            expected="an API key",
-            remedy="set it again without that character",
-        )
+        got, remedy = "a blank, a line break or another character that keys do not have", "set it again"
+        raise ConfigError(got, place=variable, expected="an API key", remedy=remedy)
 
 
 def scrubbed(completion: Completion, secrets: tuple[str, ...]) -> Completion:

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import httpx2
 
@@ -250,10 +250,8 @@ class _Asking:
 #: Seconds for the list of models: without it, a message is only less helpful.
 _LISTING = 15.0
 
-_Client = TypeVar("_Client")
 
-
-class SDKServer(Generic[_Client]):
+class SDKServer:
     """What the servers of all SDKs have in common (see `Server`).
 
     Args:
@@ -262,17 +260,12 @@ class SDKServer(Generic[_Client]):
         failures: what the SDK raises, or lets through, where there is no usable answer.
     """
 
-    def __init__(
-        self, clients: Sequence[_Client], secrets: tuple[str, ...], failures: tuple[type[Exception], ...]
-    ) -> None:
-        self._clients: Sequence[Any] = clients
+    def __init__(self, clients: Sequence[Any], secrets: tuple[str, ...], failures: tuple[type[Exception], ...]) -> None:
+        self._clients = clients
         self.turns = itertools.cycle(clients)
         self.secrets = secrets
-        self._unusable: tuple[type[Exception], ...] = (
-            *failures,
-            AttributeError,
-            TypeError,
-        )  # as of servers without a list
+        #: The last two as of servers without a list.
+        self._unusable: tuple[type[Exception], ...] = (*failures, AttributeError, TypeError)
 
     async def models(self) -> tuple[str, ...]:
         """Return the names of the models that the server lists; none where it gives no list."""
@@ -290,6 +283,8 @@ class SDKServer(Generic[_Client]):
 
 #: Requests of one client at once, about.
 SHARE = 100
+
+_Client = TypeVar("_Client")
 
 
 def clients_for(

@@ -22,12 +22,8 @@ from tacevo.records import Completion, Json, Request
 try:
     import openai
 except ModuleNotFoundError as missing:
-    raise ConfigError(
-        "nothing",
-        place="llm=openai",
-        expected="the openai SDK",
-        remedy="install it with: pip install 'tacevo[openai]'",
-    ) from missing
+    hint = "install it with: pip install 'tacevo[openai]'"
+    raise ConfigError("nothing", place="llm=openai", expected="the openai SDK", remedy=hint) from missing
 
 #: Seconds for an answer, and for a connection to stand; a server of one's own may think for long.
 TIMEOUT = httpx2.Timeout(1800.0, connect=15.0)
@@ -50,7 +46,7 @@ class Dialect:
     limit: str | None = None
 
 
-class OpenAIServer(SDKServer[openai.AsyncOpenAI]):
+class OpenAIServer(SDKServer):
     """The chat-completions API (see `tacevo.llm.hosted.Server`).
 
     Args:
@@ -105,12 +101,9 @@ def connect(base_url: str | None, concurrency: int, dialect: Dialect | None = No
     own = base_url is None and not os.environ.get("OPENAI_BASE_URL")
     key = os.environ.get("OPENAI_API_KEY") or (None if own else _NO_KEY)
     if key is None:
-        raise ConfigError(
-            "nothing",
-            place="OPENAI_API_KEY",
-            expected="an API key for OpenAI's own server",
-            remedy="set it, name a server of yours by llm.base_url, or replay with llm.mode=replay",
-        )
+        expected = "an API key for OpenAI's own server"
+        remedy = "set it, name a server of yours by llm.base_url, or replay with llm.mode=replay"
+        raise ConfigError("nothing", place="OPENAI_API_KEY", expected=expected, remedy=remedy)
     check_key(key, "OPENAI_API_KEY")
     try:
         made = partial(openai.AsyncOpenAI, api_key=key, base_url=base_url)

@@ -26,9 +26,7 @@ class KeepingLLM(Protocol):
     def complete(self, requests: Sequence[Request], keep: Keep) -> Iterator[tuple[int, Completion]]:
         """Answer different requests (see `tacevo.evolution.development.LLM`).
 
-        Args:
-            requests: what to answer.
-            keep: called with each answer as soon as it arrives; what it returns is yielded.
+        `keep` is called with each answer as soon as it arrives, and what it returns is yielded.
         """
         ...
 

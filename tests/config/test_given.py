@@ -179,10 +179,7 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
     ("override", "where", "expected", "remedy"),
     [
         ("data.split_sed=7", "data.split_sed", "", "did you mean data.split_seed?"),
-        ("data.split_seed=-1", "data.split_seed", "an integer of at least 0", ""),
-        ("data.test_part=0.9", "data.test_part", "less than 1 together with data.validation_part", ""),
         ("data.image_size=64", "data.image_size", "32, which the run's networks are for", ""),
-        ("data=nothing", "data", "one of csv, folder, numpy, simulated, tacverse", ""),
         ("data=tacverse", "data.root", "the directory of the data set", ""),
     ],
 )

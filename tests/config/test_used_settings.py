@@ -98,16 +98,7 @@ def test_what_a_source_does_not_use_is_refused(source: DataSource) -> None:
             check_used(config, {**usual, name: OTHER[name]}, usual)
 
 
-@pytest.mark.parametrize(
-    ("source", "name"),
-    [
-        ("simulated", "root"),
-        ("csv", "images"),
-        ("folder", "group_column"),
-        ("tacverse", "spacings_mm"),
-        ("numpy", "target_columns"),
-    ],
-)
+@pytest.mark.parametrize(("source", "name"), [("simulated", "root"), ("folder", "group_column")])
 def test_command_with_such_a_setting_is_refused(source: str, name: str) -> None:
     """As the user wrote it, before any file is looked at."""
     with refused(ConfigError, place=f"data.{name}", expected="no value without"):

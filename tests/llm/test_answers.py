@@ -119,10 +119,7 @@ def test_answer_is_asked_for_once_and_found_again(
     assert len(told) == sum(unknown)
 
 
-@pytest.mark.parametrize(
-    "data",
-    [b"\xef\xbb\xbf%s", b"\n\n %s \n"],
-)
+@pytest.mark.parametrize("data", [b"\xef\xbb\xbf%s", b"\n\n %s \n"])
 @pytest.mark.parametrize("media", ["text/plain", "application/octet-stream"])
 def test_media_type_and_mark_decide_nothing(data: bytes, media: str) -> None:
     """JSON is JSON, whatever a proxy calls it."""
@@ -133,11 +130,10 @@ def test_media_type_and_mark_decide_nothing(data: bytes, media: str) -> None:
     assert (completion.text, completion.tokens) == ("hi \ufffd", None)
 
 
-@pytest.mark.parametrize("model", [None, 5, True, [], {"name": "m"}])
-def test_unnamed_model_is_unnamed(model: Json) -> None:
+@pytest.mark.parametrize("body", [chat(model=None), chat(model={"name": "m"}), without(chat(), "model")])
+def test_unnamed_model_is_unnamed(body: Json) -> None:
     """No other name is put in its place."""
-    assert read_chat(chat(model=model)).model == read_message(message(model=model), Delivery.direct).model == ""
-    assert read_chat(without(chat(), "model")).model == ""
+    assert read_chat(body).model == ""
 
 
 PART = {"type": "text", "text": "hi"}
@@ -181,19 +177,23 @@ def test_stop_reasons_are_those_of_the_gate(finish: Json, stop_reason: str) -> N
     assert read_message(message(stop_reason=5), Delivery.direct).stop_reason == "end_turn"
 
 
-def test_refusal_is_a_refusal_wherever_it_stands() -> None:
-    """Newer models refuse in a field of its own, or in a part, without content."""
-    body = chat(content=None)
-    body["choices"][0]["message"]["refusal"] = "I cannot"
-    for refusing in (body, chat(content=[{"type": "refusal", "refusal": "I cannot"}])):
-        completion = read_chat(refusing)
-        assert (completion.text, completion.stop_reason) == ("", "refusal")
+REFUSING = chat(content=None)
+REFUSING["choices"][0]["message"]["refusal"] = "I cannot"
 
 
-def test_answer_without_a_text_counts_where_it_says_why() -> None:
-    """A model that used up its limit to think gave no text; asking again would not help."""
-    assert read_chat(chat(content=None, finish_reason="length")).stop_reason == "max_tokens"
-    assert read_message(message(content=[]), Delivery.direct).text == ""
+@pytest.mark.parametrize(
+    ("provider", "body", "stop_reason"),
+    [
+        ("openai", REFUSING, "refusal"),
+        ("openai", chat(content=[{"type": "refusal", "refusal": "I cannot"}]), "refusal"),
+        ("openai", chat(content=None, finish_reason="length"), "max_tokens"),
+        ("anthropic", message(content=[]), "end_turn"),
+    ],
+)
+def test_answer_without_a_text_counts_where_it_says_why(provider: str, body: Json, stop_reason: str) -> None:
+    """A model refused, or used up its limit to think; asking again would not help."""
+    completion = read(provider, body)
+    assert (completion.text, completion.stop_reason) == ("", stop_reason)
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,11 @@ from hosted import KEY, hosted, request
 from llm_server import serving
 from refusals import refused
 
+from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
-from tacevo.llm.anthropic import body_of, connect, connect_batches
+from tacevo.llm.anthropic import connect, connect_batches
 from tacevo.records import Completion, Message, Request
+from tacevo.runs.providers import provider_settings
 
 
 @pytest.fixture(autouse=True)
@@ -48,10 +50,11 @@ def test_request_is_sent_whole() -> None:
     assert server.logins == {KEY}
 
 
-def test_dropped_setting_is_not_sent() -> None:
-    """What a model refuses is left out, and nothing else."""
-    whole, without = body_of(request("a"), ()), body_of(request("a"), ("temperature",))
-    assert whole == {**without, "temperature": 0.65}
+def test_settings_of_a_request_are_those_that_are_set() -> None:
+    """In the order of their names, beside its own fields."""
+    chosen = compose(["llm=anthropic", "llm.top_p=0.9", "llm.stop_sequences=[END]"]).llm
+    assert provider_settings(chosen) == (("stop_sequences", ("END",)), ("top_p", 0.9))
+    assert provider_settings(compose(["llm=anthropic"]).llm) == ()
 
 
 def test_answer_is_read_whole() -> None:

@@ -15,6 +15,7 @@ from llm_server import LLMServer, serving
 from refusals import refused
 
 from tacevo.errors import ConfigError, StoreError, TransportError
+from tacevo.llm import batches
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import Delivery, Request
 from tacevo.storage.canonical import value_at
@@ -206,11 +207,11 @@ def test_records_of_another_server_are_left_alone(server: LLMServer, tmp_path: P
     assert len(records(tmp_path)) == 1
 
 
-def test_large_generations_are_divided(server: LLMServer, tmp_path: Path) -> None:
+def test_large_generations_are_divided(server: LLMServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The server limits a batch's size."""
-    asked = [request(f"q{number}") for number in range(5_003)]
-    assert len(list(batched(server.url, tmp_path).complete(asked))) == 5_003
-    assert sizes(server) == [5_000, 3]
+    monkeypatch.setattr(batches, "MOST_REQUESTS", 3)
+    assert recorded(server.url, tmp_path) == ANSWERS
+    assert sizes(server) == [3, 2]
 
 
 _RUN = """

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hosted import request as asking
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
@@ -14,7 +15,7 @@ from tacevo.evolution.development import LLM
 from tacevo.llm.budget import Account, BudgetedLLM
 from tacevo.llm.prices import worst_case
 from tacevo.llm.recording import Keep, RecordingLLM
-from tacevo.records import Completion, Message, Mode, Price, Request
+from tacevo.records import Completion, Mode, Price, Request
 from tacevo.storage.store import Store
 
 #: A dollar a token, so that amounts are tokens.
@@ -23,8 +24,7 @@ PRICE = Price(input_usd=1e6, output_usd=1e6, dated="2026-11-21")
 
 def request(number: int, max_tokens: int = 100) -> Request:
     """Make a request; its worst case is 128 + 1 + `max_tokens` dollars."""
-    messages = (Message(role="user", content=str(number)),)
-    return Request(model="m", system="", messages=messages, temperature=0.5, max_tokens=max_tokens, draw=number)
+    return replace(asking(str(number), draw=number), system="", max_tokens=max_tokens)
 
 
 def answer(tokens: int, price: Price | None = None) -> Completion:
@@ -54,9 +54,9 @@ class FakeLLM:
 def budgeted(inner: FakeLLM, limit: float, root: Path) -> LLM:
     """Put store and budget before a fake, as a run does."""
     account = Account(lambda request, completion: PRICE)
-    asking = BudgetedLLM(inner, account, limit=limit, price=PRICE)
+    within = BudgetedLLM(inner, account, limit=limit, price=PRICE)
     store = Store(root, "completions", Mode.record)
-    return RecordingLLM(asking, store, price=lambda request, completion: PRICE, count=account.add)
+    return RecordingLLM(within, store, price=lambda request, completion: PRICE, count=account.add)
 
 
 def ask(llm: LLM, requests: Sequence[Request]) -> set[int]:
@@ -68,18 +68,12 @@ REQUESTS = [request(number) for number in range(6)]
 WORST = worst_case(PRICE, REQUESTS[0])
 
 
-def test_ample_budget_asks_for_everything_at_once(tmp_path: Path) -> None:
-    """Far from its limit a budget costs no concurrency."""
+@pytest.mark.parametrize(("fit", "rounds"), [(6, [6]), (3, [3, 2, 1])])
+def test_budget_asks_in_as_few_rounds_as_it_allows(fit: int, rounds: list[int], tmp_path: Path) -> None:
+    """All at once where so many fit; else what answers left over of their worst case lets further ones through."""
     inner = FakeLLM(tokens=20)
-    assert ask(budgeted(inner, 6 * WORST, tmp_path), REQUESTS) == set(range(6))
-    assert inner.rounds == [6]
-
-
-def test_tight_budget_asks_in_rounds(tmp_path: Path) -> None:
-    """What answers left over of their worst case lets further requests through: 3, then as many as still fit."""
-    inner = FakeLLM(tokens=20)
-    assert ask(budgeted(inner, 3 * WORST, tmp_path), REQUESTS) == set(range(6))
-    assert inner.rounds == [3, 2, 1]
+    assert ask(budgeted(inner, fit * WORST, tmp_path), REQUESTS) == set(range(6))
+    assert inner.rounds == rounds
 
 
 def test_exhausted_budget_keeps_what_was_asked_and_says_how_to_go_on(tmp_path: Path) -> None:
@@ -149,11 +143,7 @@ def test_answer_recorded_without_a_price_counts_by_todays() -> None:
     assert account.spent == 150
 
 
-@given(
-    limits=st.floats(0, 3_000),
-    sizes=st.lists(st.integers(1, 300), max_size=12),
-    part=st.floats(0, 1),
-)
+@given(limits=st.floats(0, 3_000), sizes=st.lists(st.integers(1, 300), max_size=12), part=st.floats(0, 1))
 def test_limit_is_never_exceeded(limits: float, sizes: list[int], part: float) -> None:
     """Whatever the answers cost up to their worst case, the sum stays within the limit."""
     asked = [request(number, size) for number, size in enumerate(sizes)]
@@ -177,13 +167,7 @@ def test_limit_is_never_exceeded(limits: float, sizes: list[int], part: float) -
     assert account.spent <= limits
 
 
-@pytest.mark.parametrize(
-    "unknown",
-    [
-        replace(answer(9), input_tokens=None),
-        replace(answer(9, price=PRICE), cache_read=5),
-    ],
-)
+@pytest.mark.parametrize("unknown", [replace(answer(9), input_tokens=None), replace(answer(9, PRICE), cache_read=5)])
 def test_answer_of_unknown_cost_counts_as_the_most_that_it_can_cost(
     unknown: Completion, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -6,9 +6,7 @@ The real SDKs talk to a server in this process, over real connections; each rule
 import asyncio
 import itertools
 import logging
-import os
 import re
-import signal
 import threading
 from pathlib import Path
 
@@ -20,7 +18,7 @@ from refusals import refused
 from waiting import eventually
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.hosted import HostedLLM
+from tacevo.llm.hosted import SHARE, HostedLLM
 from tacevo.llm.recording import RecordingLLM
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.records import Completion, Request
@@ -62,6 +60,15 @@ def test_so_many_requests_are_open_at_once(provider: str) -> None:
     with serving(Script(delay=0.05)) as server:
         assert len(texts(hosted(server.url, provider, concurrency=4), *(str(n) for n in range(20)))) == 20
         assert server.most == 4
+
+
+@both
+def test_no_client_holds_a_request_back(provider: str) -> None:
+    """Of requests for three clients, all are open together, and every one is answered."""
+    many = 3 * SHARE
+    with serving(Script(together=many)) as server:
+        assert len(texts(hosted(server.url, provider, concurrency=many), *map(str, range(many)))) == many
+        assert server.most == many
 
 
 class _Fake:
@@ -241,18 +248,6 @@ def test_reader_who_leaves_loses_no_answer(tmp_path: Path) -> None:
     answers.close()  # type: ignore[attr-defined]
     assert sorted(server.begun) == ["a", "b", "c", "retried"]
     assert held(tmp_path) == ["a", "b", "c"]
-
-
-def test_interruption_waits_for_what_is_in_flight(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Ctrl-C says what it waits for, and the answer that was paid for is stored before the command ends."""
-    server, llm = slow()
-    answers = RecordingLLM(llm, Store(tmp_path, "completions")).complete([request("a"), request("b")])
-    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
-    threading.Timer(0.5, server.go.release).start()
-    with pytest.raises(KeyboardInterrupt):
-        next(answers)
-    assert "waiting for the answers in flight" in caplog.text
-    assert held(tmp_path) == ["a"]
 
 
 class _Broken(_Slow):

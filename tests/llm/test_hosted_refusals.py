@@ -3,6 +3,7 @@
 The real SDKs talk to a server in this process, over real connections; each rule holds for both.
 """
 
+import contextlib
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -63,22 +64,6 @@ def test_request_that_can_never_be_answered_stops_no_run(fault: str, stop_reason
 
 
 @both
-@pytest.mark.parametrize(
-    ("fault", "fields"),
-    [
-        ("too_long", {"got": "too long", "remedy": "llm.max_tokens"}),
-        ("invalid", {"got": "this is not understood"}),
-    ],
-)
-def test_settings_with_which_no_request_is_answered_are_at_fault(
-    fault: str, fields: dict[str, str], provider: str
-) -> None:
-    """A token limit that the model does not have would else be recorded as a generation of empty answers."""
-    with serving() as server, refused(ConfigError, **fields):
-        texts(hosted(server.url, provider), f"a [fault {fault}]", f"b [fault {fault}]")
-
-
-@both
 def test_settings_that_an_earlier_run_was_answered_with_are_not_at_fault(provider: str, tmp_path: Path) -> None:
     """A resumed run that lacks nothing but one odd request goes on; other settings prove nothing."""
     store = Store(tmp_path, "completions")
@@ -101,35 +86,34 @@ def resumed(url: str, provider: str, store: Store) -> RecordingLLM:
 
 
 @both
-def test_doubtful_refusal_is_about_the_request_where_others_are_answered(provider: str) -> None:
-    """One odd request of three stops no run."""
-    with serving() as server:
-        asked = [request(text) for text in ("a", "b [fault invalid]", "c")]
-        answers = dict(hosted(server.url, provider).complete(asked))
-        assert [answers[position].stop_reason for position in range(3)] == ["end_turn", "invalid_request", "end_turn"]
+@pytest.mark.parametrize(
+    ("asked", "reasons", "said"),
+    [
+        (["a", "b [fault invalid]", "c"], ["end_turn", "invalid_request", "end_turn"], None),
+        (["a [fault invalid]", "b [fault invalid]", "c"], ["invalid_request", "invalid_request", "end_turn"], None),
+        (["a", "b [fault invalid]", "c [fault invalid]"], ["end_turn"], "this is not understood"),
+        (["a [fault invalid]", "b [fault invalid]"], [], "this is not understood"),
+        (["a [fault too_long]", "b [fault too_long]"], [], "too long"),
+    ],
+)
+def test_refusal_is_about_its_request_where_the_model_answers(
+    asked: list[str], reasons: list[str], said: str | None, provider: str, tmp_path: Path
+) -> None:
+    """One odd request stops no run, nor do several before an answer; what all end with is recorded for none.
 
-
-@both
-def test_refusal_of_all_that_follows_an_answer_is_recorded_for_none(provider: str, tmp_path: Path) -> None:
-    """Money or an account may have ended in words that nobody knows: the store is not filled with refusals."""
+    Money or an account may have ended in words that nobody knows, or the settings are at fault: the store is not filled
+    with refusals.
+    """
     store = Store(tmp_path, "completions")
     with serving() as server:
         llm = RecordingLLM(hosted(server.url, provider, concurrency=1), store)
-        with refused(ConfigError, got="this is not understood"):
-            list(llm.complete([request(text) for text in ("a", "b [fault invalid]", "c [fault invalid]")]))
-        with refused(ConfigError, got="this is not understood"):
-            list(llm.complete([request(text) for text in ("d [fault invalid]", "e [fault invalid]")]))
-    assert [value_at(entry.request, ("messages", -1, "content")) for entry in store.entries()] == ["a"]
-
-
-@both
-def test_same_refusals_are_about_the_requests_where_an_answer_follows(provider: str) -> None:
-    """What was sent after the last of them was answered, so the account stands."""
-    with serving() as server:
-        asked = [request(text) for text in ("a [fault invalid]", "b [fault invalid]", "c")]
-        answers = dict(hosted(server.url, provider, concurrency=1).complete(asked))
-        reasons = [answers[number].stop_reason for number in range(3)]
-        assert reasons == ["invalid_request", "invalid_request", "end_turn"]
+        with refused(ConfigError, got=said) if said else contextlib.nullcontext():
+            list(llm.complete([request(text) for text in asked]))
+    recorded = {
+        value_at(one.request, ("messages", -1, "content")): value_at(one.answer, ("stop_reason",))
+        for one in store.entries()
+    }
+    assert recorded == dict(zip(asked, reasons, strict=False))
 
 
 @both
@@ -216,15 +200,3 @@ def test_server_without_a_list_of_models_is_no_further_fault(models: Models, exp
     """The message has what the price table knows, and what the server said."""
     with serving() as server, refused(ConfigError, expected=expected, got="the server says: 404"):
         texts(hosted(server.url, provider, models=models), "a [fault unknown]")
-
-
-@both
-@pytest.mark.parametrize(
-    ("fault", "stop_reason"), [("refusal", "refusal"), ("max_tokens", "max_tokens"), ("empty", "end_turn")]
-)
-def test_refusals_and_cut_off_answers_are_answers(fault: str, stop_reason: str, provider: str) -> None:
-    """They are paid for, and a replay reproduces them."""
-    with serving() as server:
-        ((_, completion),) = hosted(server.url, provider).complete([request(f"a [fault {fault}]")])
-        assert completion.stop_reason == stop_reason
-        assert (completion.input_tokens, completion.output_tokens) == (11, 7)

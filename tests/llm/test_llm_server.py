@@ -5,14 +5,13 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
 from checkout import ROOT, SHARED
 from hosted import batched, hosted, request
-from llm_script import PASSING, Script, key_of
+from llm_script import key_of
 from llm_server import recorded_answers, serving
 
 from tacevo.evolution.development import LLM
@@ -45,18 +44,6 @@ def post(url: str, text: str) -> dict[str, object]:
     data = json.dumps(body(text)).encode()
     with urllib.request.urlopen(urllib.request.Request(f"{url}/v1/messages", data=data, method="POST")) as answer:
         return dict(json.load(answer))
-
-
-def test_faults_follow_from_the_seed() -> None:
-    """The same plan twice, another one under another seed, and about as many faults as asked for."""
-    plans = [
-        [Script(seed=seed, rate=0.3).fault(body(str(n)), tried) for n in range(500) for tried in (1, 2)]
-        for seed in (0, 0, 1)
-    ]
-    assert plans[0] == plans[1] != plans[2]
-    counts = Counter(plans[0])
-    assert set(counts) == {"", *PASSING}
-    assert 0.25 < 1 - counts[""] / 1000 < 0.35
 
 
 def test_only_delivered_answers_are_billed() -> None:
@@ -97,11 +84,3 @@ def test_server_is_started_by_hand() -> None:
         _, complaints = process.communicate(timeout=60)
     assert content == [{"type": "text", "text": recordings()["grating_000"]["response"]}]
     assert (process.returncode, complaints) == (0, "")
-
-
-@pytest.mark.parametrize("reason", ["refusal", "stop_sequence"])
-def test_answer_that_cannot_be_served_whole_is_refused(reason: str, tmp_path: Path) -> None:
-    """A refusal would lose its text, and another stop reason would be told as the end of a turn."""
-    (tmp_path / "force_000.json").write_text(json.dumps({"response": "a", "stop_reason": reason}), encoding="utf-8")
-    with pytest.raises(ValueError, match=rf"force_000\.json ended by {reason}; end_turn and max_tokens can be served"):
-        recorded_answers(tmp_path, "force")

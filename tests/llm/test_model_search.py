@@ -173,28 +173,6 @@ def test_model_of_unknown_price_has_no_budget(place: Path, capsys: pytest.Captur
     assert list(place.iterdir()) == []
 
 
-def test_missing_price_table_is_named(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A table that the user names must be there, before anything is made."""
-    assert main(["search", *TINY, "llm.prices=mine.yaml"]) == 2
-    assert "llm.prices" in capsys.readouterr().err
-    (place / "broken.yaml").write_text("models: [")
-    assert main(["search", *TINY, f"llm.prices={place}/broken.yaml"]) == 2
-    assert "broken.yaml: expected YAML; got" in capsys.readouterr().err
-    assert [path.name for path in place.iterdir()] == ["broken.yaml"]
-
-
-@pytest.mark.slow
-def test_optional_settings_reach_the_server(place: Path) -> None:
-    """What is set is sent under its own name, and what is not set is not sent."""
-    with serving(Script(answer=network)) as server:
-        chosen = ["llm.top_p=0.9", "llm.stop_sequences=[END]", "search.generations=0", "search.initial=1"]
-        assert search(server, *chosen) == 0
-        assert search(server, "search.generations=0", "search.initial=1") == 0
-    with_settings, without = server.bodies
-    assert (with_settings["top_p"], with_settings["stop_sequences"]) == (0.9, ["END"])
-    assert not {"top_p", "top_k", "stop_sequences", "thinking"} & without.keys()
-
-
 @pytest.mark.slow
 def test_refused_temperature_is_told_and_no_arm_is_about_it(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Ledger, summary, report and `show` say that it was not sent; a replay agrees; an arm over it is not begun."""

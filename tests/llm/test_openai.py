@@ -9,7 +9,7 @@ from llm_server import serving
 from refusals import refused
 
 from tacevo.errors import ConfigError
-from tacevo.llm.openai import body_of, connect
+from tacevo.llm.openai import connect
 
 
 @pytest.fixture(autouse=True)
@@ -35,11 +35,6 @@ def test_request_is_sent_whole() -> None:
         "top_k": 40,
         "top_p": 0.9,
     }
-
-
-def test_token_limit_has_the_name_that_the_server_knows() -> None:
-    """OpenAI's own newer models know one name only, and other servers perhaps only the other."""
-    assert body_of(request("a"), (), limit_name="max_completion_tokens")["max_completion_tokens"] == 77
 
 
 def test_server_of_ones_own_wants_no_key(monkeypatch: pytest.MonkeyPatch) -> None:

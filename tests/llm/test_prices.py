@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import yaml
+from hosted import request as asking
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refused
@@ -14,7 +15,7 @@ from refusals import refused
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
 from tacevo.llm.prices import PriceTable, likely_tokens, most_input_tokens, worst_case
-from tacevo.records import Completion, Delivery, Message, Price, Request
+from tacevo.records import Completion, Delivery, Price, Request
 from tacevo.runs.providers import load_prices
 
 TABLE = load_prices("prices.yaml")
@@ -23,8 +24,7 @@ ENTRY: dict[str, Any] = {"input_usd": 1, "output_usd": 2.0, "dated": "2026-11-21
 
 def request(text: str = "hello", *, model: str = "claude-3-haiku-20240307", max_tokens: int = 100) -> Request:
     """Make a request."""
-    messages = (Message(role="user", content=text),)
-    return Request(model=model, system="Be brief.", messages=messages, temperature=0.5, max_tokens=max_tokens, draw=0)
+    return replace(asking(text), model=model, max_tokens=max_tokens)
 
 
 def answer(model: str, delivery: Delivery = Delivery.direct) -> Completion:
@@ -81,9 +81,7 @@ def test_delivery_of_the_answer_decides_the_price() -> None:
 @given(st.text(max_size=50), st.text(max_size=50))
 def test_worst_case_counts_every_byte(system: str, text: str) -> None:
     """No tokeniser that makes at most one token of a byte exceeds the bound, nor the usual rule of thumb."""
-    asked = Request(
-        model="m", system=system, messages=(Message(role="user", content=text),), temperature=0, max_tokens=7, draw=0
-    )
+    asked = replace(request(text), system=system)
     size = len(system.encode(errors="replace")) + len(text.encode(errors="replace"))
     assert most_input_tokens(asked) > size
     assert most_input_tokens(asked) > likely_tokens(system) + likely_tokens(text)
@@ -114,6 +112,12 @@ def test_malformed_table_is_refused_by_its_key(table: object, key: str, tmp_path
     """A price that is not sound is the user's to mend, and is never read as something else."""
     with refused(ConfigError, place=f"llm.prices={tmp_path}/my.yaml" + (f", {key}" if key else "")):
         load(tmp_path, table)
+
+
+def test_missing_table_is_refused() -> None:
+    """A table that the user names must be there."""
+    with refused(ConfigError, place="llm.prices", got="mine.yaml"):
+        load_prices("mine.yaml")
 
 
 def test_table_of_ones_own_is_read(tmp_path: Path) -> None:

@@ -4,11 +4,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
+from hosted import request
 from refusals import refused
 
 from tacevo.errors import CacheMissError, LLMError, StoreError, TransportError
 from tacevo.llm.recording import Keep, RecordingLLM
-from tacevo.records import Completion, Message, Mode, Price, Request, to_json
+from tacevo.records import Completion, Mode, Price, Request, to_json
 from tacevo.storage.store import Store
 
 
@@ -26,12 +27,6 @@ class FakeLLM:
                 raise TransportError("no network")
             self.asked.append(requests[position].messages[0].content)
             yield position, keep(requests[position], answer(f"{self.asked[-1]} answered as number {len(self.asked)}"))
-
-
-def request(text: str, draw: int = 0) -> Request:
-    """Make a request."""
-    messages = (Message(role="user", content=text),)
-    return Request(model="m", system="", messages=messages, temperature=0.5, max_tokens=9, draw=draw)
 
 
 def answer(text: str) -> Completion:
@@ -90,7 +85,7 @@ def test_replay_never_asks(tmp_path: Path) -> None:
     llm = RecordingLLM(inner, completions(tmp_path, Mode.replay))
     assert texts(llm, REQUESTS) == ANSWERS
     with refused(CacheMissError, got="whose field 'draw' differs"):
-        texts(llm, [request("a", draw=1)])
+        texts(llm, [request("a", draw=2)])
     assert inner.asked == []
 
 
@@ -114,7 +109,7 @@ def test_failure_keeps_what_had_arrived(tmp_path: Path) -> None:
 def test_equal_requests_are_asked_once(mode: Mode, tmp_path: Path) -> None:
     """Equal requests get one answer, because a replay could not tell two apart; another draw is another request."""
     inner = FakeLLM()
-    requests = [request("a"), request("b"), request("a"), request("a", draw=1)]
+    requests = [request("a"), request("b"), request("a"), request("a", draw=2)]
     first = texts(RecordingLLM(inner, completions(tmp_path, mode)), requests)
     assert first[0] == first[2] != first[3]
     assert sorted(inner.asked) == ["a", "a", "b"]
@@ -136,11 +131,6 @@ def test_damaged_recording_is_never_asked_for_anew(tmp_path: Path) -> None:
     with refused(StoreError, expected="JSON"):
         texts(RecordingLLM(inner, store), REQUESTS)
     assert inner.asked == []
-
-
-def test_nothing_asked_is_nothing_answered(tmp_path: Path) -> None:
-    """An empty batch needs no model."""
-    assert texts(RecordingLLM(None, completions(tmp_path)), []) == []
 
 
 def test_price_is_stored_with_the_answer(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ The real SDKs meet what listens on this machine; each rule holds for both.
 
 import gc
 import gzip
-import itertools
 import os
 import re
 import signal
@@ -17,7 +16,6 @@ from pathlib import Path
 
 import pytest
 from hosted import PROVIDERS, batched, hosted, request, texts
-from llm_script import Script
 from llm_server import listen, serving
 from raw_server import CUT, Reply, replying
 from refusals import refused
@@ -193,7 +191,7 @@ def test_interruption_waits_for_nothing_that_was_not_sent(
 
 @both
 def test_interruption_waits_for_what_was_sent(provider: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """The other half of that rule, over a real connection."""
+    """The command says what it waits for; the answer that was paid for is stored before it ends."""
     store = Store(tmp_path, "completions")
     with serving() as server:
         server.held = {"a": threading.Event()}
@@ -247,13 +245,3 @@ def test_compressed_answer_is_read(provider: str) -> None:
     with replying((200, data), {"content-encoding": "gzip"}) as server:
         assert texts(hosted(server.url, provider, patience=QUICK), "a") == ["hi"]
         assert len(server.bodies) == 1
-
-
-def test_results_of_a_batch_have_a_limit_of_their_own(tmp_path: Path) -> None:
-    """They are one body, larger than any answer: 50 answers of 100 KiB are read."""
-    script = Script(answer=lambda body: "a" * 100 * 2**10)
-    asked = [request(str(number)) for number in range(50)]
-    with serving(script) as server:
-        found = list(itertools.chain(batched(server.url, tmp_path).complete(asked)))
-    assert len(found) == 50
-    assert sum(len(completion.text) for _, completion in found) > MOST_BYTES

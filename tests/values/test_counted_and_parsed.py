@@ -7,22 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from tacevo.text import counted, drawn, parse_python
+from tacevo.text import counted, parse_python
 
 
 @pytest.mark.parametrize(("number", "words"), [(0, "0 answers"), (1, "1 answer"), (2, "2 answers"), (11, "11 answers")])
 def test_noun_follows_its_number(number: int, words: str) -> None:
     """Only one is singular."""
     assert counted(number, "answer") == words
-
-
-def test_fitness_is_of_so_many_draws() -> None:
-    """An elite that the search trained again has more than the others."""
-    assert [drawn(1), drawn(3), drawn(3, or_more=True)] == [
-        "one draw",
-        "the median of 3 draws",
-        "the median of 3 or more draws",
-    ]
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hosted import request
 
 from tacevo import records
 from tacevo.choices import Precision
@@ -22,12 +23,10 @@ from tacevo.records import (
     Kind,
     Limits,
     Loss,
-    Message,
     Price,
     Reason,
     Recipe,
     Rejection,
-    Request,
     Stage,
     Training,
     to_json,
@@ -125,20 +124,8 @@ def test_names_of_choices_are_what_is_written(enum: type[StrEnum]) -> None:
 
 def test_to_json_gives_plain_values() -> None:
     """Nested records become mappings, tuples lists, enums their values; scalars stay what they are."""
-    assert to_json({Kind.regression: (RECIPE, None, True, Stage.train)}) == {
-        "regression": [
-            {
-                "epochs": 3,
-                "batch_size": 32,
-                "learning_rate": 0.001,
-                "optimiser": "adam",
-                "limits": {"seconds": 5.0, "memory_mib": 64},
-                "gpu": None,
-            },
-            None,
-            True,
-            "train",
-        ]
+    assert to_json({Kind.regression: (RECIPE.limits, None, True, Stage.train)}) == {
+        "regression": [{"seconds": 5.0, "memory_mib": 64}, None, True, "train"]
     }
     listed: Any = to_json([Stage.train])
     assert type(listed[0]) is str
@@ -152,21 +139,12 @@ def test_only_records_are_written() -> None:
 
 def test_request_holds_all_that_changes_an_answer() -> None:
     """The key of a completion is the whole of its request, in this very form."""
-    request = Request(
-        model="m",
-        system="s",
-        messages=(Message(role="user", content="hello"),),
-        temperature=0.5,
-        max_tokens=10,
-        draw=1,
-        settings=(("slip_rate", 0.05),),
-    )
-    assert to_json(request) == {
-        "model": "m",
-        "system": "s",
+    assert to_json(request("hello", settings=(("slip_rate", 0.05),))) == {
+        "model": "model-x",
+        "system": "Be brief.",
         "messages": [{"role": "user", "content": "hello"}],
-        "temperature": 0.5,
-        "max_tokens": 10,
+        "temperature": 0.65,
+        "max_tokens": 77,
         "draw": 1,
         "settings": [["slip_rate", 0.05]],
     }
@@ -174,13 +152,7 @@ def test_request_holds_all_that_changes_an_answer() -> None:
 
 def test_fitness_is_the_final_validation_loss() -> None:
     """Not the best one: the paper takes the last."""
-    training = Training(
-        train_losses=(0.9, 0.8, 0.7),
-        validation_losses=(0.5, 0.25, 0.375),
-        predictions_sha256="",
-        weights_sha256="",
-    )
-    assert training.fitness == 0.375
+    assert replace(TRAINING, validation_losses=(0.5, 0.25, 0.375)).fitness == 0.375
 
 
 #: An answer as it is recorded now.

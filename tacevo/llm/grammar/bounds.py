@@ -7,24 +7,17 @@ from itertools import pairwise
 from tacevo.llm.grammar.network import Attention, Block, Down, Hidden, Network, Norm, pooled_features, widths
 
 MIN_BLOCKS, MAX_BLOCKS = 2, 6
-
 MIN_CHANNELS, MAX_CHANNELS = 8, 512
-
 MAX_KERNEL = 7
 
 #: Four halvings leave 2 x 2 positions of a 32-pixel image, the smallest that a task has.
 MAX_HALVINGS = 4
 
 MAX_SKIPS = 4
-
 MAX_HIDDEN_LAYERS = 4
-
 MIN_HIDDEN, MAX_HIDDEN = 16, 2048
-
 MAX_GRID = 8
-
 MAX_DROPOUT = 0.8
-
 MAX_PARAMETERS = 20_000_000
 
 #: Multiply-adds of the trunk for each pixel of the image, about six times the baseline's.
@@ -33,10 +26,8 @@ MAX_COST = 60_000
 
 def parameters(network: Network) -> int:
     """Count the trainable parameters, all of them."""
-    trunk = sum(
-        _block_parameters(block, inputs) for inputs, block in zip(widths(network), network.blocks, strict=False)
-    )
     channels = widths(network)
+    trunk = sum(_block_parameters(block, inputs) for inputs, block in zip(channels, network.blocks, strict=False))
     skips = sum(
         (channels[source] + 1) * channels[target]
         for source, target in network.skips

@@ -17,17 +17,10 @@ _ATTEMPTS = 6
 
 
 def cross(first: Network, second: Network, instruction: str, rng: np.random.Generator) -> Network:
-    """Join parts of two parents.
+    """Join parts of two parents to a child within the bounds, which has the names and defaults of the first.
 
-    Args:
-        first: its names and defaults pass to the child.
-        second: the other parent.
-        instruction: may ask for the trunk of the first and the head of the second parent; else chance decides how
-            the two are joined, and which of them leads.
-        rng: settles what the instruction leaves open.
-
-    Returns:
-        A child within the bounds, different from both parents wherever six draws find such a one.
+    The instruction may ask for the trunk of the first and the head of the second; else chance decides how they are
+    joined and which of them leads. The child differs from both wherever six draws find such a one.
     """
     text = wording.operative(instruction)
     if wording.mentions(text, "trunk|backbone|features? ") and wording.mentions(text, "head|classifier|regressor"):

@@ -20,7 +20,7 @@ def channels(text: str, network: Network) -> Network | None:
     which = _named_or_all(text, network)
     number = re.search(r"(\d+) (?:output )?(?:channels|filters)", text)
     if number:
-        return moves.edit_blocks(network, which, lambda block: replace(block, channels=int(number[1])))
+        return moves.set_blocks(network, which, channels=int(number[1]))
     if not wording.mentions(text, r"channels?\b|filters?\b|widen|wider|narrow"):
         return None
     factor = wording.scale(text)
@@ -28,7 +28,7 @@ def channels(text: str, network: Network) -> Network | None:
         factor = 1.25
     if factor is None and wording.mentions(text, r"narrow|fewer (?:\w+ )?(?:channels|filters)"):
         factor = 0.75
-    return moves.scale_channels(network, which, factor) if factor else None
+    return moves.scale_channels(network, factor, which) if factor else None
 
 
 def kernel(text: str, network: Network) -> Network | None:
@@ -39,15 +39,14 @@ def kernel(text: str, network: Network) -> Network | None:
         return _add_pointwise(text, network)
     if size is None or size % 2 == 0 or not wording.mentions(text, r"kernel|conv|filter"):
         return None
-    return moves.edit_blocks(network, _named_or_all(text, network), lambda block: replace(block, kernel=size))
+    return moves.set_blocks(network, _named_or_all(text, network), kernel=size)
 
 
 def separable(text: str, network: Network) -> Network | None:
     """Make convolutions depthwise separable."""
     if not wording.mentions(text, r"depth-?wise|separable"):
         return None
-    which = _named_or_all(text, network)
-    return moves.edit_blocks(network, which, lambda block: replace(block, separable=block.kernel > 1))
+    return moves.separate(network, _named_or_all(text, network))
 
 
 def norm(text: str, network: Network) -> Network | None:
@@ -58,7 +57,7 @@ def norm(text: str, network: Network) -> Network | None:
     wanted = Norm.batch if wording.mentions(text, batch) and not wording.gives_up(text, batch) else Norm.group
     if wording.removes(text, f"{batch}|{group}"):
         wanted = Norm.none
-    return moves.edit_blocks(network, _named_or_all(text, network), lambda block: replace(block, norm=wanted))
+    return moves.set_blocks(network, _named_or_all(text, network), norm=wanted)
 
 
 def activation(text: str, network: Network) -> Network | None:
@@ -68,7 +67,7 @@ def activation(text: str, network: Network) -> Network | None:
         return None
     blocks = wording.named_blocks(text, len(network.blocks))
     if blocks:
-        return moves.edit_blocks(network, blocks, lambda block: replace(block, activation=wanted))
+        return moves.set_blocks(network, blocks, activation=wanted)
     head_only = wording.mentions(text, "head") and not wording.mentions(text, "conv|trunk|everywhere|network")
     trunk_only = wording.mentions(text, "conv|trunk") and not wording.mentions(text, "head|everywhere|network")
     return moves.set_activation(network, wanted, trunk=not head_only, head=not trunk_only)
@@ -94,10 +93,7 @@ def attention(text: str, network: Network) -> Network | None:
     if not wording.mentions(text, pattern):
         return None
     if wording.removes(text, rf"(?:\w+ )?{pattern}"):
-        network = moves.edit_blocks(
-            network, moves.all_blocks(network), lambda block: replace(block, attention=Attention.none)
-        )
-        return replace(network, attention=Attention.none)
+        return replace(moves.set_blocks(network, attention=Attention.none), attention=Attention.none)
     channel = wording.mentions(text, "channel|squeeze") and not wording.mentions(text, "spatial")
     wanted = Attention.channel if channel else Attention.spatial
     if wording.mentions(text, r"(?:before|ahead of) (?:the )?(?:adaptive|global|pool|head)|last|final"):
@@ -106,7 +102,7 @@ def attention(text: str, network: Network) -> Network | None:
     if not blocks and wording.mentions(text, r"(?:each|every|all|the)(?: \w+)? (?:block|stage)s?"):
         blocks = list(moves.all_blocks(network))
     if blocks:
-        return moves.edit_blocks(network, blocks, lambda block: replace(block, attention=wanted))
+        return moves.set_blocks(network, blocks, attention=wanted)
     return replace(network, attention=wanted)
 
 
@@ -172,8 +168,9 @@ def dropout(text: str, network: Network) -> Network | None:
         return None
     rate = wording.probability(text)
     if wording.removes(text, "dropout"):
-        head_only = wording.mentions(text, "head")
-        return moves.remove_head_dropout(network) if head_only else moves.remove_dropout(network)
+        if not wording.mentions(text, "head"):
+            network = moves.set_blocks(network, dropout=0.0)
+        return moves.remove_head_dropout(network)
     if wording.mentions(text, rf"(?:{_MORE})\b(?: \w+){{0,3}} dropout"):
         return moves.add_dropout(network, rate or 0.25)
     return moves.set_dropout(network, rate) if rate else None
@@ -199,7 +196,7 @@ def output(text: str, network: Network) -> Network | None:
     for pattern, wanted in names.items():
         if wording.mentions(text, pattern) and not wording.mentions(text, "attention"):
             bound = Output.free if wording.removes(text, pattern) else wanted
-            return replace(network, head=replace(network.head, output=bound))
+            return moves.set_head(network, output=bound)
     return None
 
 
@@ -223,7 +220,7 @@ def own_module(text: str, network: Network) -> Network | None:
     )
     if not module or not wording.mentions(text, "head") or wording.mentions(text, "attention"):
         return None
-    return replace(network, head=replace(network.head, own_module=True))
+    return moves.set_head(network, own_module=True)
 
 
 def lighter(text: str, network: Network) -> Network | None:
@@ -256,16 +253,9 @@ _RULES: tuple[_Rule, ...] = (
 
 
 def transform(network: Network, instruction: str, rng: np.random.Generator, temperature: float) -> Network:
-    """Change a network as an instruction says, and a little more the warmer it is.
+    """Change a network as an instruction says, and a little more the warmer the temperature in [0, 1] is.
 
-    Args:
-        network: the parent.
-        instruction: one or a few sentences in English.
-        rng: settles what the instruction leaves open, and the extra edits.
-        temperature: in [0, 1]; at 0 the instruction alone acts.
-
-    Returns:
-        The child, within the bounds of `bounds.py`; equal to the parent where it has already what is asked for.
+    The child is within the bounds, and equal to the parent where that has already what is asked for.
     """
     return warm(follow(network, instruction, rng), temperature, rng)
 

@@ -17,7 +17,7 @@ from tacevo.llm.grammar.crossover import cross
 from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.parsing import UnreadableError, parse
-from tacevo.llm.grammar.slips import Answer, draw, proper, spoil
+from tacevo.llm.grammar.slips import Slip, draw, proper, spoil
 from tacevo.llm.grammar.variations import wander, warm
 from tacevo.llm.prices import CHARACTERS_PER_TOKEN, likely_tokens
 from tacevo.llm.recording import Keep, unkept
@@ -49,32 +49,24 @@ class GrammarLLM:
 def answer(request: Request, *, slip_rate: float) -> Completion:
     """Answer one request: a pure function of the request and the slip rate.
 
-    The network depends neither on the slip rate nor on the request's provider settings (where a plan records that
-    rate), so runs that differ in it alone share their proper answers.
-
-    Args:
-        request: its first message holds one parent and an instruction for a mutation, two for a crossover; for a sample
-            it is `sample_text`, to the letter.
-        slip_rate: probability of a fault, in [0, 1].
-
-    Returns:
-        A completion whose token counts are the numbers of characters divided by four, rounded up.
+    Its first message holds one parent and an instruction for a mutation, two for a crossover; for a sample it is
+    `sample_text`, to the letter. The network depends neither on the slip rate nor on the request's provider settings
+    (where a plan records that rate), so runs that differ in it alone share their proper answers.
     """
     digest = content_hash(to_json(replace(request, settings=())))
     try:
         child = _child(request, stream(0, "grammar", digest))
     except UnreadableError as error:
-        said = Answer(text=f"I cannot read the request, so this answer holds no code: {error}.\n")
-    else:
-        rng = stream(0, "grammar", "slip", digest)
-        slip = draw(slip_rate, rng)
-        said = proper(child) if slip is None else spoil(child, slip, rng)
-    return _completion(request, said)
+        return _completion(request, f"I cannot read the request, so this answer holds no code: {error}.\n")
+    rng = stream(0, "grammar", "slip", digest)
+    slip = draw(slip_rate, rng)
+    text = proper(child) if slip is None else spoil(child, slip, rng)
+    return _completion(request, text, is_cut=slip is Slip.cut_off)
 
 
 def _child(request: Request, rng: np.random.Generator) -> Network:
     """Make the network that a request asks for."""
-    content = request.messages[0].content if request.messages else ""
+    content = request.messages[0].content
     instruction = _INSTRUCTION.search(content)
     sources = _PARENT.findall(content)
     parents = [parse(source) for source in sources]
@@ -87,14 +79,14 @@ def _child(request: Request, rng: np.random.Generator) -> Network:
     return warm(cross(parents[0], parents[1], instruction[1], rng), request.temperature, rng)
 
 
-def _completion(request: Request, said: Answer) -> Completion:
-    """Count tokens, and cut what is longer than the request allows."""
+def _completion(request: Request, text: str, *, is_cut: bool = False) -> Completion:
+    """Count a token for four characters, rounded up, and cut what is longer than the request allows."""
     asked = request.system + "".join(message.content for message in request.messages)
     longest = request.max_tokens * CHARACTERS_PER_TOKEN
     return Completion(
-        text=said.text[:longest],
+        text=text[:longest],
         model=MODEL,
-        stop_reason="max_tokens" if len(said.text) > longest else said.stop_reason,
+        stop_reason="max_tokens" if is_cut or len(text) > longest else "end_turn",
         input_tokens=likely_tokens(asked),
-        output_tokens=likely_tokens(said.text[:longest]),
+        output_tokens=likely_tokens(text[:longest]),
     )

@@ -80,15 +80,17 @@ def render(network: Network) -> str:
 def _network_class(network: Network) -> str:
     """Write the class that the task asks for."""
     signature = network.signature
-    lines = [f"class {signature.class_name}(nn.Module):"]
-    if signature.docstring:
-        lines += [f'{_INDENT}"""{signature.docstring}"""', ""]
     arguments = f"in_channels={signature.in_channels}, {signature.output_argument}={signature.outputs}"
-    lines.append(f"{_INDENT}def __init__(self, {arguments}):")
-    lines += _indented(["super().__init__()", *_attributes(network)])
-    lines += ["", f"{_INDENT}def forward(self, x):"]
-    lines += _indented(_forward(network))
-    return "\n".join(lines)
+    return _class(signature.class_name, signature.docstring, arguments, _attributes(network), _forward(network))
+
+
+def _class(name: str, docstring: str, arguments: str, constructor: list[str], forward: list[str]) -> str:
+    """Write a module with the statements of its two methods."""
+    lines = [f"class {name}(nn.Module):"]
+    if docstring:
+        lines += [f'{_INDENT}"""{docstring}"""', ""]
+    lines += [f"{_INDENT}def __init__(self, {arguments}):", *_indented(["super().__init__()", *constructor])]
+    return "\n".join([*lines, "", f"{_INDENT}def forward(self, x):", *_indented(forward)])
 
 
 def _attributes(network: Network) -> list[str]:
@@ -100,10 +102,8 @@ def _attributes(network: Network) -> list[str]:
         inputs = str(block.channels)
     for source, target in network.skips:
         if _needs_projection(network, source, target):
-            before = "in_channels" if source == 0 else widths(network)[source]
-            lines.append(
-                f"self.skip{source}_to_{target} = nn.Conv2d({before}, {widths(network)[target]}, kernel_size=1)"
-            )
+            before, after = "in_channels" if source == 0 else widths(network)[source], widths(network)[target]
+            lines.append(f"self.skip{source}_to_{target} = nn.Conv2d({before}, {after}, kernel_size=1)")
     if network.attention is not Attention.none:
         lines.append(f"self.attention = {_attention(network.attention, network.blocks[-1].channels)}")
     first = "Max" if network.pooling is Pooling.max else "Avg"
@@ -172,17 +172,9 @@ def _head(network: Network) -> list[str]:
 
 def _head_class(network: Network) -> str:
     """Write the head as a class of its own."""
-    lines = [
-        "class Head(nn.Module):",
-        f'{_INDENT}"""Turns the pooled features into the outputs."""',
-        "",
-        f"{_INDENT}def __init__(self, in_features, {network.signature.output_argument}):",
-        *_indented(["super().__init__()", *_call("self.layers = nn.Sequential", _head_layers(network, "in_features"))]),
-        "",
-        f"{_INDENT}def forward(self, x):",
-        *_indented(["return self.layers(x)"]),
-    ]
-    return "\n".join(lines)
+    arguments = f"in_features, {network.signature.output_argument}"
+    layers = _call("self.layers = nn.Sequential", _head_layers(network, "in_features"))
+    return _class("Head", "Turns the pooled features into the outputs.", arguments, layers, ["return self.layers(x)"])
 
 
 def _head_layers(network: Network, inputs: str) -> list[str]:

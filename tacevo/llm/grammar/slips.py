@@ -1,7 +1,6 @@
 """The faults of real models, one at a time, to exercise the gate."""
 
 import re
-from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -31,42 +30,29 @@ class Slip(StrEnum):
 _ODDS = (Slip.prose, Slip.prose, Slip.no_fence, *(slip for slip in Slip if slip not in {Slip.prose, Slip.no_fence}))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """The text of an answer, and why it stopped: `end_turn` or `max_tokens`."""
-
-    text: str
-    stop_reason: str = "end_turn"
-
-
-def proper(network: Network) -> Answer:
+def proper(network: Network) -> str:
     """Answer without a fault: one fenced block and nothing else."""
-    return Answer(text=_fenced(render(network)))
+    return _fenced(render(network))
 
 
 def draw(slip_rate: float, rng: np.random.Generator) -> Slip | None:
-    """Decide whether an answer carries a fault, and which.
-
-    Args:
-        slip_rate: probability of a fault, in [0, 1].
-        rng: settles both.
-    """
+    """Decide whether an answer carries a fault, with a probability in [0, 1], and which."""
     return pick(rng, _ODDS) if rng.random() < slip_rate else None
 
 
-def spoil(network: Network, slip: Slip, rng: np.random.Generator) -> Answer:
+def spoil(network: Network, slip: Slip, rng: np.random.Generator) -> str:
     """Answer with a network's source text and exactly one fault in it."""
     source = render(network)
     match slip:
         case Slip.prose:
-            return Answer(text=_explained(source))
+            return _explained(source)
         case Slip.no_fence:
-            return Answer(text=source)
+            return source
         case Slip.cut_off:
             end = len(source) * int(rng.integers(40, 80)) // 100
-            return Answer(text=f"```python\n{source[:end]}", stop_reason="max_tokens")
+            return f"```python\n{source[:end]}"
         case _:
-            return Answer(text=_fenced(_damaged(source, network, slip)))
+            return _fenced(_damaged(source, network, slip))
 
 
 def _damaged(source: str, network: Network, slip: Slip) -> str:

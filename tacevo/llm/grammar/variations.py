@@ -11,7 +11,7 @@ import numpy as np
 
 from tacevo.llm.grammar import moves
 from tacevo.llm.grammar.bounds import MAX_GRID, MAX_HALVINGS, fit
-from tacevo.llm.grammar.network import Activation, Attention, Block, Down, Network, Norm, Pooling
+from tacevo.llm.grammar.network import Activation, Attention, Down, Network, Norm, Pooling
 
 _Option = TypeVar("_Option")
 
@@ -30,11 +30,7 @@ def pick(rng: np.random.Generator, options: Sequence[_Option]) -> _Option:
 
 
 def vary(network: Network, variations: Sequence[Variation], rng: np.random.Generator) -> Network:
-    """Apply one variation: the first, in random order, that changes the network within the bounds.
-
-    Returns:
-        A network within the bounds; the same one only where no variation changes it.
-    """
+    """Apply one variation: the first, in random order, that changes the network within the bounds, if one does."""
     for index in rng.permutation(len(variations)):
         changed = fit(variations[int(index)](network, rng))
         if changed != network:
@@ -43,13 +39,7 @@ def vary(network: Network, variations: Sequence[Variation], rng: np.random.Gener
 
 
 def warm(network: Network, temperature: float, rng: np.random.Generator) -> Network:
-    """Add the small random edits of a temperature: each of four happens with probability `temperature / 2`.
-
-    Args:
-        network: what the instruction alone gives.
-        temperature: in [0, 1]; 0 adds nothing, 1 adds two edits on average.
-        rng: settles which edits happen and how.
-    """
+    """Add the small random edits of a temperature T in [0, 1]: each of four happens with probability T / 2."""
     for _ in range(_MOST_EDITS):
         if rng.random() < temperature / 2:
             network = vary(network, SMALL_EDITS, rng)
@@ -73,26 +63,17 @@ def _one_of(options: Sequence[_Option], move: Callable[[Network, _Option], Netwo
 
 
 def _resize_block(network: Network, rng: np.random.Generator) -> Network:
-    return moves.scale_channels(network, [_any_block(network, rng)], pick(rng, (0.75, 1.25)))
+    number = _any_block(network, rng)
+    return moves.scale_channels(network, pick(rng, (0.75, 1.25)), [number])
 
 
 def _change_kernel(network: Network, rng: np.random.Generator) -> Network:
     kernel = pick(rng, (3, 5, 7))
-    return moves.edit_blocks(network, [_any_block(network, rng)], lambda block: replace(block, kernel=kernel))
+    return moves.set_blocks(network, [_any_block(network, rng)], kernel=kernel)
 
 
 def _change_activation(network: Network, rng: np.random.Generator) -> Network:
     return moves.set_activation(network, pick(rng, tuple(Activation)), trunk=pick(rng, (True, False)))
-
-
-def _change_norm(network: Network, rng: np.random.Generator) -> Network:
-    norm = pick(rng, tuple(Norm))
-    return moves.edit_blocks(network, moves.all_blocks(network), lambda block: replace(block, norm=norm))
-
-
-def _change_layer_norm(network: Network, rng: np.random.Generator) -> Network:
-    wanted = pick(rng, (True, False))
-    return moves.edit_hidden(network, lambda layer: replace(layer, layer_norm=wanted))
 
 
 def _change_grid(network: Network, rng: np.random.Generator) -> Network:
@@ -101,7 +82,7 @@ def _change_grid(network: Network, rng: np.random.Generator) -> Network:
 
 def _attend_in_block(network: Network, rng: np.random.Generator) -> Network:
     attention = pick(rng, tuple(Attention))
-    return moves.edit_blocks(network, [_any_block(network, rng)], lambda block: replace(block, attention=attention))
+    return moves.set_blocks(network, [_any_block(network, rng)], attention=attention)
 
 
 def _bypass_block(network: Network, rng: np.random.Generator) -> Network:
@@ -118,18 +99,17 @@ def _drop_skip(network: Network, rng: np.random.Generator) -> Network:
 
 def _separate_block(network: Network, rng: np.random.Generator) -> Network:
     # Not the first: filtering each image channel by itself leaves it next to nothing to learn from.
-    number = _later_block(network, rng)
-    return moves.edit_blocks(network, [number], lambda block: replace(block, separable=block.kernel > 1))
+    return moves.separate(network, [_later_block(network, rng)])
 
 
 def _join_block(network: Network, rng: np.random.Generator) -> Network:
-    return moves.edit_blocks(network, [_any_block(network, rng)], lambda block: replace(block, separable=False))
+    return moves.set_blocks(network, [_any_block(network, rng)], separable=False)
 
 
 def _add_block(network: Network, rng: np.random.Generator) -> Network:
     """Double a block: behind it comes one of its kind that halves the map only if there is room for that."""
     number = _any_block(network, rng)
-    original: Block = network.blocks[number - 1]
+    original = network.blocks[number - 1]
     halvings = sum(block.down is not Down.none for block in network.blocks)
     down = original.down if halvings < MAX_HALVINGS and pick(rng, (True, False)) else Down.none
     return moves.insert_block(network, number, replace(original, down=down))
@@ -137,10 +117,6 @@ def _add_block(network: Network, rng: np.random.Generator) -> Network:
 
 def _drop_any_block(network: Network, rng: np.random.Generator) -> Network:
     return moves.drop_block(network, _any_block(network, rng))
-
-
-def _scale_trunk(network: Network, factor: float) -> Network:
-    return moves.scale_channels(network, moves.all_blocks(network), factor)
 
 
 def _stride_trunk(network: Network, rng: np.random.Generator) -> Network:
@@ -151,8 +127,11 @@ def _drop_hidden(network: Network, rng: np.random.Generator) -> Network:
     return moves.drop_hidden(network)
 
 
-def _ease_dropout(network: Network, rng: np.random.Generator) -> Network:
-    rate = pick(rng, (0.1, 0.2))
+def _with_layer_norms(network: Network, wanted: bool) -> Network:
+    return moves.edit_hidden(network, lambda layer: replace(layer, layer_norm=wanted))
+
+
+def _with_dropout_at_most(network: Network, rate: float) -> Network:
     return moves.edit_hidden(network, lambda layer: replace(layer, dropout=min(layer.dropout, rate)))
 
 
@@ -165,13 +144,16 @@ def _later_block(network: Network, rng: np.random.Generator) -> int:
     return int(rng.integers(min(2, len(network.blocks)), len(network.blocks) + 1))
 
 
+_change_norm = _one_of(tuple(Norm), lambda network, norm: moves.set_blocks(network, norm=norm))
+_change_layer_norm = _one_of((True, False), _with_layer_norms)
+_ease_dropout = _one_of((0.1, 0.2), _with_dropout_at_most)
 _resize_hidden = _one_of((0.5, 0.75, 1.25, 1.5), moves.scale_hidden)
 _change_downsampling = _one_of((Down.max, Down.average, Down.stride), moves.set_downsampling)
 _change_dropout = _one_of((0.1, 0.2, 0.3, 0.4, 0.5), moves.set_dropout)
 _change_pooling = _one_of(tuple(Pooling), lambda network, pooling: replace(network, pooling=pooling))
 _change_attention = _one_of(tuple(Attention), lambda network, attention: replace(network, attention=attention))
-_narrow_trunk = _one_of((0.5, 0.75), _scale_trunk)
-_widen_trunk = _one_of((1.25, 1.5), _scale_trunk)
+_narrow_trunk = _one_of((0.5, 0.75), moves.scale_channels)
+_widen_trunk = _one_of((1.25, 1.5), moves.scale_channels)
 _lighten_head = _one_of((0.25, 0.5), moves.scale_hidden)
 _coarsen_grid = _one_of((2, 3), lambda network, grid: replace(network, grid=min(network.grid, grid)))
 _add_hidden = _one_of((64, 128, 256), moves.add_hidden)

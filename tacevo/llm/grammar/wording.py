@@ -48,20 +48,20 @@ def named_blocks(text: str, count: int) -> list[int]:
     A block that the network does not have stands for its last one, because the baseline's names survive in the
     instructions while networks shrink.
     """
-    found = [int(digit) for digit in re.findall(r"\bconv(?:olution)?(?:al)?(?: block| layer)? ?(\d)\b", text)]
+    named = [int(digit) for digit in re.findall(r"\bconv(?:olution)?(?:al)?(?: block| layer)? ?(\d)\b", text)]
     noun = r"(?: \w+)? (?:conv\w*|block|stage)"
-    found += [number for word, number in _ORDINALS.items() if re.search(rf"\b{word}{noun}", text)]
+    named += [number for word, number in _ORDINALS.items() if re.search(rf"\b{word}{noun}", text)]
     if re.search(rf"\b(?:last|final){noun}", text):
-        found.append(count)
-    return sorted({min(number, count) for number in found if number > 0})
+        named.append(count)
+    return sorted({min(number, count) for number in named if number > 0})
 
 
 def kernel_size(text: str) -> int | None:
     """Read the side of a kernel, as in `5x5 kernel` or `kernel size of 7`."""
     square = re.search(r"\b(\d+) ?(?:x|\u00d7|by|-by-) ?\1\b", text)
     spoken = re.search(r"kernels?(?: sizes?)?(?: of| to| =|:)? (\d+)\b", text)
-    found = square or spoken
-    return int(found[1]) if found else None
+    side = square or spoken
+    return int(side[1]) if side else None
 
 
 def scale(text: str) -> float | None:
@@ -97,10 +97,10 @@ def probability(text: str) -> float | None:
 def activation(text: str) -> Activation | None:
     """Find the activation that is wanted: the first one named that is not given up for another."""
     wanted = [
-        (found.start(), member)
+        (match.start(), member)
         for pattern, member in _ACTIVATIONS.items()
-        for found in re.finditer(rf"(?<![a-z])(?<!leaky.)(?:{pattern})", text)
-        if not re.search(rf"\b{_GIVEN_UP}\s+$", text[: found.start()])
+        for match in re.finditer(rf"(?<![a-z])(?<!leaky.)(?:{pattern})", text)
+        if not re.search(rf"\b{_GIVEN_UP}\s+$", text[: match.start()])
     ]
     return min(wanted)[1] if wanted else None
 

@@ -41,13 +41,9 @@ def test_fitted_networks_train_at_32_pixels_and_are_counted_exactly(network: Net
 
 
 @given(networks())
-def test_fitting_twice_changes_nothing_more(network: Network) -> None:
-    """What is within the bounds stays as it is."""
+def test_what_is_within_the_bounds_stays_as_it_is(network: Network) -> None:
+    """So does the baseline, from which a search starts."""
     assert fit(fit(network)) == fit(network)
-
-
-def test_baseline_is_within_the_bounds() -> None:
-    """The search starts from it unchanged."""
     assert fit(BASELINE) == BASELINE
 
 

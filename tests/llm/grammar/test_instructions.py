@@ -172,22 +172,17 @@ def test_other_wordings_are_understood(words: str, edit: Edit) -> None:
     assert transform(BASELINES["force"], words, stream(0), temperature=0.0) == edit(BASELINES["force"])
 
 
-def test_activation_is_exchanged_whatever_stands_there_now() -> None:
-    """`ReLU to GELU` also acts on a network whose ReLUs are LeakyReLUs already."""
-    leaky = _activation(Activation.leaky_relu)(BASELINES["grating"])
-    assert follow(leaky, TEXTS["grating", "gelu"], stream(0)) == _activation(Activation.gelu)(BASELINES["grating"])
-
-
-def test_pooling_can_be_exchanged_back() -> None:
-    """What is given up is told from what is wanted."""
-    averaged = _blocks(down=Down.average)(BASELINES["force"])
-    assert follow(averaged, "Replace the average pooling by max pooling.", stream(0)) == BASELINES["force"]
-
-
-def test_repeated_instruction_leaves_the_network_as_it_is() -> None:
-    """What is there already is not added again."""
-    child = follow(BASELINES["force"], TEXTS["force", "batch_norm"], stream(0))
-    assert follow(child, TEXTS["force", "batch_norm"], stream(1)) == child
+@pytest.mark.parametrize(
+    ("before", "words", "after"),
+    [
+        (_activation(Activation.leaky_relu), TEXTS["grating", "gelu"], _activation(Activation.gelu)),
+        (_blocks(down=Down.average), "Replace the average pooling by max pooling.", _blocks(down=Down.max)),
+        (_blocks(norm=Norm.batch), TEXTS["force", "batch_norm"], _blocks(norm=Norm.batch)),
+    ],
+)
+def test_what_stands_there_now_makes_no_difference(before: Edit, words: str, after: Edit) -> None:
+    """A layer is exchanged though it is no longer the baseline's, back too, and what is there is not added again."""
+    assert follow(before(BASELINES["force"]), words, stream(0)) == after(BASELINES["force"])
 
 
 def test_block_that_is_gone_stands_for_the_last_one() -> None:

@@ -1,5 +1,6 @@
 """Moves keep a network whole: blocks, skips and dropouts end up where they belong."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -29,22 +30,12 @@ def test_dropped_block_takes_its_skips_along() -> None:
     assert moves.drop_block(CHAIN, 2).skips == ()
 
 
-def test_trunk_keeps_two_blocks() -> None:
-    """The last two blocks cannot be dropped."""
+def test_moves_stop_at_the_bounds() -> None:
+    """Two blocks are the fewest, six the most, and so are four hidden layers."""
     short = moves.drop_block(moves.drop_block(CHAIN, 4), 3)
+    full = replace(CHAIN, blocks=(*CHAIN.blocks, *CHAIN.blocks[:2]), head=Head(hidden=CHAIN.head.hidden * 4))
     assert moves.drop_block(short, 1) == short
-
-
-def test_full_trunk_takes_no_further_block() -> None:
-    """Six blocks are the most."""
-    full = replace(CHAIN, blocks=(*CHAIN.blocks, *CHAIN.blocks[:2]))
-    assert moves.insert_block(full, 1, Block(channels=8)) == full
-
-
-def test_full_head_takes_no_further_layer() -> None:
-    """Four hidden layers are the most."""
-    full = replace(CHAIN, head=Head(hidden=CHAIN.head.hidden * 4))
-    assert moves.add_hidden(full, 32) == full
+    assert moves.insert_block(full, 1, Block(channels=8)) == moves.add_hidden(full, 32) == full
 
 
 def test_added_dropouts_take_the_free_places_in_turn() -> None:
@@ -59,7 +50,7 @@ def test_added_dropouts_take_the_free_places_in_turn() -> None:
 
 def test_dropout_rate_of_a_head_without_any_adds_one() -> None:
     """A rate that is asked for is there afterwards."""
-    bare = moves.remove_dropout(CHAIN)
+    bare = moves.remove_head_dropout(CHAIN)
     assert moves.set_dropout(bare, 0.6).head.hidden[-1].dropout == 0.6
     no_hidden = replace(bare, head=Head(hidden=()))
     assert moves.set_dropout(no_hidden, 0.6).head.input_dropout == 0.6
@@ -85,25 +76,16 @@ def test_head_without_hidden_layer_gets_one_of_the_width_asked_for() -> None:
     assert moves.set_hidden(replace(CHAIN, head=Head(hidden=())), 128).head.hidden == (Hidden(width=128),)
 
 
-def test_backward_skip_is_refused() -> None:
-    """Data flow forward only."""
-    with pytest.raises(ValueError, match=r"forward within 4 blocks; got \(\(3, 2\),\)"):
-        replace(CHAIN, skips=((3, 2),))
-
-
-def test_unordered_skips_are_refused() -> None:
-    """Equal networks have equal records."""
-    with pytest.raises(ValueError, match="distinct and in order"):
-        replace(CHAIN, skips=((2, 4), (0, 2)))
-
-
-def test_even_kernel_is_refused() -> None:
-    """An even kernel cannot be padded to keep the size of the map."""
-    with pytest.raises(ValueError, match="odd; got 4"):
-        Block(channels=8, kernel=4)
-
-
-def test_empty_trunk_is_refused() -> None:
-    """A network has at least one block."""
-    with pytest.raises(ValueError, match="at least one block"):
-        replace(CHAIN, blocks=(), skips=())
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: replace(CHAIN, skips=((3, 2),)), r"forward within 4 blocks; got \(\(3, 2\),\)"),
+        (lambda: replace(CHAIN, skips=((2, 4), (0, 2))), "distinct and in order"),
+        (lambda: Block(channels=8, kernel=4), "odd; got 4"),
+        (lambda: replace(CHAIN, blocks=(), skips=()), "at least one block"),
+    ],
+)
+def test_network_that_cannot_be_written_is_refused(build: Callable[[], object], message: str) -> None:
+    """Data flow forward, equal networks have equal records, and each kernel can be padded."""
+    with pytest.raises(ValueError, match=message):
+        build()

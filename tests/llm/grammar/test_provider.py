@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
-import yaml
 from checkout import LIBRARY
-from grammar_strategies import build, train_a_step
 
 from tacevo.evolution.development import LLM
 from tacevo.evolution.prompts import SAMPLING, sample_text
@@ -15,7 +13,6 @@ from tacevo.llm.grammar.bounds import fit
 from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.provider import MODEL, GrammarLLM
-from tacevo.randomness import stream
 from tacevo.records import Completion, Message, Request
 from tacevo.storage.canonical import content_hash
 
@@ -86,18 +83,13 @@ def test_answers_are_those_of_this_model_name() -> None:
 
 
 def test_draw_number_and_temperature_change_the_answer() -> None:
-    """Equal prompts give distinct answers in distinct draws."""
+    """Equal prompts give distinct answers in distinct draws, unless the temperature is 0."""
     texts = {answer.text for answer in _answers([_request(GELU, draw=draw) for draw in range(8)])}
     assert len(texts) > 4
     warm = [_request(GELU, temperature=value) for value in (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)]
     assert len({answer.text for answer in _answers(warm)}) > 2
-
-
-def test_cold_answer_follows_the_instruction_alone() -> None:
-    """At temperature 0 every draw gives the same network."""
-    (text,) = {answer.text for answer in _answers([_request(GELU, temperature=0.0, draw=draw) for draw in range(5)])}
-    assert "nn.ReLU()" not in text
-    assert text.count("nn.GELU()") == 4
+    cold = [_request(GELU, temperature=0.0, draw=draw) for draw in range(5)]
+    assert len({answer.text for answer in _answers(cold)}) == 1
 
 
 def test_completion_names_the_grammar_and_counts_tokens() -> None:
@@ -109,9 +101,11 @@ def test_completion_names_the_grammar_and_counts_tokens() -> None:
 
 
 def test_answer_longer_than_allowed_is_cut() -> None:
-    """As a hosted model would, with the stop reason that says so."""
+    """As a hosted model would, with the stop reason that says so; a slip that cuts an answer off says it, too."""
     (answer,) = _answers([replace(_request(GELU), max_tokens=50)])
     assert (len(answer.text), answer.output_tokens, answer.stop_reason) == (200, 50, "max_tokens")
+    slips = _answers([_request(GELU, draw=draw) for draw in range(40)], slip_rate=1.0)
+    assert {slip.stop_reason for slip in slips if slip.text.count("```") == 1} == {"max_tokens"}
 
 
 @pytest.mark.parametrize(
@@ -120,7 +114,7 @@ def test_answer_longer_than_allowed_is_cut() -> None:
         (_mutation(BASELINE.replace("nn.Flatten()", "nn.Unfold(2)"), "Use GELU."), "nn.Unfold"),
         (_mutation("class Broken(", "Use GELU."), "not valid Python"),
         (_mutation("", "Use GELU."), "none"),
-        ("Write me a network.", "found 0 parents"),
+        ("", "found 0 parents"),
         (f"```python\n{BASELINE}\n```", "instruction"),
     ],
 )
@@ -161,12 +155,6 @@ def test_only_the_whole_message_asks_for_a_sample(monkeypatch: pytest.MonkeyPatc
     assert drawn == [parse(BASELINE)]
 
 
-def test_request_without_messages_gets_words() -> None:
-    """The same honesty for an empty conversation."""
-    (answer,) = _answers([replace(_request(""), messages=())])
-    assert answer.text.startswith("I cannot read")
-
-
 def test_slips_spoil_answers_but_not_the_networks_of_others() -> None:
     """The network does not depend on the slip rate: answers that are spared stay the same."""
     requests = [_request(GELU, draw=draw) for draw in range(60)]
@@ -174,36 +162,3 @@ def test_slips_spoil_answers_but_not_the_networks_of_others() -> None:
     spared = sum(one == other for one, other in zip(clean, some, strict=True))
     assert 30 <= spared < 60
     assert all(one != other for one, other in zip(clean, _answers(requests, slip_rate=1.0), strict=True))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("task", ["force", "grating", "hardness"])
-def test_thirty_generations_of_answers_parse_build_and_train(task: str) -> None:
-    """Children of children stay readable and sound, and do not collapse to a few."""
-    library = yaml.safe_load((LIBRARY / task / "instructions.yaml").read_text())
-    instructions = [mutation["text"] for mutation in library["mutations"]]
-    population = [(LIBRARY / task / "baseline.py").read_text()]
-    seen: set[str] = set()
-    for generation in range(30):
-        rng = stream(0, task, generation)
-        requests = []
-        for slot in range(6):
-            first, second = (population[int(rng.integers(len(population)))] for _ in range(2))
-            text = _mutation(first, instructions[int(rng.integers(len(instructions)))])
-            if rng.random() < 0.3:
-                text = _crossover(first, second, library["crossover"])
-            requests.append(_request(text, temperature=float(rng.random()), draw=slot))
-        population = [_source(answer) for answer in _answers(requests)]
-        seen.update(population)
-        for source in population:
-            _check(source)
-    assert len(seen) > 120
-
-
-def _check(source: str) -> None:
-    """Build one network, and pass a batch forward and backward at 32 pixels."""
-    signature = parse(source).signature
-    module = build(source, signature.class_name)
-    outputs = train_a_step(module, signature.in_channels, image_size=32)
-    assert outputs.shape == (2, signature.outputs)
-    assert outputs.isfinite().all()

@@ -1,6 +1,7 @@
 """Each slip puts exactly the fault of its name into an answer; three in ten are harmless."""
 
 import ast
+import re
 from collections import Counter
 
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from tacevo.llm.grammar.network import Block, Down, Head, Hidden, Network
 from tacevo.llm.grammar.rendering import render
-from tacevo.llm.grammar.slips import Answer, Slip, draw, proper, spoil
+from tacevo.llm.grammar.slips import Slip, draw, proper, spoil
 from tacevo.randomness import stream
 
 NETWORK = Network(
@@ -20,44 +21,32 @@ NETWORK = Network(
 )
 
 
-def _code(answer: Answer) -> str:
+def _code(answer: str) -> str:
     """Take the code out of the only fence of an answer."""
-    before, opening, rest = answer.text.partition("```python\n")
-    code, closing, _ = rest.partition("```")
-    assert opening, before
-    assert closing
+    _, code, _ = re.split("```python\n|```", answer)
     return code
 
 
-def _spoilt(slip: Slip, network: Network = NETWORK) -> Answer:
+def _spoilt(slip: Slip, network: Network = NETWORK) -> str:
     return spoil(network, slip, stream(0))
 
 
-def test_proper_answer_is_one_fenced_block_and_nothing_else() -> None:
-    """What the format rules of the system prompt ask for."""
-    assert proper(NETWORK) == Answer(text=f"```python\n{render(NETWORK)}```\n", stop_reason="end_turn")
-
-
-def test_prose_surrounds_sound_code() -> None:
-    """A good extraction finds the class between the sentences."""
-    answer = _spoilt(Slip.prose)
-    assert _code(answer) == render(NETWORK)
-    assert not answer.text.startswith("```")
-    assert not answer.text.endswith("```\n")
-
-
-def test_missing_fence_leaves_sound_code() -> None:
-    """The answer is the bare source."""
-    assert _spoilt(Slip.no_fence) == Answer(text=render(NETWORK))
+def test_answers_of_sound_code_differ_in_what_surrounds_it() -> None:
+    """A proper one is one fenced block, as the system prompt asks; prose stands around it, and a fence may lack."""
+    fenced = f"```python\n{render(NETWORK)}```\n"
+    assert proper(NETWORK) == fenced
+    before, after = _spoilt(Slip.prose).split(fenced)
+    assert before
+    assert after
+    assert _spoilt(Slip.no_fence) == render(NETWORK)
 
 
 def test_cut_off_answer_ends_within_the_class() -> None:
-    """It says so in its stop reason, and its fence stays open."""
+    """Its fence stays open."""
     answer = _spoilt(Slip.cut_off)
-    assert answer.stop_reason == "max_tokens"
-    assert answer.text.count("```") == 1
-    assert "class ImageRegressionCNN" in answer.text
-    assert "return self.regressor(x)" not in answer.text
+    assert proper(NETWORK).startswith(answer)
+    assert "class ImageRegressionCNN" in answer
+    assert "return self.regressor(x)" not in answer
 
 
 @pytest.mark.parametrize(
@@ -65,26 +54,14 @@ def test_cut_off_answer_ends_within_the_class() -> None:
     [
         (Slip.no_super, AttributeError, "before Module.__init__"),
         (Slip.missing_import, NameError, "einops"),
-    ],
-)
-def test_faults_that_show_in_the_constructor(slip: Slip, error: type[Exception], message: str) -> None:
-    """The class cannot be built."""
-    with pytest.raises(error, match=message):
-        build(_code(_spoilt(slip)), SIGNATURE.class_name)
-
-
-@pytest.mark.parametrize(
-    ("slip", "error", "message"),
-    [
         (Slip.wrong_channels, RuntimeError, "expected input.* to have 16 channels"),
         (Slip.undefined_name, AttributeError, "feature_norm"),
     ],
 )
-def test_faults_that_show_in_the_forward_pass(slip: Slip, error: type[Exception], message: str) -> None:
-    """The class can be built but not used."""
-    module = build(_code(_spoilt(slip)), SIGNATURE.class_name)
+def test_faults_show_when_the_class_is_used(slip: Slip, error: type[Exception], message: str) -> None:
+    """The first two when it is built, the others in the forward pass."""
     with pytest.raises(error, match=message):
-        train_a_step(module, 3, image_size=32)
+        train_a_step(build(_code(_spoilt(slip)), SIGNATURE.class_name), 3, image_size=32)
 
 
 def test_wrong_outputs_show_in_the_shape_only() -> None:
