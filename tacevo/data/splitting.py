@@ -17,6 +17,10 @@ from tacevo.randomness import stream
 TENTHS = (0.1, 0.1)
 
 
+#: The fields of `Split`.
+PARTS = ("train", "validation", "test")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Split:
     """Row numbers of the three parts, int64, each in ascending order, disjoint and complete."""
@@ -139,7 +143,7 @@ def check_balance(parts: Split, classes: npt.NDArray[np.int64], names: tuple[str
     Raises:
         DataError: a class is absent from a part.
     """
-    for part in ("train", "validation", "test"):
+    for part in PARTS:
         present = np.bincount(classes[getattr(parts, part)], minlength=len(names))
         absent = [name for name, images in zip(names, present, strict=True) if images == 0]
         if absent:

@@ -17,7 +17,6 @@ from tacevo.data.dataset import fingerprint
 from tacevo.data.loading import split_rows
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
-from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError, TacevoError
 from tacevo.records import Json, Kind
 
@@ -45,13 +44,6 @@ def test_loaded_data_set_keeps_its_promises(tmp_path: Path) -> None:
     assert dataset.facts.counts == (16, 2, 2)
     assert (dataset.facts.outputs, dataset.facts.names, dataset.facts.in_channels) == (1, ("grey",), 3)
     assert dataset.facts.fingerprint == fingerprint(dataset)
-
-
-def test_minmax_targets_of_the_training_split_fill_0_to_1(tmp_path: Path) -> None:
-    """The smallest training label becomes 0 and the largest 1."""
-    dataset = loaded(Greys(), tmp_path)
-    training = dataset.targets[dataset.train]
-    assert (training.min(), training.max()) == (0.0, 1.0)
 
 
 def test_second_load_decodes_nothing(tmp_path: Path) -> None:
@@ -96,11 +88,9 @@ def simulated(task: SensorTask, images: int) -> Simulated:
 
 
 def test_workers_change_no_byte(tmp_path: Path) -> None:
-    """One process and two processes give the same fingerprint."""
-    source = simulated(SensorTask.force, FEW_PICTURES + 50)  # fewer are made in one process
-    alone = loaded(source, tmp_path / "one", workers=1)
-    together = loaded(source, tmp_path / "two", workers=2)
-    assert alone.facts == together.facts
+    """One thread and several give the same fingerprint."""
+    source = simulated(SensorTask.force, 100)
+    assert loaded(source, tmp_path / "one", workers=1).facts == loaded(source, tmp_path / "two", workers=3).facts
 
 
 @dataclass(frozen=True)
@@ -198,13 +188,6 @@ def test_release_is_refused_where_there_is_none(tmp_path: Path) -> None:
     """A source that names no parts has none to take."""
     with refused(DataError, place="data.split", got="release", remedy="set data.split=random"):
         loaded(Greys(), tmp_path, split=SplitRule.release)
-
-
-def test_groups_of_a_source_reach_the_split() -> None:
-    """Rows that were recorded together stay together."""
-    groups = np.arange(40) // 4
-    parts = split_rows(Greys(count=40, groups=tuple(groups.tolist())).catalogue(), SplitRule.random, 0)
-    assert not set(groups[parts.train]) & set(groups[parts.test])
 
 
 def test_progress_counts_up_to_all_pictures(tmp_path: Path) -> None:

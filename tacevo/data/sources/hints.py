@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from tacevo.data.source import listed
-from tacevo.data.sources.filenames import difference, folded, is_passed_over
+from tacevo.data.sources.filenames import folded, is_passed_over, unseen_difference
 from tacevo.errors import DataError
 
 
@@ -35,10 +35,11 @@ def content(directory: Path, name: str = "") -> str:
         return f"{directory} cannot be listed ({error.strerror})"
     candidates = {folded(candidate): candidate for candidate in names}
     close = difflib.get_close_matches(folded(name), candidates, n=1)
-    own = candidates[close[0]] if close else ""
-    why = f" ({difference(name, own)})" if folded(own) == folded(name) != "" else ""
-    meant = f"; did you mean {directory / own}?{why}" if close else ""
-    return f"{directory} holds: {listed(names) or 'nothing'}{meant}"
+    holds = f"{directory} holds: {listed(names) or 'nothing'}"
+    if not close:
+        return holds
+    own = candidates[close[0]]
+    return f"{holds}; did you mean {directory / own}{unseen_difference(name, own)}?"
 
 
 def directories(directory: Path) -> list[str]:

@@ -1,6 +1,7 @@
 """The simulated picture: it looks like a photograph of the real sensor, and shows what happens to the skin."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,7 @@ PHOTOGRAPH = (
 Grey = npt.NDArray[np.float64]
 
 
+@cache
 def clean(press: Press, scene: LightScene = LightScene.standard) -> Grey:
     """Average the grey picture of a press over 20 draws of light and noise, at 256 pixels."""
     sensor = make_sensor(256, 0)
