@@ -79,12 +79,8 @@ def test_what_a_system_leaves_is_passed_over(tmp_path: Path, litter: str) -> Non
     (tmp_path / litter).write_text("no image")
     assert source.describe() == before
     assert source.catalogue().ignored == []
-
-
-def test_stubs_within_an_archive_are_passed_over(tmp_path: Path) -> None:
-    """They are not arrays of the user's."""
-    source = save_arrays(tmp_path / "a.npz", **{"__MACOSX/._images": np.zeros(3), ".DS_Store": np.zeros(3)})
-    assert len(source.catalogue().labels) == 12
+    archive = save_arrays(tmp_path / "a.npz", **{litter: np.zeros(3)})
+    assert len(archive.catalogue().labels) == 12
 
 
 def test_names_that_differ_in_unicode_form_alone_are_one(tmp_path: Path) -> None:

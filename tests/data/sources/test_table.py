@@ -1,6 +1,9 @@
 """CSV tables: rows become labels and images in order; each kind of broken table is refused by its place."""
 
 import os
+import struct
+import warnings
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -167,12 +170,17 @@ def test_linked_images_are_looked_for_beside_the_links(tmp_path: Path) -> None:
     assert source.catalogue().ignored == [tmp_path / "set" / "2.png"]
 
 
-def test_image_damaged_behind_its_header_is_named_by_line(tmp_path: Path) -> None:
-    """Only decoding finds the damage; the message still gives the line, in words."""
+@pytest.mark.parametrize("fault", ["is damaged or cut off", "has damaged notes, EXIF or TIFF tags"])
+def test_image_damaged_behind_its_header_is_named_by_line(tmp_path: Path, fault: str) -> None:
+    """Only decoding finds the damage, of which Pillow may only warn; the message still gives the line, in words."""
     source = save_table(tmp_path, "".join(f"{number}.png,{number},{number % 3},\n" for number in range(12)))
     for number in range(12):
         Image.effect_noise((64, 64), 50).save(tmp_path / f"{number}.png")
     whole = (tmp_path / "4.png").read_bytes()
-    (tmp_path / "4.png").write_bytes(whole[: len(whole) // 2])
-    with refused(DataError, got="(1 found): line 6 '4.png' (is damaged or cut off)", remedy="repair or remove them"):
-        loaded(source, tmp_path / "cache")
+    exif = b"eXIf" + b"II*\0\x08\0\0\0\x05\0"  # five tags are announced, and none comes
+    notes = struct.pack(">I", len(exif) - 4) + exif + struct.pack(">I", zlib.crc32(exif))
+    (tmp_path / "4.png").write_bytes(whole[:1500] if "cut" in fault else whole[:-12] + notes + whole[-12:])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with refused(DataError, got=f"(1 found): line 6 '4.png' ({fault})", remedy="repair or remove them"):
+            loaded(source, tmp_path / "cache", workers=2)
