@@ -109,10 +109,10 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
     if rule is SplitRule.random:
         groups, chosen_by = catalogue.groups, catalogue.groups_chosen_by
-        if groups is not None and chosen_by is not None and (found := len(np.unique(groups))) < 3:
+        if groups is not None and (count := len(np.unique(groups))) < 3:
             expected = "at least 3 groups of images, one for each part of the split"
-            remedy = "record more presses, or let this setting name smaller groups"
-            raise DataError(str(found), place=chosen_by, expected=expected, remedy=remedy)
+            remedy = "record more presses, or name smaller groups"
+            raise DataError(str(count), place=chosen_by or "the data set", expected=expected, remedy=remedy)
         tries = 1 if chosen_by is None else TRIES
         parts = random_split(
             len(catalogue.labels), seed, held_out=held_out, groups=groups, classes=classes, tries=tries
@@ -136,24 +136,21 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
     if catalogue.kind is Kind.classification:
         return catalogue.labels.astype(np.int64), (), ()
     labels = catalogue.labels.astype(np.float64)
-    excessive = np.flatnonzero((np.abs(labels) > LARGEST_LABEL).any(axis=1))
-    check_no_faults(
-        f"some labels are beyond {LARGEST_LABEL:g} in size",
-        _named(catalogue, excessive),
-        "correct them, or choose a larger unit",
-    )
+    beyond = np.abs(labels) > LARGEST_LABEL
+    _check_labels(catalogue, beyond, f"some labels are beyond {LARGEST_LABEL:g} in size", " or choose a larger unit")
     offset, scale = target_scale(labels, train, scaling, catalogue.names)
     with np.errstate(over="ignore", invalid="ignore"):  # refused below, by row
         targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
-    infinite = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     problem = "some labels are too far from those of the training split for the 32-bit numbers of a training"
-    check_no_faults(problem, _named(catalogue, infinite), "correct them")
+    _check_labels(catalogue, ~np.isfinite(targets), problem)
     return targets, offset, scale
 
 
-def _named(catalogue: Catalogue, rows: npt.NDArray[np.intp]) -> list[str]:
-    """Name some rows, given by number, each with its labels."""
-    return [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in rows.tolist()]
+def _check_labels(catalogue: Catalogue, are_wrong: npt.NDArray[np.bool_], problem: str, choice: str = "") -> None:
+    """Refuse labels, shape (N, K), of which some are wrong; each such row is named with its labels."""
+    rows = np.flatnonzero(are_wrong.any(axis=1)).tolist()
+    faults = [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in rows]
+    check_no_faults(problem, faults, f"correct them{choice}")
 
 
 def _place(catalogue: Catalogue, row: int) -> str:

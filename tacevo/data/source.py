@@ -126,9 +126,9 @@ listed = partial(tacevo.text.listed, nothing="", most=SHOWN_NAMES)
 def repeats(named: Iterable[tuple[str, Hashable]]) -> list[str]:
     """List the names of items whose key an earlier item has already."""
     seen: set[Hashable] = set()
-    found = []
+    repeated = []
     for name, key in named:
         if key in seen:
-            found.append(name)
+            repeated.append(name)
         seen.add(key)
-    return found
+    return repeated

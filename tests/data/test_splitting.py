@@ -137,12 +137,6 @@ def test_every_class_is_in_every_part_however_groups_are_numbered(seed: int) -> 
         assert np.bincount(classes[part], minlength=3).min() > 0
 
 
-def test_two_groups_are_refused() -> None:
-    """Two groups cannot fill three parts."""
-    with refused(DataError, expected="at least 3 groups", got="2"):
-        random_split(20, 0, groups=np.arange(20) // 10)
-
-
 def test_ordered_split_takes_60_20_20() -> None:
     """The release rounds both boundaries; 25 presses give 15, 5 and 5 in their order."""
     parts = ordered_split(np.arange(25))

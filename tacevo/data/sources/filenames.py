@@ -1,9 +1,14 @@
-"""Names of image files: which are passed over, and which are one name but for case, Unicode form or ending."""
+"""Names of files: which are passed over, which are one but for case, Unicode form or ending, which are missing."""
 
+import difflib
+import os
 import unicodedata
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path, PurePath
+
+from tacevo.data.source import listed
+from tacevo.errors import DataError
 
 #: Endings of the image files that are looked for in directories, in lower case.
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
@@ -67,3 +72,50 @@ def _without_ending(path: PurePath) -> str:
     """Return a path without the ending of an image; a dot in another name, as in `press_0.5`, begins no ending."""
     is_image = path.suffix.lower() in _ENDINGS
     return (path.with_suffix("") if is_image else path).as_posix()
+
+
+def check_directory(path: Path, place: str, expected: str) -> None:
+    """Refuse a path that is not a directory; the place is the setting that names it, e.g. `data.root`.
+
+    Raises:
+        DataError: the path is absent, or a file; the remedy says what is there.
+    """
+    if not os.path.isdir(path):  # False where the user may not look
+        raise _misplaced(path, place, expected)
+
+
+def check_file(path: Path, place: str, expected: str) -> None:
+    """Refuse a path that is not a file; arguments and errors are those of `check_directory`."""
+    if not os.path.isfile(path):
+        raise _misplaced(path, place, expected)
+
+
+def content(directory: Path, name: str = "") -> str:
+    """Return what a directory holds, and which entry a name probably means."""
+    try:
+        names = directories(directory) + [path.name for path in _visible(directory) if not path.is_dir()]
+    except OSError as error:
+        return f"{directory} cannot be listed ({error.strerror})"
+    candidates = {folded(candidate): candidate for candidate in names}
+    close = difflib.get_close_matches(folded(name), candidates, n=1)
+    holds = f"{directory} holds: {listed(names) or 'nothing'}"
+    if not close:
+        return holds
+    own = candidates[close[0]]
+    return f"{holds}; did you mean {directory / own}{unseen_difference(name, own)}?"
+
+
+def directories(directory: Path) -> list[str]:
+    """List the directories in a directory by name; hidden ones are left out."""
+    return [path.name for path in _visible(directory) if path.is_dir()]
+
+
+def _visible(directory: Path) -> list[Path]:
+    return sorted(path for path in directory.iterdir() if not is_passed_over(Path(path.name)))
+
+
+def _misplaced(path: Path, place: str, expected: str) -> DataError:
+    there, name = path.absolute(), ""
+    while not os.path.isdir(there):
+        there, name = there.parent, there.name
+    return DataError(str(path), place=place, expected=expected, remedy=content(there, name))

@@ -3,20 +3,22 @@
 import csv
 import math
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats, shortened
-from tacevo.data.sources.filenames import folded, own_names
-from tacevo.data.sources.groups import groups_in, numbered
-from tacevo.data.sources.hints import check_directory, check_file, number_in
+from tacevo.data.sources.filenames import check_directory, check_file, folded, own_names
 from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", flags=re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,13 +218,14 @@ def _rows(table: Path, asked: Sequence[str], remedy: str, directories: Sequence[
             long.append(f"line {line}")
             continue
         name, *texts = (values[number] if number < len(values) else "" for number in numbers)
-        path, directory, is_there = _find(name.strip(), directories)
+        places = [directory / name.strip() for directory in directories]
+        place = next((place for place in places if os.path.isfile(place)), None)
         yield Row(
             line=line,
             name=name.strip(),
-            path=path,
-            directory=directory,
-            is_there=is_there,
+            path=places[0] if place is None else place.resolve(),
+            directory=(place or places[0]).parent,
+            is_there=place is not None,
             texts=tuple(texts[:targets]),
             group="".join(texts[targets:]).strip(),
         )
@@ -282,12 +285,41 @@ def _open_quote(table: Path, line: int) -> DataError:
     )
 
 
-def _find(name: str, directories: Sequence[Path]) -> tuple[Path, Path, bool]:
-    """Find an image in the first directory that has it; else name the place where it should be.
+def number_in(text: str) -> float | None:
+    """Read a finite number such as `12`, `-.5` or `1.5e-3`, outer spaces aside.
+
+    `float` also takes `1_000`, digits of other scripts, `nan` and `infinity`: what a slip or another program's mark for
+    a missing value looks like.
 
     Returns:
-        Where the image is, links followed; the directory that it was found in, as written; and whether it is there.
+        The number; None for anything else, and for a number beyond the range of a float.
     """
-    found = (directory / name for directory in directories if os.path.isfile(directory / name))
-    path = next(found, None)
-    return (directories[0] / name, directories[0], False) if path is None else (path.resolve(), path.parent, True)
+    number = float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
+    return number if math.isfinite(number) else None
+
+
+def numbered(shared: Sequence[str]) -> npt.NDArray[np.int64]:
+    """Number what the images of a press share: int64, equal where the texts are."""
+    return np.unique(np.array(shared, dtype=object), return_inverse=True)[1].astype(np.int64)
+
+
+def groups_in(paths: Sequence[str], pattern: str) -> npt.NDArray[np.int64]:
+    """Find the groups of images by a regular expression on their paths.
+
+    The parts in brackets that it finds are what the images of a group share; without brackets, all that it finds.
+
+    Returns:
+        int64, shape (N,): equal for images of one group.
+
+    Raises:
+        DataError: a path does not hold the expression.
+    """
+    matches = [re.search(pattern, path) for path in paths]
+    check_no_faults(
+        f"paths do not hold the regular expression {pattern!r}",
+        [shortened(path) for path, match in zip(paths, matches, strict=True) if match is None],
+        "write one that finds in each path what the images of one press share",
+        place="data.group_pattern",
+    )
+    shared = [repr(match.groups() or match[0]) for match in matches if match is not None]
+    return numbered(shared)

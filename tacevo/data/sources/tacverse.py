@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from tacevo.choices import SensorTask
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
-from tacevo.data.sources.filenames import SUFFIXES
-from tacevo.data.sources.hints import check_directory, check_file, content
+from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content
 from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
 from tacevo.data.sources.table import Row, read_rows, row_catalogue
 from tacevo.data.splitting import PARTS, Split, ordered_split

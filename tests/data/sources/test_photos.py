@@ -25,7 +25,7 @@ SHALLOW = [[0, 0, 1], [1, 2, 156], [254, 255, 255]]
 
 def claim_size(path: Path, side: int) -> None:
     """Write a PNG file whose header claims so many pixels a side."""
-    Image.new("L", (1, 1)).save(path)
+    Image.new("RGBA", (1, 1)).save(path)
     content = bytearray(path.read_bytes())
     content[16:24] = struct.pack(">II", side, side)
     content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
