@@ -75,15 +75,6 @@ def test_split_of_ungrouped_rows_is_pinned() -> None:
     assert digest.hexdigest()[:16] == "6788b17e3c1f8e7f"
 
 
-def test_groups_of_one_row_each_change_nothing() -> None:
-    """Where every press has one picture there is nothing to keep together; the numbers do not matter."""
-    groups = np.arange(200)[::-1] * 7
-    classes = np.arange(200) % 4
-    grouped, plain = random_split(200, 3, groups=groups, classes=classes), random_split(200, 3, classes=classes)
-    assert np.array_equal(grouped.train, plain.train)
-    assert np.array_equal(grouped.test, plain.test)
-
-
 @given(data=st.data(), seed=st.integers(0, 2**32))
 def test_no_group_is_torn(data: st.DataObject, seed: int) -> None:
     """Groups of any sizes in any order stay whole, and no part is empty."""
@@ -113,21 +104,17 @@ def test_grouped_parts_are_as_near_to_the_tenths_as_groups_allow(seed: int) -> N
         assert np.bincount(classes[part], minlength=7).min() >= 8  # two whole presses of each size
 
 
-def test_names_of_groups_do_not_matter_within_their_order() -> None:
-    """Groups are told apart by their numbers, and nothing is made of the gaps between them."""
+def test_only_what_groups_share_matters() -> None:
+    """Not their numbers within their order, nor that they are there where no two rows share one."""
     groups, _ = presses(1, 12, 3)
     assert np.array_equal(random_split(36, 0, groups=groups).test, random_split(36, 0, groups=groups * 100 - 7).test)
+    classes = np.arange(200) % 4
+    alone, plain = random_split(200, 3, groups=-np.arange(200), classes=classes), random_split(200, 3, classes=classes)
+    assert np.array_equal(alone.train, plain.train)
+    assert np.array_equal(alone.test, plain.test)
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_one_huge_group_leaves_no_part_empty(seed: int) -> None:
-    """Whichever part it falls to, the others get one of the small groups each."""
-    parts = random_split(100, seed, groups=np.array([0] * 97 + [1, 2, 3]))
-    assert_sound(parts, 100)
-    assert min(sizes(parts)) >= 1
-
-
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(3))
 def test_every_class_is_in_every_part_however_groups_are_numbered(seed: int) -> None:
     """Twelve presses of each of three classes, numbered without regard to their class."""
     groups, classes = presses(3, 12, 3)
