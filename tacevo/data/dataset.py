@@ -112,6 +112,6 @@ def read(directory: Path) -> Dataset:
         arrays = {name: np.load(directory / f"{name}.npy") for name in ARRAYS}
     except (OSError, ValueError) as error:
         raise DataError(f"the cached data set is damaged ({error})", place=str(directory), remedy=remedy) from error
-    found = parse(_Facts, text, place=str(directory / FACTS), error=DataError, remedy=remedy)
-    statistics = {name: getattr(found, name) for name in STATISTICS}
-    return Dataset(facts=found.facts, images=images, **arrays, **statistics)
+    kept = parse(_Facts, text, place=str(directory / FACTS), error=DataError, remedy=remedy)
+    statistics = {name: getattr(kept, name) for name in STATISTICS}
+    return Dataset(facts=kept.facts, images=images, **arrays, **statistics)

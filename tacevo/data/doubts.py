@@ -43,13 +43,13 @@ def _dark(catalogue: Catalogue, dataset: Dataset) -> str:
     if any(largest * DARK > white for largest, white in extents):
         return ""
     largest, white = max(extents)
-    found = f"no image uses more than an eighth of its range: the largest stored value is {largest:g} of {white:g}"
+    told = f"no image uses more than an eighth of its range: the largest stored value is {largest:g} of {white:g}"
     if largest == 0:
-        return f"{found}, so that all images are black"
+        return f"{told}, so that all images are black"
     if any(bits > 8 and full == 255 for bits, (_, full) in zip(catalogue.depths, extents, strict=False)):
-        return f"{found}, the high byte of 16 bits: save the images in grey, or with 8 bits a channel"
+        return f"{told}, the high byte of 16 bits: save the images in grey, or with 8 bits a channel"
     levels = math.floor(largest * 255 / white + 0.5) + 1
-    return f"{found}, so that {levels} of 256 grey levels are left: set data.white_point={_white(largest)}"
+    return f"{told}, so that {levels} of 256 grey levels are left: set data.white_point={_white(largest)}"
 
 
 def _white(largest: float) -> int:

@@ -7,20 +7,16 @@ Matplotlib, for nothing of the day or the machine is written; an interrupted sav
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib import style
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from tacevo.data.dataset import Dataset
 from tacevo.data.labels import in_order, labels_of, texts_of
-from tacevo.data.source import Picture
 from tacevo.data.survey import split_of
 from tacevo.errors import ConfigError
 from tacevo.records import Kind
@@ -48,14 +44,6 @@ LEVELS = 12
 #: Images on a contact sheet.
 SHEET_IMAGES = 64
 
-#: Smaller pictures are not magnified: there is nothing more to see.
-ZOOM_FROM = 96
-
-ZOOM = 3
-
-#: Vermillion of the Okabe-Ito palette, which people with any colour vision distinguish from grey.
-ACCENT = "#D55E00"
-
 #: The height of a line of text in inches.
 LINE = 0.105
 
@@ -71,35 +59,23 @@ _STYLE: list[str | dict[str, Any]] = [
 ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Panel:
-    """One picture and the lines below it."""
-
-    image: Picture
-    lines: tuple[str, ...]
-
-
 def sample_figure(dataset: Dataset, *, units: tuple[str, ...], width: str) -> Figure:
-    """Draw a few samples in the order of their labels, with a magnified part each where that shows more.
+    """Draw a few samples in the order of their labels.
 
     One of each class or level; else training images at even steps from the smallest label to the largest (see
     `tacevo.data.labels.in_order`). Only images of the training split are shown.
 
     The width is `single` or `double`: columns of a paper (3.5 or 7.16 inches).
     """
-    images, texts = _images(dataset), texts_of(dataset, units)
-    panels = [Panel(image=images[row], lines=_signs(texts[row])) for row in _samples(dataset, units)]
-    return _draw(panels, width=width, zoom=dataset.facts.image_size >= ZOOM_FROM, title=None)
+    rows, texts = _samples(dataset, units), texts_of(dataset, units)
+    return _draw(dataset, rows, [texts[row] for row in rows], width=width)
 
 
 def contact_sheet(dataset: Dataset, *, units: tuple[str, ...], title: str) -> Figure:
     """Draw images at even steps through all rows in the order of their labels, each with its split and row."""
-    images, texts, splits = _images(dataset), texts_of(dataset, units), split_of(dataset)
-    panels = [
-        Panel(image=images[row], lines=(*_signs(texts[row]), f"{splits[row]} {row}"))
-        for row in _even(in_order(dataset, units), SHEET_IMAGES)
-    ]
-    return _draw(panels, width="double", zoom=False, title=title)
+    texts, splits = texts_of(dataset, units), split_of(dataset)
+    rows = _even(in_order(dataset, units), SHEET_IMAGES)
+    return _draw(dataset, rows, [(*texts[row], f"{splits[row]} {row}") for row in rows], width="double", title=title)
 
 
 def format_of(path: Path) -> str:
@@ -133,10 +109,6 @@ def encoded(figure: Figure, ending: str) -> bytes:
     return buffer.getvalue()
 
 
-def _images(dataset: Dataset) -> npt.NDArray[np.uint8]:
-    return np.asarray(np.load(dataset.images, mmap_mode="r"))
-
-
 def _samples(dataset: Dataset, units: tuple[str, ...]) -> list[int]:
     """Choose the training rows that a sample figure shows."""
     labels, order = labels_of(dataset), in_order(dataset, units)
@@ -149,66 +121,28 @@ def _samples(dataset: Dataset, units: tuple[str, ...]) -> list[int]:
 
 def _even(rows: npt.NDArray[np.int64], count: int) -> list[int]:
     """Take `count` rows at even steps, the first and the last among them; all where there are fewer."""
-    if len(rows) <= count:
-        return [int(row) for row in rows]
-    return [int(rows[index]) for index in np.linspace(0, len(rows) - 1, count).round().astype(np.int64)]
+    places = np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(np.int64)
+    return [int(row) for row in rows[places]]
 
 
-def _signs(lines: Sequence[str]) -> tuple[str, ...]:
-    """Write minus signs as such, not as hyphens."""
-    return tuple(line.replace(" -", " \N{MINUS SIGN}") for line in lines)
-
-
-def _draw(panels: Sequence[Panel], *, width: str, zoom: bool, title: str | None) -> Figure:
-    """Put panels into rows of equal length, as far as they go, each above its magnified part where there is one."""
-    rows = math.ceil(len(panels) / COLUMNS[width])
-    columns = math.ceil(len(panels) / rows)
-    tall = 2 if zoom else 1
-    lines = rows * (1 + max(len(panel.lines) for panel in panels)) + (0 if title is None else 2)
-    height = rows * tall * WIDTHS[width] / columns + lines * LINE
+def _draw(
+    dataset: Dataset, rows: Sequence[int], texts: Sequence[Sequence[str]], *, width: str, title: str | None = None
+) -> Figure:
+    """Draw images, each above its lines of text, in rows of equal length as far as they go."""
+    images: npt.NDArray[np.uint8] = np.load(dataset.images, mmap_mode="r")
+    down = math.ceil(len(rows) / COLUMNS[width])
+    across = math.ceil(len(rows) / down)
+    lines = down * (1 + max(map(len, texts))) + (0 if title is None else 2)
+    height = down * WIDTHS[width] / across + lines * LINE
     with style.context(_STYLE):
         figure = Figure(figsize=(WIDTHS[width], height), layout="constrained")
         if title is not None:
             figure.suptitle(title, x=0.006, ha="left", fontsize=FONT, parse_math=False)
-        grid = figure.subplots(rows * tall, columns, squeeze=False)
+        grid = figure.subplots(down, across, squeeze=False)
         for axes in grid.flat:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_visible(False)
-        for number, panel in enumerate(panels):
-            row, column = divmod(number, columns)
-            pixels = panel.image.transpose(1, 2, 0)
-            grid[row * tall, column].imshow(pixels)
-            grid[row * tall + tall - 1, column].set_xlabel("\n".join(panel.lines), parse_math=False)
-        for number, window in enumerate(_windows([panel.image for panel in panels]) if zoom else []):
-            row, column = divmod(number, columns)
-            _magnify(grid[row * tall, column], grid[row * tall + 1, column], window)
+        for axes, row, text in zip(grid.flat, rows, texts, strict=False):  # the last row may have fewer
+            axes.imshow(images[row].transpose(1, 2, 0))
+            axes.set_xlabel("\n".join(text).replace(" -", " \N{MINUS SIGN}"), parse_math=False)
     return figure
-
-
-def _magnify(whole: Axes, closer: Axes, window: tuple[int, int, int]) -> None:
-    """Mark a square of a picture, and draw it again below."""
-    across, down, size = window
-    pixels = np.asarray(whole.images[0].get_array())
-    whole.add_patch(Rectangle((across - 0.5, down - 0.5), size, size, fill=False, edgecolor=ACCENT, linewidth=0.7))
-    closer.imshow(pixels[down : down + size, across : across + size])
-    closer.spines[:].set(visible=True, edgecolor=ACCENT, linewidth=0.7)
-
-
-def _windows(images: Sequence[Picture]) -> list[tuple[int, int, int]]:
-    """Find the square of each image around where something touches the sensor: (left, top, side) in pixels.
-
-    With a sensor that is the same in every image, this is where the image differs from their median and where they
-    vary at all; the latter matters where all touch nearly the same place, so that the median shows a contact too.
-    """
-    from scipy.ndimage import gaussian_filter  # half a second to import, for large images only
-
-    stack = np.stack(images).astype(np.float64)
-    size = stack.shape[-1] // ZOOM
-    varied = gaussian_filter(stack.std(axis=0).sum(axis=0), size / 4)
-    found = []
-    for difference in np.abs(stack - np.median(stack, axis=0)).sum(axis=1):
-        touched = gaussian_filter(difference, size / 4) * varied
-        middle = np.array(np.unravel_index(int(touched.argmax()), touched.shape))
-        down, across = np.clip(middle - size // 2, 0, stack.shape[-1] - size)
-        found.append((int(across), int(down), size))
-    return found

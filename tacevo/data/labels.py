@@ -47,13 +47,12 @@ def labels_of(dataset: Dataset) -> npt.NDArray[np.float64]:
 def texts_of(dataset: Dataset, units: tuple[str, ...]) -> list[tuple[str, ...]]:
     """Write every row's label: the class, or a line per output such as `Fx -0.12 N`.
 
-    Values are rounded so that the largest of all outputs with the same unit keeps three digits; an output without a
-    unit counts alone.
+    Values are rounded so that the largest of each output keeps three digits.
     """
     names, labels = dataset.facts.names, labels_of(dataset)
     if dataset.facts.kind is Kind.classification:
         return [(names[int(number)],) for (number,) in labels]
-    decimals = [_decimals(labels[:, _sharing(units, output)]) for output in range(len(names))]
+    decimals = [_decimals(column) for column in labels.T]
     return [tuple(map(_text, names, units, row, decimals)) for row in labels]
 
 
@@ -67,11 +66,6 @@ def in_order(dataset: Dataset, units: tuple[str, ...]) -> npt.NDArray[np.int64]:
     vector = labels.shape[1] > 1 and units[0] != "" and len(set(units)) == 1
     key = np.hypot.reduce(labels, axis=1) if vector else labels[:, 0]
     return np.argsort(key, kind="stable")
-
-
-def _sharing(units: tuple[str, ...], output: int) -> list[int]:
-    """List the outputs that have the unit of one of them; only itself where that is unknown."""
-    return [other for other, unit in enumerate(units) if other == output or (unit and unit == units[output])]
 
 
 def _decimals(values: npt.NDArray[np.float64]) -> int:

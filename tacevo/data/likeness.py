@@ -15,11 +15,8 @@ SIDE = 16
 #: images of the training split, on average. Of 3,000 simulated presses, at most one is that near to another.
 ALIKE = 200
 
-#: Most images that are compared of a part, at even steps, and how many of them at once.
-_MOST, _BLOCK = 10_000, 256
-
-#: Row numbers.
-_Rows = npt.NDArray[np.int64]
+#: Most images that are compared of a part, at even steps.
+_MOST = 10_000
 
 
 def nearly_equal(dataset: Dataset) -> tuple[tuple[int, int], ...]:
@@ -30,38 +27,26 @@ def nearly_equal(dataset: Dataset) -> tuple[tuple[int, int], ...]:
     Returns:
         Each such row, ascending, with the row that it is nearest to.
     """
+    from sklearn.metrics import pairwise_distances_argmin_min  # a second to import, for recordings only
+
     images: npt.NDArray[np.uint8] = np.load(dataset.images, mmap_mode="r")
     parts = [rows[:: -(-len(rows) // _MOST)] for rows in (dataset.train, dataset.validation, dataset.test)]
-    thumbnails = [_thumbnails(images, rows) for rows in parts]
-    middle = thumbnails[0].mean(axis=0)
-    train, validation, test = (found - middle for found in thumbnails)
-    limit = 2 * float((train**2).sum(axis=1).mean()) / ALIKE
-    found = _pairs(validation, parts[1], train, parts[0], limit)
-    found += _pairs(test, parts[2], np.concatenate([train, validation]), np.concatenate(parts[:2]), limit)
-    return tuple(sorted((row, other) for row, other in found if (images[row] != images[other]).any()))
+    rows, held_out = np.concatenate(parts), len(parts[0])
+    thumbnails = np.array([_thumbnail(images[row]) for row in rows])
+    thumbnails -= thumbnails[:held_out].mean(axis=0)
+    limit = 2 * float((thumbnails[:held_out] ** 2).sum(axis=1).mean()) / ALIKE
+    pairs: list[tuple[int, int]] = []
+    for start, end in ((held_out, held_out + len(parts[1])), (held_out + len(parts[1]), len(rows))):
+        nearest, distances = pairwise_distances_argmin_min(thumbnails[start:end], thumbnails[:start])
+        alike = distances**2 < limit
+        pairs += zip(rows[start:end][alike].tolist(), rows[nearest[alike]].tolist(), strict=True)
+    return tuple(sorted((row, other) for row, other in pairs if (images[row] != images[other]).any()))
 
 
-def _pairs(
-    found: npt.NDArray[np.float64], rows: _Rows, others: npt.NDArray[np.float64], other_rows: _Rows, limit: float
-) -> list[tuple[int, int]]:
-    """Find the rows whose thumbnail is nearer than a limit to one of the others; return each with its nearest one."""
-    lengths, near = (others**2).sum(axis=1), []
-    for start in range(0, len(found), _BLOCK):
-        block = found[start : start + _BLOCK]
-        distances = (block**2).sum(axis=1)[:, None] + lengths - 2 * block @ others.T
-        nearest = distances.argmin(axis=1)
-        for place in np.flatnonzero(distances.min(axis=1) < limit):
-            near.append((int(rows[start + place]), int(other_rows[nearest[place]])))
-    return near
-
-
-def _thumbnails(images: npt.NDArray[np.uint8], rows: _Rows) -> npt.NDArray[np.float64]:
-    """Average images to grey thumbnails, shape (len(rows), SIDE * SIDE), in units of the pixel values 0 to 255."""
-    edges = np.linspace(0, images.shape[-1], SIDE + 1).astype(np.int64)
-    areas = np.outer(np.diff(edges), np.diff(edges)) * images.shape[1]
-    found = np.empty((len(rows), SIDE * SIDE))
-    for place, row in enumerate(rows):
-        grey = images[row].sum(axis=0, dtype=np.int64)
-        sums = np.add.reduceat(np.add.reduceat(grey, edges[:-1], axis=0), edges[:-1], axis=1)
-        found[place] = (sums / areas).ravel()
-    return found
+def _thumbnail(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    """Average an image to a grey thumbnail, shape (SIDE * SIDE,), in units of the pixel values 0 to 255."""
+    edges = np.linspace(0, image.shape[-1], SIDE + 1).astype(np.int64)
+    grey = image.sum(axis=0, dtype=np.int64)
+    sums = np.add.reduceat(np.add.reduceat(grey, edges[:-1], axis=0), edges[:-1], axis=1)
+    areas = np.outer(np.diff(edges), np.diff(edges)) * len(image)
+    return np.ravel(sums / areas)

@@ -6,7 +6,7 @@ are reported before any image is decoded.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -17,10 +17,11 @@ from tacevo.choices import Normalisation, SplitRule, TargetScaling
 from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
-from tacevo.data.source import Catalogue, Picture, Source, check_no_faults, check_readable
+from tacevo.data.source import Catalogue, Source, check_no_faults, check_readable
+from tacevo.data.sources.images import warnings_as_errors
 from tacevo.data.splitting import TENTHS, Split, check_balance, random_split
 from tacevo.data.staging import remove_leftovers, reserve, staged
-from tacevo.data.workers import CHUNK, Progress, mapper
+from tacevo.data.workers import Progress, each
 from tacevo.errors import DataError
 from tacevo.records import DataFacts, Kind
 from tacevo.storage.canonical import content_hash
@@ -55,8 +56,7 @@ def load(
     """Load a data set from the cache, or make it and keep it there.
 
     A release's own split uses neither the seed nor the parts that are held out, but both still name the cache entry. Of
-    the normalisation only the statistics are computed here; classification ignores the scaling of targets. With one
-    worker, or a small data set, this process makes the pictures.
+    the normalisation only the statistics are computed here; classification ignores the scaling of targets.
 
     `accept` is called with the catalogue before any picture is made, and raises where it does not suit; `progress`
     after every chunk of pictures; `say` with one line where another process makes the data set and this one waits. The
@@ -109,10 +109,10 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple
     classes = catalogue.labels.astype(np.int64) if catalogue.kind is Kind.classification else None
     if rule is SplitRule.random:
         groups, chosen_by = catalogue.groups, catalogue.groups_chosen_by
-        if groups is not None and chosen_by is not None and (found := len(np.unique(groups))) < 3:
+        if groups is not None and (count := len(np.unique(groups))) < 3:
             expected = "at least 3 groups of images, one for each part of the split"
-            remedy = "record more presses, or let this setting name smaller groups"
-            raise DataError(str(found), place=chosen_by, expected=expected, remedy=remedy)
+            remedy = "record more presses, or name smaller groups"
+            raise DataError(str(count), place=chosen_by or "the data set", expected=expected, remedy=remedy)
         tries = 1 if chosen_by is None else TRIES
         parts = random_split(
             len(catalogue.labels), seed, held_out=held_out, groups=groups, classes=classes, tries=tries
@@ -136,24 +136,21 @@ def _targets(catalogue: Catalogue, train: npt.NDArray[np.int64], scaling: Target
     if catalogue.kind is Kind.classification:
         return catalogue.labels.astype(np.int64), (), ()
     labels = catalogue.labels.astype(np.float64)
-    excessive = np.flatnonzero((np.abs(labels) > LARGEST_LABEL).any(axis=1))
-    check_no_faults(
-        f"some labels are beyond {LARGEST_LABEL:g} in size",
-        _named(catalogue, excessive),
-        "correct them, or choose a larger unit",
-    )
-    offset, scale = target_scale(labels, train, scaling, catalogue.names, chosen_by=catalogue.names_chosen_by)
+    beyond = np.abs(labels) > LARGEST_LABEL
+    _check_labels(catalogue, beyond, f"some labels are beyond {LARGEST_LABEL:g} in size", " or choose a larger unit")
+    offset, scale = target_scale(labels, train, scaling, catalogue.names)
     with np.errstate(over="ignore", invalid="ignore"):  # refused below, by row
         targets = ((labels - np.array(offset)) / np.array(scale)).astype(np.float32)
-    infinite = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     problem = "some labels are too far from those of the training split for the 32-bit numbers of a training"
-    check_no_faults(problem, _named(catalogue, infinite), "correct them")
+    _check_labels(catalogue, ~np.isfinite(targets), problem)
     return targets, offset, scale
 
 
-def _named(catalogue: Catalogue, rows: npt.NDArray[np.intp]) -> list[str]:
-    """Name some rows, given by number, each with its labels."""
-    return [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in rows.tolist()]
+def _check_labels(catalogue: Catalogue, are_wrong: npt.NDArray[np.bool_], problem: str, choice: str = "") -> None:
+    """Refuse labels, shape (N, K), of which some are wrong; each such row is named with its labels."""
+    rows = np.flatnonzero(are_wrong.any(axis=1)).tolist()
+    faults = [f"{_place(catalogue, row)} {catalogue.labels[row].tolist()}" for row in rows]
+    check_no_faults(problem, faults, f"correct them{choice}")
 
 
 def _place(catalogue: Catalogue, row: int) -> str:
@@ -207,17 +204,25 @@ def _check(catalogue: Catalogue) -> None:
 
 def make_images(catalogue: Catalogue, path: Path, workers: int, progress: Progress | None = None) -> Path:
     """Make every picture and write them to one `.npy` file; return its path."""
-    pictures = catalogue.pictures
-    _new_file(path, (len(pictures), 3, catalogue.image_size, catalogue.image_size))
-    starts = range(0, len(pictures), CHUNK)
-    chunks = [pictures[start : start + CHUNK] for start in starts]
-    errors: list[tuple[str, DataError]] = []
-    with mapper(workers, len(pictures)) as run:
-        for done, found in enumerate(run(partial(_make_chunk, path), starts, chunks), start=1):
-            errors.extend((_place(catalogue, row), error) for row, error in found)
-            if progress is not None and not errors:  # "all images made" must be true
-                progress(min(done * CHUNK, len(pictures)), len(pictures))
-    check_readable(errors)
+    count = len(catalogue.pictures)
+    _new_file(path, (count, 3, catalogue.image_size, catalogue.image_size))
+    images = np.lib.format.open_memmap(path, mode="r+")
+    errors: dict[int, DataError] = {}
+
+    def make(row: int) -> None:
+        try:
+            images[row] = catalogue.pictures[row]()
+        except DataError as error:
+            errors[row] = error
+
+    def tell(done: int, total: int) -> None:
+        if progress is not None and not errors:  # "all images made" must be true
+            progress(done, total)
+
+    with warnings_as_errors():
+        each(make, count, workers, tell)
+    images.flush()
+    check_readable([(_place(catalogue, row), errors[row]) for row in sorted(errors)])
     return path
 
 
@@ -226,16 +231,3 @@ def _new_file(path: Path, shape: tuple[int, ...]) -> None:
     with path.open("wb") as file:
         np.lib.format.write_array_header_1_0(file, {"descr": "|u1", "fortran_order": False, "shape": shape})
         reserve(file, file.tell() + math.prod(shape))
-
-
-def _make_chunk(path: Path, start: int, pictures: Sequence[Callable[[], Picture]]) -> list[tuple[int, DataError]]:
-    """Make consecutive pictures into their rows of the file; return row and error of those that cannot be made."""
-    images = np.lib.format.open_memmap(path, mode="r+")
-    errors = []
-    for row, picture in enumerate(pictures, start):
-        try:
-            images[row] = picture()
-        except DataError as error:
-            errors.append((row, error))
-    images.flush()
-    return errors

@@ -59,13 +59,10 @@ def target_scale(
     train: npt.NDArray[np.int64],
     scaling: TargetScaling,
     names: tuple[str, ...],
-    *,
-    chosen_by: str | None = None,
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Find offset and scale per output, K each, where target = (label - offset) / scale; only rows `train` count.
 
     Labels are of shape (N, K), in the units of the recording, and no training label is beyond `LARGEST_LABEL` in size.
-    `chosen_by` is the setting that names the outputs, for messages; None where the source fixes them.
 
     Raises:
         DataError: an output has one value in the whole training split, so it can be neither scaled nor learnt.
@@ -73,11 +70,10 @@ def target_scale(
     columns = [[float(value) for value in column] for column in labels[train].T]
     constant = [name for name, column in zip(names, columns, strict=True) if min(column) == max(column)]
     if constant:
-        choice = "" if chosen_by is None else f", or leave it out of {chosen_by}"
         raise DataError(
             "one value in the whole training split",
             place=f"label {', '.join(constant)}",
-            remedy=f"add images in which it varies{choice}",
+            remedy="add images in which it varies, or regress other outputs",
         )
     pairs = [_offset_and_scale(column, scaling) for column in columns]
     return tuple(offset for offset, _ in pairs), tuple(scale for _, scale in pairs)

@@ -35,12 +35,10 @@ class Catalogue:
     labels: npt.NDArray[np.float64] | npt.NDArray[np.int64]
     #: Height and width of every picture, in pixels.
     image_size: int
-    #: One call per picture, in the order of the labels; picklable, so that worker processes can make it.
+    #: One call per picture, in the order of the labels, which any thread may make.
     pictures: Sequence[Callable[[], Picture]]
     #: Regression: the unit of every output, e.g. `N`; None where the source does not state it. Never guessed.
     units: tuple[str, ...] | None = None
-    #: Regression: the setting that names the outputs, for messages; None where the source fixes them.
-    names_chosen_by: str | None = None
     #: int64 (N,): rows with the same number were recorded together and share a part of a random split; None: no two.
     groups: npt.NDArray[np.int64] | None = None
     #: The setting that names the groups; None where the source itself has them.
@@ -64,14 +62,24 @@ class Catalogue:
 
 
 class Source(Protocol):
-    """Anything that images and labels can be read from."""
+    """Anything that images and labels can be read from.
+
+    Both methods raise a `DataError` where files are missing, or names, tables or arrays are broken.
+    """
 
     def describe(self) -> Json:
-        """Name everything that determines the images, labels and groups: the source's part of the cache key."""
+        """Name everything that determines the images, labels and groups: the source's part of the cache key.
+
+        What is read from files is named by its bytes, and not by where it lies.
+        """
         ...
 
     def catalogue(self) -> Catalogue:
-        """List labels and pictures without making any picture; refuse every fault that can be seen so."""
+        """List labels and pictures without making any picture; refuse every fault that can be seen so.
+
+        Raises:
+            DataError: the header of an image shows that it cannot be read, or is of another size than the rest.
+        """
         ...
 
 
@@ -118,9 +126,9 @@ listed = partial(tacevo.text.listed, nothing="", most=SHOWN_NAMES)
 def repeats(named: Iterable[tuple[str, Hashable]]) -> list[str]:
     """List the names of items whose key an earlier item has already."""
     seen: set[Hashable] = set()
-    found = []
+    repeated = []
     for name, key in named:
         if key in seen:
-            found.append(name)
+            repeated.append(name)
         seen.add(key)
-    return found
+    return repeated

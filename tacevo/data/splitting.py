@@ -17,6 +17,10 @@ from tacevo.randomness import stream
 TENTHS = (0.1, 0.1)
 
 
+#: The fields of `Split`.
+PARTS = ("train", "validation", "test")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Split:
     """Row numbers of the three parts, int64, each in ascending order, disjoint and complete."""
@@ -47,15 +51,15 @@ def random_split(
     """Split rows at random into training, validation and test; no group is ever torn.
 
     `held_out` says which parts of all rows, in (0, 1), are for validation and for the test. Both are rounded to the
-    nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where rows share groups, whole groups
-    are dealt out, and the parts end at the group ends nearest to those numbers. Where no two rows share one, nothing is
-    kept together, and rows are dealt out alone. Each class is dealt out evenly; a group counts as one of its first
+    nearest whole number, so the paper's 3,507 gratings give its 351 test images. Where rows share groups, which are at
+    least three, whole groups are dealt out, and the parts end at the group ends nearest to those numbers. Where no two
+    rows share one, rows are dealt out alone. Each class is dealt out evenly; a group counts as one of its first
     row's class. Of several tries, which matter to groups of different sizes alone, the first counts that lacks the
     fewest classes in its parts and comes nearest to the numbers. Groups and class numbers are of shape (count,). The
     seed is the split's own, apart from the run's.
 
     Raises:
-        DataError: a part would be empty; or rows share groups, and there are fewer than three groups.
+        DataError: a part would be empty.
     """
     train, validation, test = part_sizes(count, held_out)
     ends = (train, count - test)
@@ -70,9 +74,6 @@ def random_split(
     if groups is None or len(np.unique(groups)) == count:
         return _split_at(_spread(rng.permutation(count), classes), ends)
     _, first, members, sizes = np.unique(groups, return_index=True, return_inverse=True, return_counts=True)
-    if len(sizes) < 3:
-        expected = "at least 3 groups, one for each part of the split"
-        raise DataError(str(len(sizes)), place="the data set", expected=expected)
 
     def dealt() -> Split:
         order = _spread(rng.permutation(len(sizes)), None if classes is None else classes[first])
@@ -139,7 +140,7 @@ def check_balance(parts: Split, classes: npt.NDArray[np.int64], names: tuple[str
     Raises:
         DataError: a class is absent from a part.
     """
-    for part in ("train", "validation", "test"):
+    for part in PARTS:
         present = np.bincount(classes[getattr(parts, part)], minlength=len(names))
         absent = [name for name, images in zip(names, present, strict=True) if images == 0]
         if absent:

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from tacevo.choices import DataSource
+from tacevo.choices import DataSource, Normalisation
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import load_task
@@ -17,10 +17,12 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.figures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.labels import units_of
 from tacevo.data.likeness import nearly_equal
+from tacevo.data.scaling import input_statistics
 from tacevo.data.simulator.export import export, overrides_for
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
-from tacevo.data.survey import PARTS, split_of, survey
+from tacevo.data.splitting import PARTS
+from tacevo.data.survey import constant_images, equal_images, label_table, split_of
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Task
 from tacevo.runs.data_report import HOW, Image, Inspection
@@ -52,7 +54,8 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     def image(row: int) -> Image:
         return Image(row=row, part=splits[row], file=None if catalogue.files is None else str(catalogue.files[row]))
 
-    surveyed = survey(dataset, units)
+    pixels = np.load(dataset.images, mmap_mode="r")
+    mean, deviation = input_statistics(pixels, dataset.train, Normalisation.standardise)
     alike = nearly_equal(dataset) if catalogue.recorded_size is not None else ()
     groups = catalogue.groups
     return Inspection(
@@ -67,11 +70,11 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         recorded_size=catalogue.recorded_size,
         image_size=facts.image_size,
         is_sized=any(override.startswith(("experiment=", "data.image_size=")) for override in overrides),
-        labels=tuple(surveyed.labels.to_dict("records")),
-        mean=surveyed.mean,
-        deviation=surveyed.deviation,
-        duplicates=tuple(tuple(map(image, rows)) for rows in surveyed.equal),
-        constant=tuple(map(image, surveyed.constant)),
+        labels=tuple(label_table(dataset, units).to_dict("records")),
+        mean=mean,
+        deviation=deviation,
+        duplicates=tuple(tuple(map(image, rows)) for rows in equal_images(pixels)),
+        constant=tuple(map(image, constant_images(pixels))),
         groups=None if groups is None else tuple(np.unique(groups, return_counts=True)[1].tolist()),
         groups_chosen_by=catalogue.groups_chosen_by,
         nearly_equal=tuple((image(row), image(other)) for row, other in alike),

@@ -56,7 +56,7 @@ class Inspection:
     image_size: int
     #: Whether an experiment was named, or the size of the images, which an experiment may set.
     is_sized: bool
-    #: The rows of `Survey.labels`.
+    #: The rows of `label_table`.
     labels: tuple[dict[str, Json], ...]
     mean: tuple[float, ...]
     deviation: tuple[float, ...]

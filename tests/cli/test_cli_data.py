@@ -170,7 +170,7 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
         (["simulate", "task=force", "n=4", "out=made"], "error: n: expected an integer of at least 10"),
         (
             ["simulate", "task=force", "n=40", "out=."],
-            "out: expected a new directory, e.g. out=simulated; got ., the current directory",
+            "out: expected a new directory, e.g. out=simulated; got ., which exists",
         ),
         (
             ["simulate", "data=folder", "data.root=x", "out=made"],

@@ -1,65 +1,33 @@
 """Pictures for people: the right samples in the right order, equal bytes for equal data, no half-written file."""
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from greys import Greys, grey
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from refusals import refused
 from small_recordings import loaded
 
 from tacevo.data.figures import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
 from tacevo.data.labels import in_order, labels_of, plain_name, texts_of, units_of
-from tacevo.data.source import Catalogue, Picture
-from tacevo.data.survey import survey
+from tacevo.data.splitting import PARTS
+from tacevo.data.survey import constant_images, equal_images, label_table
 from tacevo.errors import ConfigError
-from tacevo.records import Json, Kind
+from tacevo.records import Kind
 
-
-def grey(value: int, size: int) -> Picture:
-    """Make a picture of one grey value with one other pixel."""
-    picture = np.full((3, size, size), value, dtype=np.uint8)
-    picture[:, 0, 0] = 255 - value
-    return picture
-
-
-@dataclass(frozen=True)
-class Greys:
-    """A source of grey pictures, whose labels are given; a row's grey value is its number unless `greys` says."""
-
-    labels: tuple[tuple[float, ...], ...]
-    names: tuple[str, ...] = ("Fx", "Fz")
-    kind: Kind = Kind.regression
-    size: int = 16
-    greys: tuple[int, ...] | None = None
-    units: tuple[str, ...] | None = ("N", "N")
-
-    def describe(self) -> Json:
-        """Name the content."""
-        return {"source": "greys", "fields": repr(self)}
-
-    def catalogue(self) -> Catalogue:
-        """List the pictures."""
-        greys = self.greys or tuple(range(len(self.labels)))
-        labels = np.array(self.labels, dtype=np.float64)
-        return Catalogue(
-            kind=self.kind,
-            names=self.names,
-            labels=labels[:, 0].astype(np.int64) if self.kind is Kind.classification else labels,
-            units=self.units,
-            image_size=self.size,
-            pictures=[partial(grey, value, self.size) for value in greys],
-        )
-
-
-FORCES = Greys(labels=tuple((0.03 * number, -0.1 * number) for number in range(40, 0, -1)))
-LEVELS = Greys(labels=tuple((17.5 + 2.5 * (number % 3),) for number in range(60)), names=("shore",))
-CLASSES = Greys(
-    labels=tuple((float(number % 4),) for number in range(200)), names=("a", "b", "c", "d"), kind=Kind.classification
-)
 FORCES_UNITS, NO_UNITS = ("N", "N"), ("",) * 4
+FORCES = Greys(
+    labels=tuple((0.03 * number, -0.1 * number) for number in range(40, 0, -1)),
+    names=("Fx", "Fz"),
+    units=FORCES_UNITS,
+    size=16,
+)
+LEVELS = replace(FORCES, labels=tuple((17.5 + 2.5 * (number % 3),) for number in range(60)), names=("shore",))
+CLASSES = Greys(count=200, names=("a", "b", "c", "d"), kind=Kind.classification)
 
 
 def shown(figure: Figure) -> list[int]:
@@ -75,45 +43,29 @@ def written(figure: Figure) -> list[str]:
 
 @pytest.mark.parametrize(
     ("name", "unit", "plain"),
-    [
-        ("shear_yaw_deg", "deg", "shear yaw"),
-        ("Fz_mN", "mN", "Fz"),
-        ("Fx", "", "Fx"),
-        ("fz", "", "fz"),
-        ("shore", "", "shore"),
-        ("N", "", "N"),
-        ("_N", "", " N"),
-        ("mass", "", "mass"),
-    ],
+    [("shear_yaw_deg", "deg", "shear yaw"), ("Fz_mN", "mN", "Fz"), ("Fx", "", "Fx"), ("N", "", "N"), ("_N", "", " N")],
 )
 def test_units_are_those_that_a_name_ends_in(name: str, unit: str, plain: str) -> None:
     """A force may be in mN: where neither the source nor the column states a unit, it is unknown."""
-    assert units_of(Greys(labels=((1.0,),), names=(name,), units=None).catalogue()) == (unit,)
+    labels = ((1.0,),)
+    assert units_of(Greys(labels=labels, names=(name,)).catalogue()) == (unit,)
+    assert units_of(Greys(labels=labels, names=(name,), units=("m",)).catalogue()) == ("m",)
     assert plain_name(name, unit) == plain
-
-
-def test_statement_of_the_source_comes_before_the_name() -> None:
-    """A source knows its units better than an ending."""
-    assert units_of(Greys(labels=((1.0, 2.0),), names=("a", "b_mm"), units=("N", "N")).catalogue()) == ("N", "N")
 
 
 def test_forces_of_an_unknown_unit_are_written_without_one(tmp_path: Path) -> None:
     """Neither the text nor the order supposes that they share a unit, and each output has its own decimals."""
     labels = tuple((0.001 * number, 300.0 - 10 * number) for number in range(20))
-    source = Greys(labels=labels, units=None)
+    source = Greys(labels=labels, names=("Fx", "Fz"))
     dataset, units = loaded(source, tmp_path), units_of(source.catalogue())
     assert texts_of(dataset, units)[1] == ("Fx 0.0010", "Fz 290")
     assert in_order(dataset, units).tolist() == list(range(20))
 
 
-def test_forces_are_ordered_by_magnitude(tmp_path: Path) -> None:
-    """Components with one unit count together; the least comes first."""
+def test_only_outputs_of_one_unit_are_ordered_by_magnitude(tmp_path: Path) -> None:
+    """Components of a force count together, the least first; millimetres and degrees have no common magnitude."""
     dataset = loaded(FORCES, tmp_path)
     assert in_order(dataset, FORCES_UNITS).tolist() == list(range(39, -1, -1))
-
-
-def test_outputs_of_different_units_are_ordered_by_the_first(tmp_path: Path) -> None:
-    """Millimetres and degrees have no common magnitude."""
     labels = tuple((float(number), 100.0 * (20 - number)) for number in range(20))
     dataset = loaded(Greys(labels=labels, names=("depth_mm", "roll_deg")), tmp_path)
     assert in_order(dataset, ("mm", "deg")).tolist() == list(range(20))
@@ -132,16 +84,12 @@ def test_zero_has_no_sign(tmp_path: Path) -> None:
     assert texts_of(loaded(Greys(labels=labels, names=("Fx",)), tmp_path), ("N",))[0] == ("Fx 0.0 N",)
 
 
-def test_sample_figure_shows_one_of_each_level(tmp_path: Path) -> None:
-    """Three levels give three samples, ascending, from the training split."""
+def test_sample_figure_shows_one_of_each_level_or_class(tmp_path: Path) -> None:
+    """In the order of the outputs, from the training split."""
     dataset = loaded(LEVELS, tmp_path)
     figure = sample_figure(dataset, units=("Shore A",), width="single")
     assert written(figure) == ["17.5 Shore A", "20.0 Shore A", "22.5 Shore A"]
     assert set(shown(figure)) <= set(dataset.train.tolist())
-
-
-def test_sample_figure_shows_one_of_each_class(tmp_path: Path) -> None:
-    """Every class is there, in the order of the outputs."""
     assert written(sample_figure(loaded(CLASSES, tmp_path), units=NO_UNITS, width="double")) == ["a", "b", "c", "d"]
 
 
@@ -151,14 +99,6 @@ def test_sample_figure_goes_from_the_least_to_the_most(tmp_path: Path) -> None:
     values = shown(sample_figure(dataset, units=FORCES_UNITS, width="double"))
     assert (values[0], values[-1]) == (dataset.train.max(), dataset.train.min())
     assert values == sorted(values, reverse=True)
-
-
-def test_large_pictures_are_magnified(tmp_path: Path) -> None:
-    """From 96 pixels on every sample has a second picture, a third as wide in pixels."""
-    dataset = loaded(Greys(labels=LEVELS.labels, names=("shore",), size=96), tmp_path)
-    axes = sample_figure(dataset, units=("Shore A",), width="single").axes
-    shapes = [np.asarray(place.images[0].get_array()).shape for place in axes]
-    assert shapes == [(96, 96, 3)] * 3 + [(32, 32, 3)] * 3
 
 
 @pytest.mark.parametrize("width", WIDTHS)
@@ -175,19 +115,15 @@ def test_figure_has_the_width_of_its_columns(width: str, tmp_path: Path) -> None
         assert box.y1 <= figure.bbox.y1
 
 
-def test_contact_sheet_names_split_and_row(tmp_path: Path) -> None:
-    """Every picture can be found again, and all splits are shown."""
+def test_contact_sheet_names_split_and_row_of_so_many(tmp_path: Path) -> None:
+    """Every picture can be found again, all splits are shown, and however many images there are, it stays a sheet."""
     dataset = loaded(FORCES, tmp_path)
     figure = contact_sheet(dataset, units=FORCES_UNITS, title="sheet")
     texts = written(figure)
     assert figure.get_suptitle() == "sheet"
     assert {f"train {row}" for row in dataset.train} <= set(texts)
     assert {f"test {row}" for row in dataset.test} <= set(texts)
-
-
-def test_contact_sheet_is_bounded(tmp_path: Path) -> None:
-    """However many images there are, a sheet stays a sheet."""
-    assert len(contact_sheet(loaded(CLASSES, tmp_path), units=NO_UNITS, title="sheet").axes) == SHEET_IMAGES
+    assert len(shown(contact_sheet(loaded(CLASSES, tmp_path), units=NO_UNITS, title="sheet"))) == SHEET_IMAGES
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
@@ -219,36 +155,33 @@ def test_failed_save_leaves_the_old_picture_alone(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_survey_counts_ranges_of_each_split(tmp_path: Path) -> None:
+def test_ranges_of_each_split_are_told(tmp_path: Path) -> None:
     """Minimum, maximum, mean and deviation are those of the labels."""
     dataset = loaded(FORCES, tmp_path)
-    table = survey(dataset, FORCES_UNITS).labels.set_index(["output", "part"])
-    for part in ("train", "validation", "test"):
+    table = label_table(dataset, FORCES_UNITS).set_index(["output", "part"])
+    for part in PARTS:
         column = np.array(FORCES.labels)[getattr(dataset, part), 1]
         expected = [column.min(), column.max(), column.mean(), column.std()]
         assert table.loc[("Fz [N]", part)].tolist() == pytest.approx(expected, abs=1e-5)
 
 
-def test_survey_counts_classes_of_each_split(tmp_path: Path) -> None:
+def test_classes_of_each_split_are_counted(tmp_path: Path) -> None:
     """The counts of all splits add up to the classes."""
-    table = survey(loaded(CLASSES, tmp_path), NO_UNITS).labels.set_index("class")
+    table = label_table(loaded(CLASSES, tmp_path), NO_UNITS).set_index("class")
     assert table.sum(axis=1).tolist() == [50, 50, 50, 50]
 
 
-def test_survey_finds_equal_images(tmp_path: Path) -> None:
-    """Wherever they stand, in the order of the rows."""
-    greys = list(range(40))
-    greys[30] = greys[7] = greys[2]
-    greys[39] = greys[0]
-    assert survey(loaded(Greys(labels=FORCES.labels, greys=tuple(greys)), tmp_path), FORCES_UNITS).equal == (
-        (0, 39),
-        (2, 7, 30),
-    )
+@given(st.lists(st.integers(0, 5), min_size=1, max_size=20))
+def test_equal_images_are_listed_wherever_they_stand(greys: list[int]) -> None:
+    """In the order of the rows, and no other image."""
+    images = np.array([grey(value, 4) for value in greys])
+    rows = [tuple(row for row, one in enumerate(greys) if one == value) for value in dict.fromkeys(greys)]
+    assert equal_images(images) == tuple(equal for equal in rows if len(equal) > 1)
 
 
-def test_survey_finds_constant_images(tmp_path: Path) -> None:
-    """A picture of one colour is listed; one other pixel is enough not to be."""
-    dataset = loaded(FORCES, tmp_path)
-    images = np.load(dataset.images, mmap_mode="r+")
-    images[7] = np.array([1, 2, 3], dtype=np.uint8)[:, None, None]
-    assert survey(dataset, FORCES_UNITS).constant == (7,)
+def test_constant_images_are_listed() -> None:
+    """A picture of one colour; one other pixel is enough not to be."""
+    images = np.array([grey(value, 4) for value in range(3)])
+    images[1] = np.array([1, 2, 3], dtype=np.uint8)[:, None, None]
+    images[2, 1, 3, 3] = 9
+    assert constant_images(images) == (0, 1)

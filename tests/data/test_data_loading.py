@@ -13,11 +13,10 @@ from refusals import refused
 from small_recordings import loaded, save_arrays, save_folder, save_forces, save_gratings, save_table
 
 from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
-from tacevo.data.dataset import fingerprint
+from tacevo.data.dataset import STATISTICS, fingerprint
 from tacevo.data.loading import split_rows
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
-from tacevo.data.workers import FEW_PICTURES
 from tacevo.errors import ConfigError, DataError, TacevoError
 from tacevo.records import Json, Kind
 
@@ -47,19 +46,17 @@ def test_loaded_data_set_keeps_its_promises(tmp_path: Path) -> None:
     assert dataset.facts.fingerprint == fingerprint(dataset)
 
 
-def test_minmax_targets_of_the_training_split_fill_0_to_1(tmp_path: Path) -> None:
-    """The smallest training label becomes 0 and the largest 1."""
-    dataset = loaded(Greys(), tmp_path)
-    training = dataset.targets[dataset.train]
-    assert (training.min(), training.max()) == (0.0, 1.0)
-
-
 def test_second_load_decodes_nothing(tmp_path: Path) -> None:
     """The cache answers for an equal description."""
     first = loaded(Greys(), tmp_path)
     second = loaded(Undecodable(), tmp_path)
     assert second.facts == first.facts
     assert np.array_equal(second.targets, first.targets)
+
+
+def test_catalogue_that_is_given_is_not_listed_again(tmp_path: Path) -> None:
+    """Who has looked at a source's catalogue hands it over; listing it twice would read a recording twice."""
+    assert loaded(Undecodable(), tmp_path, catalogue=Greys().catalogue()).facts.counts == (16, 2, 2)
 
 
 @pytest.mark.parametrize(
@@ -96,11 +93,9 @@ def simulated(task: SensorTask, images: int) -> Simulated:
 
 
 def test_workers_change_no_byte(tmp_path: Path) -> None:
-    """One process and two processes give the same fingerprint."""
-    source = simulated(SensorTask.force, FEW_PICTURES + 50)  # fewer are made in one process
-    alone = loaded(source, tmp_path / "one", workers=1)
-    together = loaded(source, tmp_path / "two", workers=2)
-    assert alone.facts == together.facts
+    """One thread and several give the same fingerprint."""
+    source = simulated(SensorTask.force, 100)
+    assert loaded(source, tmp_path / "one", workers=1).facts == loaded(source, tmp_path / "two", workers=3).facts
 
 
 @dataclass(frozen=True)
@@ -161,50 +156,27 @@ SOURCES: dict[str, Callable[[Path], tuple[Source, SplitRule]]] = {
 
 @pytest.mark.parametrize("scaling", [TargetScaling.minmax, TargetScaling.zscore])
 @pytest.mark.parametrize("form", SOURCES)
-def test_what_is_not_for_training_influences_nothing_but_the_fingerprint(
-    tmp_path: Path, form: str, scaling: TargetScaling
-) -> None:
-    """Other validation and test images and labels leave every statistic and every training target as they were."""
+def test_only_the_training_split_decides_the_statistics(tmp_path: Path, form: str, scaling: TargetScaling) -> None:
+    """Other validation and test images and labels change the fingerprint alone; one training picture more."""
     source, rule = SOURCES[form](tmp_path / "recording")
-    before = loaded(source, tmp_path / "cache", split=rule, target_scaling=scaling)
-    others = (*before.validation.tolist(), *before.test.tolist())
-    after = loaded(Spoilt(source, others), tmp_path / "cache", split=rule, target_scaling=scaling)
-    assert (after.mean, after.deviation) == (before.mean, before.deviation)
-    assert (after.offset, after.scale) == (before.offset, before.scale)
+    how: dict[str, Any] = {"cache": tmp_path / "cache", "split": rule, "target_scaling": scaling}
+    before = loaded(source, **how)
+    after = loaded(Spoilt(source, (*before.validation.tolist(), *before.test.tolist())), **how)
+    assert [getattr(after, name) for name in STATISTICS] == [getattr(before, name) for name in STATISTICS]
     assert np.array_equal(after.train, before.train)
     assert np.array_equal(after.targets[after.train], before.targets[before.train])
     assert after.facts.fingerprint != before.facts.fingerprint
-
-
-@pytest.mark.parametrize("form", SOURCES)
-def test_training_pictures_decide_the_statistics(tmp_path: Path, form: str) -> None:
-    """The statistics are those of the training pictures, which a change of one of them shows."""
-    source, rule = SOURCES[form](tmp_path / "recording")
-    before = loaded(source, tmp_path / "cache", split=rule)
-    after = loaded(Spoilt(source, (int(before.train[0]),)), tmp_path / "cache", split=rule)
-    assert after.mean != before.mean
-    pixels = np.load(before.images)[before.train]
-    assert before.mean == pytest.approx(pixels.mean(axis=(0, 2, 3)))
+    assert before.mean == pytest.approx(np.load(before.images)[before.train].mean(axis=(0, 2, 3)))
+    assert loaded(Spoilt(source, (int(before.train[0]),)), **how).mean != before.mean
 
 
 def test_release_names_its_own_parts(tmp_path: Path) -> None:
-    """`release` takes the parts from the source, for every seed."""
+    """`release` takes the parts from the source, for every seed; where it names none there are none to take."""
     dataset = loaded(Greys(released=True), tmp_path, split=SplitRule.release)
     assert dataset.facts.counts == (12, 4, 4)
     assert dataset.test.tolist() == [16, 17, 18, 19]
-
-
-def test_release_is_refused_where_there_is_none(tmp_path: Path) -> None:
-    """A source that names no parts has none to take."""
     with refused(DataError, place="data.split", got="release", remedy="set data.split=random"):
-        loaded(Greys(), tmp_path, split=SplitRule.release)
-
-
-def test_groups_of_a_source_reach_the_split() -> None:
-    """Rows that were recorded together stay together."""
-    groups = np.arange(40) // 4
-    parts = split_rows(Greys(count=40, groups=tuple(groups.tolist())).catalogue(), SplitRule.random, 0)
-    assert not set(groups[parts.train]) & set(groups[parts.test])
+        loaded(Greys(), tmp_path / "other", split=SplitRule.release)
 
 
 def test_progress_counts_up_to_all_pictures(tmp_path: Path) -> None:
@@ -258,22 +230,25 @@ def test_what_needs_no_decoding_is_told_first(
         loaded(source, tmp_path, accept=accept)
 
 
-@pytest.mark.parametrize("part", ["train", "validation", "test"])
-@pytest.mark.parametrize("scaling", TargetScaling)
-def test_labels_beyond_all_measure_are_named_by_row(tmp_path: Path, part: str, scaling: TargetScaling) -> None:
-    """In training sums of their squares would overflow; elsewhere a slip would pass for a huge error of the network."""
-    source = Greys()
+BEYOND, FAR = "some labels are beyond 1e+30 in size", "some labels are too far from those of the training split"
+
+
+@pytest.mark.parametrize(
+    ("part", "step", "label", "got"),
+    [
+        *((part, 1.0, 1e33, BEYOND) for part in ("train", "validation", "test")),
+        *((part, 1e-12, 1e30, FAR) for part in ("validation", "test")),
+    ],
+)
+def test_labels_beyond_all_measure_are_named_by_row(
+    tmp_path: Path, part: str, step: float, label: float, got: str
+) -> None:
+    """In training sums of squares would overflow; elsewhere a slip would pass for a huge error, or for infinity."""
+    source = Greys(step=step)
     row = int(getattr(split_rows(source.catalogue(), SplitRule.random, 0), part)[0])
-    with refused(DataError, got=f"beyond 1e+30 in size (1 found): row {row} [1e+33]", remedy="choose a larger unit"):
-        loaded(Mislabelled(source, row, 1e33), tmp_path, target_scaling=scaling)
-
-
-def test_labels_far_from_those_of_training_are_named_by_row(tmp_path: Path) -> None:
-    """A label within bounds whose target is beyond 32-bit numbers, since training labels lie close together."""
-    source = Greys(step=1e-12)
-    row = int(split_rows(source.catalogue(), SplitRule.random, 0).test[0])
-    with refused(DataError, got=f"(1 found): row {row} [1e+30]", remedy="correct them"):
-        loaded(Mislabelled(source, row, 1e30), tmp_path)
+    with refused(DataError, got=got) as caught:
+        loaded(Mislabelled(source, row, label), tmp_path)
+    assert f"(1 found): row {row} [{label:g}]" in caught.value.got
 
 
 @dataclass(frozen=True)
@@ -294,9 +269,3 @@ class Mislabelled:
         labels = catalogue.labels.copy()
         labels[self.row] = self.label
         return replace(catalogue, labels=labels)
-
-
-def test_catalogue_that_is_given_is_not_listed_again(tmp_path: Path) -> None:
-    """Who has looked at a source's catalogue hands it over; listing it twice would read a recording twice."""
-    dataset = loaded(Undecodable(), tmp_path, catalogue=Greys().catalogue())
-    assert dataset.facts.counts == (16, 2, 2)

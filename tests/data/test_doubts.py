@@ -40,7 +40,6 @@ def doubts(source: Source, cache: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("most", "kind", "white"),
     [
-        (4095, np.uint16, 4095),
         (4000, np.uint16, 4095),
         (255, np.uint16, 255),
         (256, np.uint16, 511),
@@ -67,15 +66,19 @@ def test_images_that_use_more_are_not(tmp_path: Path, most: int, kind: type) -> 
     assert doubts(save(tmp_path / "recording", images), tmp_path / "cache") == []
 
 
-def test_white_point_that_is_too_large_is_told_too(tmp_path: Path) -> None:
-    """The range is then the one that the user named, of an archive as well."""
-    images = np.random.default_rng(0).random((12, 16, 16)).astype(np.float32)
-    images[0, 0, 0] = 1.0
-    source = save_arrays(tmp_path / "own.npz", images=images)
-    (warning,) = doubts(replace(source, white_point=255.0), tmp_path / "cache")
-    assert "is 1 of 255," in warning
-    assert warning.endswith("set data.white_point=1")
-    assert doubts(replace(source, white_point=1.0), tmp_path / "cache") == []
+@pytest.mark.parametrize(
+    ("most", "words"),
+    [
+        (1.0, "is 1 of 255, so that 2 of 256 grey levels are left: set data.white_point=1"),
+        (0.0, "all images are black"),
+    ],
+)
+def test_white_point_that_is_too_large_is_told_too(tmp_path: Path, most: float, words: str) -> None:
+    """The range is then the one that the user named, of an archive as well; black images have no white."""
+    images = np.random.default_rng(0).random((12, 16, 16)).astype(np.float32) * most
+    images[0, 0, 0] = most
+    (warning,) = doubts(replace(save_arrays(tmp_path / "a.npz", images=images), white_point=255.0), tmp_path / "cache")
+    assert warning.endswith(words)
 
 
 def test_colour_of_16_bits_has_another_remedy(tmp_path: Path) -> None:
@@ -86,13 +89,6 @@ def test_colour_of_16_bits_has_another_remedy(tmp_path: Path) -> None:
     (warning,) = doubts(source, tmp_path / "cache")
     assert "is 7 of 255, the high byte of 16 bits: save the images in grey" in warning
     assert "white_point" not in warning
-
-
-def test_black_images_have_no_white(tmp_path: Path) -> None:
-    """No setting is offered for them."""
-    source = save_arrays(tmp_path / "own.npz", images=np.zeros((12, 16, 16), np.uint8))
-    (warning,) = doubts(source, tmp_path / "cache")
-    assert "is 0 of 255, so that all images are black" in warning
 
 
 def test_files_of_several_depths_are_named(tmp_path: Path) -> None:

@@ -34,12 +34,12 @@ def framed(path: Path, frames: int, noise: float, *, groups: bool = False) -> Da
 def test_frames_of_a_press_in_two_parts_are_found(tmp_path: Path, noise: float) -> None:
     """Each with one of its press in an earlier part; where presses are kept together, none is found."""
     dataset = framed(tmp_path / "torn", 3, noise)
-    found = nearly_equal(dataset)
+    pairs = nearly_equal(dataset)
     held = {*dataset.validation.tolist(), *dataset.test.tolist()}
-    assert found == tuple(sorted(found))
-    assert all(row in held and row // 3 == other // 3 and row != other for row, other in found)
+    assert pairs == tuple(sorted(pairs))
+    assert all(row in held and row // 3 == other // 3 and row != other for row, other in pairs)
     train = {row // 3 for row in dataset.train.tolist()}
-    assert {row for row in held if row // 3 in train} <= {row for row, _ in found}
+    assert {row for row in held if row // 3 in train} <= {row for row, _ in pairs}
     assert nearly_equal(framed(tmp_path / "whole", 3, noise, groups=True)) == ()
 
 

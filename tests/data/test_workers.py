@@ -1,39 +1,34 @@
-"""Promise: pictures that several processes make end with the process that started them, and only with it."""
+"""Promise: every picture is made once, whatever the threads; an end that is asked for does not wait for all of them."""
 
-import os
-import signal
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+import time
 
 import pytest
 
-from tacevo.cli.edge import edge
-from tacevo.data.workers import FEW_PICTURES, mapper
+from tacevo.data.workers import CHUNK, each
 
 
-@pytest.mark.parametrize("signal_", [signal.SIGINT, signal.SIGTERM])
-def test_end_that_is_asked_for_waits_until_the_workers_have_started(signal_: signal.Signals) -> None:
-    """It comes with the first picture that is handed out; all others are, and then it is raised."""
-    given: list[int] = []
-
-    def numbers() -> Iterator[int]:
-        os.kill(os.getpid(), signal_)
-        for number in range(FEW_PICTURES + 1):
-            given.append(number)
-            yield number
-
-    with pytest.raises(KeyboardInterrupt), edge(), mapper(2, FEW_PICTURES + 1) as run:
-        run(abs, numbers())
-    assert len(given) == FEW_PICTURES + 1
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize("count", [0, 1, CHUNK, 3 * CHUNK + 5])
+def test_every_number_is_called_once_and_progress_ends_with_all(workers: int, count: int) -> None:
+    """Progress is told after every chunk, in order."""
+    made: list[int] = []
+    told: list[tuple[int, int]] = []
+    each(made.append, count, workers, lambda *numbers: told.append(numbers))
+    assert sorted(made) == list(range(count))
+    assert told == [(min(start + CHUNK, count), count) for start in range(0, count, CHUNK)]
 
 
-def test_another_thread_may_ask_for_workers() -> None:
-    """On a node of a cluster a thread makes the images; Ctrl-C never comes to it."""
+def test_who_stops_waits_for_no_other_chunk() -> None:
+    """Ctrl-C comes to the thread that waits."""
+    made: list[int] = []
 
-    def make() -> list[int]:
-        with mapper(2, FEW_PICTURES + 1) as run:
-            return list(run(abs, range(-3, 0)))
+    def make(number: int) -> None:
+        time.sleep(0.001)
+        made.append(number)
 
-    with ThreadPoolExecutor(1) as threads:
-        assert threads.submit(make).result() == [3, 2, 1]
+    def stop(done: int, count: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        each(make, 100 * CHUNK, 2, stop)
+    assert len(made) < 50 * CHUNK

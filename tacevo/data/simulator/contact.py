@@ -44,10 +44,7 @@ def normal_field(distance: Field, contact_radius: float, radius: float) -> tuple
 
     With s = min(a/r, 1) and q = sqrt(1 - s^2) one expression holds inside and outside the contact.
 
-    Args:
-        distance: r > 0 from the centre of the contact, any shape.
-        contact_radius: a >= 0; 0 without contact.
-        radius: R, of the combined surfaces.
+    The distance r > 0 is from the centre of the contact, the contact's radius a >= 0, and R that of the surfaces.
 
     Returns:
         Displacement w away from the indenter and (dw/dr)/r, in the shape of `distance`; w(0) = a^2/R, the approach.
@@ -83,14 +80,8 @@ def contact_displacement(stroke: float, limit: float, normal: float, friction: f
     """Find how much of a sideways stroke shears the contact, where the body behind it gives way like a spring.
 
     Solves d + Q(d) / k = stroke for d, with Q of `tangential_force`, to the last bit or two by bisection: both springs
-    carry the same force, and what exceeds the spring's stretch at mu F is sliding.
-
-    Args:
-        stroke: of the object against the body's support, in mm, >= 0.
-        limit: displacement at which all of the contact slides, in mm, > 0.
-        normal: force in N.
-        friction: coefficient mu.
-        stiffness: k of the body in N/mm, > 0.
+    carry the same force, and what exceeds the spring's stretch at mu F is sliding. The stroke >= 0 is that of the
+    object against the body's support; at the limit > 0 all of the contact slides; the stiffness k > 0 is in N/mm.
 
     Returns:
         d in mm, in [0, stroke].

@@ -105,23 +105,6 @@ class Sensor:
     marker_y: npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Conditions:
-    """What varies from image to image beside the press."""
-
-    #: Of the light: gain, tilt over the rim's radius in x and y, direction that shades a slope.
-    gain: float
-    tilt: tuple[float, float]
-    light: tuple[float, float]
-    #: Grey values of the dirt; share of the light that a marker takes; deviation of the grain in grey values at the
-    #: reference size, of which larger pixels average more out.
-    wear: float
-    darkness: float
-    noise: float
-    #: Of red, green and blue.
-    tint: tuple[float, float, float]
-
-
 @lru_cache(maxsize=4)
 def make_sensor(size: int, seed: int) -> Sensor:
     """Build the sensor; its seed decides manufacturing errors of the markers and the dirt on its skin."""
@@ -149,30 +132,22 @@ def picture(sensor: Sensor, press: Press, rng: np.random.Generator, scene: Light
     Returns:
         uint8, shape (3, size, size).
     """
-    conditions = _conditions(rng, scene)
-    tilt_x, tilt_y = conditions.tilt
+    gain, side = SCENES[scene]
+    gain *= normal_number(rng, 1, 0.03)
+    tilt_x, tilt_y = side + normal_number(rng, 0, 0.03), normal_number(rng, 0, 0.03)  # over the rim's radius
+    light = normal_number(rng, 0.6, 0.05), normal_number(rng, 0.3, 0.05)  # the direction that shades a slope
+    wear = 6 * rng.uniform(0, 1.2)
+    darkness = normal_number(rng, 0.66, 0.02)  # the share of the light that a marker takes
+    noise = rng.uniform(2, 5)  # at the reference size; larger pixels average more out
+    tint = np.array([1.01, 1.0, normal_number(rng, 0.97, 0.01)], dtype=np.float32)
     grey = sensor.background * (1 + sensor.x * (tilt_x / RIM_RADIUS) + sensor.y * (tilt_y / RIM_RADIUS))
-    grey *= conditions.gain
-    grey += sensor.dirt * conditions.wear
-    grey += sensor.sight * _contact_light(sensor, press, conditions.light)
-    grey *= 1 - conditions.darkness * _marker_cover(sensor, press, rng)
-    grey += conditions.noise * sensor.size / REFERENCE_SIZE * grain(rng, sensor.size)
-    tint = np.array(conditions.tint, dtype=np.float32)
+    grey *= gain
+    grey += sensor.dirt * wear
+    grey += sensor.sight * _contact_light(sensor, press, light)
+    grey *= 1 - darkness * _marker_cover(sensor, press, rng)
+    grey += noise * sensor.size / REFERENCE_SIZE * grain(rng, sensor.size)
     coloured: Field = np.clip(tint[:, None, None] * grey, 0, BRIGHTEST)
     return np.rint(coloured).astype(np.uint8)
-
-
-def _conditions(rng: np.random.Generator, scene: LightScene) -> _Conditions:
-    gain, side = SCENES[scene]
-    return _Conditions(
-        gain=gain * normal_number(rng, 1, 0.03),
-        tilt=(side + normal_number(rng, 0, 0.03), normal_number(rng, 0, 0.03)),
-        light=(normal_number(rng, 0.6, 0.05), normal_number(rng, 0.3, 0.05)),
-        wear=6 * rng.uniform(0, 1.2),
-        darkness=normal_number(rng, 0.66, 0.02),
-        noise=rng.uniform(2, 5),
-        tint=(1.01, 1.0, normal_number(rng, 0.97, 0.01)),
-    )
 
 
 def _marker_grid() -> npt.NDArray[np.float64]:

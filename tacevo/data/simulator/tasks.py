@@ -170,22 +170,21 @@ def _force(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
     reach = contact_radius(depth, radius)
     modulus = SOFT_SKIN * rim_softness(x, y)
     pressed = normal_force(depth, radius, contact_modulus(modulus, SKIN_POISSON))
-    limit, stick, dragged = _sheared(stroke, pressed, reach, modulus)
-    along_x, along_y = _direction(rng.uniform())
+    slip, stick, lean = _sheared(stroke, _direction(rng.uniform()), pressed, reach, modulus)
     press = Press(
         x=x,
         y=y,
         contact_radius=reach,
         radius=radius,
         share=1.0,
-        slip_limit=(limit * along_x, limit * along_y),
+        slip_limit=slip,
         stick_radius=stick,
-        lean=(dragged * along_x / DOME_STIFFNESS, dragged * along_y / DOME_STIFFNESS),
+        lean=lean,
         brightness=normal_number(rng, 55, 4) * (0.2 + 0.55 * depth),  # deeper, more of the rough surface touches
         fading=0.35,
     )
     hysteresis = normal_number(rng, 1, HYSTERESIS)
-    truth = (dragged * along_x, dragged * along_y, -pressed)
+    truth = (lean[0] * DOME_STIFFNESS, lean[1] * DOME_STIFFNESS, -pressed)
     errors = normal(rng, FORCE_NOISE, (3,))
     return press, tuple(round(hysteresis * part + float(error), 4) for part, error in zip(truth, errors, strict=True))
 
@@ -267,20 +266,22 @@ def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
 def _slid(
     sideways: npt.NDArray[np.float64], pressed: float, reach: float, modulus: float
 ) -> tuple[tuple[float, float], float, tuple[float, float]]:
-    """Push a contact by a stroke (x, y) in mm; return its slip limit in that direction, stick radius and lean."""
+    """Push a contact by a stroke (x, y) in mm; return what `_sheared` does."""
     along_x, along_y = (float(part) for part in sideways)
     stroke = math.sqrt(along_x * along_x + along_y * along_y)
-    along_x, along_y = along_x / max(stroke, 1e-9), along_y / max(stroke, 1e-9)
-    limit, stick, dragged = _sheared(stroke, pressed, reach, modulus)
-    leant = dragged / DOME_STIFFNESS
-    return (along_x * limit, along_y * limit), stick, (along_x * leant, along_y * leant)
+    length = max(stroke, 1e-9)
+    return _sheared(stroke, (along_x / length, along_y / length), pressed, reach, modulus)
 
 
-def _sheared(stroke: float, pressed: float, reach: float, modulus: float) -> tuple[float, float, float]:
-    """Push a contact sideways by a stroke in mm; return its slip limit and stick radius in mm, and the force in N."""
+def _sheared(
+    stroke: float, along: tuple[float, float], pressed: float, reach: float, modulus: float
+) -> tuple[tuple[float, float], float, tuple[float, float]]:
+    """Push a contact by a stroke along a unit vector; return slip limit (x, y), stick radius and lean (x, y), in mm."""
     limit = slip_limit(pressed, reach, FRICTION, modulus, SKIN_POISSON)
     sheared = contact_displacement(stroke, limit, pressed, FRICTION, DOME_STIFFNESS)
-    return limit, stick_radius(sheared, limit, reach), tangential_force(sheared, limit, pressed, FRICTION)
+    leant = tangential_force(sheared, limit, pressed, FRICTION) / DOME_STIFFNESS
+    across, down = along
+    return (limit * across, limit * down), stick_radius(sheared, limit, reach), (leant * across, leant * down)
 
 
 def _position(rng: np.random.Generator, reach: float) -> tuple[float, float]:

@@ -10,7 +10,8 @@ The archive is read whole into memory, and nothing in it is ever unpickled.
 """
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePath
@@ -20,11 +21,11 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.data.source import Catalogue, Picture, check_no_faults, chosen
-from tacevo.data.sources.filenames import is_passed_over
-from tacevo.data.sources.hints import check_file
+from tacevo.data.sources.filenames import check_file, is_passed_over
 from tacevo.data.sources.images import DECODING, extent, files_hash, square, to_8_bits
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
+from tacevo.text import first_line
 
 _ARCHIVE = "a NumPy archive (.npz)"
 
@@ -45,33 +46,25 @@ class Arrays:
     white_point: float | None = None
 
     def describe(self) -> Json:
-        """Name the content: the bytes of the archive, not where it lies.
-
-        Raises:
-            DataError: the archive is missing.
-        """
+        """Name the bytes of the archive."""
         check_file(self.root, "data.root", _ARCHIVE)
         content = files_hash([self.root])
         described: dict[str, Json] = {"source": "numpy", "decoding": DECODING, "archive": content}
         return {**described, "image_size": self.image_size, **chosen(self, "white_point")}
 
     def catalogue(self) -> Catalogue:
-        """List labels and images in the order of the arrays.
-
-        Raises:
-            DataError: the archive is missing or broken, or an array has another shape, type or value than it may.
-        """
+        """List labels and images in the order of the arrays."""
         arrays = _read(self.root)
-        images, labels = arrays["images"], _in_64_bits(arrays["labels"])
+        images, labels, names = arrays["images"], arrays["labels"], arrays.get("names")
         _check_images(images, self.white_point)
         count = len(images)
         _check_length("labels", labels, count)
-        classified = labels.dtype.kind in "iu"
-        outputs = _count_classes(labels, arrays.get("names")) if classified else _count_values(labels)
+        is_classified = labels.dtype.kind in "iu"
+        outputs = _count_classes(labels, names) if is_classified else _count_values(labels)
         return Catalogue(
-            kind=Kind.classification if classified else Kind.regression,
-            names=_names(arrays.get("names"), outputs, "{}" if classified else "label {}"),
-            labels=labels.astype(np.int64) if classified else labels.astype(np.float64).reshape(count, outputs),
+            kind=Kind.classification if is_classified else Kind.regression,
+            names=_names(names, outputs, "{}" if is_classified else "label {}"),
+            labels=labels.astype(np.int64) if is_classified else labels.astype(np.float64).reshape(count, outputs),
             image_size=self.image_size,
             pictures=tuple(partial(resized, image, self.image_size, self.white_point) for image in images),
             extents=tuple(partial(extent, image, self.white_point) for image in images),
@@ -97,34 +90,29 @@ def _read(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Read all arrays of an archive."""
     check_file(path, "data.root", _ARCHIVE)
     if not zipfile.is_zipfile(path):
-        found = "a single array" if _begins_as_array(path) else "another file, or one that was cut off"
-        raise DataError(found, place=str(path), expected=_ARCHIVE, remedy=_REMEDY)
+        got = "a file of another kind, or one that was cut off"
+        raise DataError(got, place=str(path), expected=_ARCHIVE, remedy=_REMEDY)
     with path.open("rb") as file:  # NumPy would leave it open where it raises
-        try:
+        with _refused_where_damaged(path):
             archive = np.load(file, allow_pickle=False)
-        except Exception as error:  # zipfile, zlib and NumPy raise a dozen classes for a damaged file
-            raise DataError("a damaged list of arrays", place=str(path), remedy=_REMEDY) from error
         with archive:
             names = [name for name in archive.files if not is_passed_over(PurePath(name))]
             _check_keys(path, frozenset(names))
             return {name: _array(path, archive, name) for name in names}
 
 
-def _begins_as_array(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX
+@contextmanager
+def _refused_where_damaged(place: object) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # zipfile, zlib and NumPy raise a dozen classes for a damaged file
+        raise DataError(f"what cannot be read ({first_line(error)})", place=str(place), remedy=_REMEDY) from error
 
 
 def _array(path: Path, archive: Mapping[str, Any], name: str) -> npt.NDArray[Any]:
     """Read one array; an array of Python objects would have to be unpickled, which runs its author's code."""
-    try:
+    with _refused_where_damaged(f"{path}, {name}"):
         array = archive[name]
-    except MemoryError as error:
-        raise DataError(
-            "an array that does not fit into the memory", place=f"{path}, {name}", remedy="save fewer images"
-        ) from error
-    except Exception as error:  # as above
-        raise DataError("a damaged array, or Python objects", place=f"{path}, {name}", remedy=_REMEDY) from error
     if not isinstance(array, np.ndarray):
         raise DataError(type(array).__name__, place=f"{path}, {name}", expected="an array", remedy=_REMEDY)
     return array
@@ -138,15 +126,18 @@ def _check_keys(path: Path, names: frozenset[str]) -> None:
 
 
 def _check_images(images: npt.NDArray[Any], white_point: float | None) -> None:
-    if images.ndim > 2 and 0 in images.shape:
-        raise DataError(f"shape {images.shape}", place="images", expected="at least 10 images")
-    shaped = images.ndim == 3 or (images.ndim == 4 and images.shape[3] in (1, 3))
-    known = images.dtype == np.uint8 or (white_point is not None and images.dtype.kind in "uif")
-    if not (known and shaped):
+    is_shaped = images.size > 0 and (images.ndim == 3 or (images.ndim == 4 and images.shape[3] in (1, 3)))
+    is_known = images.dtype == np.uint8 or (white_point is not None and images.dtype.kind in "uif")
+    if not (is_known and is_shaped):
         number = "uint8" if white_point is None else "numbers"
-        expected = f"{number} of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3)"
-        remedy = "set data.white_point to the value that is white" if shaped and images.dtype.kind in "uif" else ""
-        raise DataError(f"{images.dtype} of shape {images.shape}", place="images", expected=expected, remedy=remedy)
+        raise DataError(
+            f"{images.dtype} of shape {images.shape}",
+            place="images",
+            expected=f"{number} of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3)",
+            remedy="set data.white_point to the value that is white"
+            if is_shaped and images.dtype.kind in "uif"
+            else "",
+        )
     if white_point is not None and images.dtype == np.uint8 and white_point > 255:
         expected = "at most 255 for images of 8 bits"
         raise DataError(f"{white_point:g}", place="data.white_point", expected=expected)
@@ -155,14 +146,6 @@ def _check_images(images: npt.NDArray[Any], white_point: float | None) -> None:
 def _check_length(name: str, array: npt.NDArray[Any], count: int) -> None:
     if array.ndim == 0 or len(array) != count:
         raise DataError(f"shape {array.shape}", place=name, expected=f"one row for each of the {count} images")
-
-
-def _in_64_bits(labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Round wider floats to 64 bits; what they cannot hold becomes infinite, which is refused by row."""
-    if labels.dtype.kind != "f":
-        return labels
-    with np.errstate(over="ignore"):
-        return labels.astype(np.float64)
 
 
 def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> int:
@@ -188,8 +171,8 @@ def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> 
 
 def _count_values(labels: npt.NDArray[Any]) -> int:
     """Count the regressed values; all must be finite."""
-    if labels.dtype.kind != "f" or labels.ndim > 2 or labels.size == 0:
-        expected = "floats of shape (N,) or (N, K), or integers of shape (N,)"
+    if labels.dtype.kind != "f" or labels.dtype.itemsize > 8 or labels.ndim > 2 or labels.size == 0:
+        expected = "floats of at most 64 bits, of shape (N,) or (N, K), or integers of shape (N,)"
         raise DataError(f"{labels.dtype} of shape {labels.shape}", place="labels", expected=expected)
     columns = labels.reshape(len(labels), -1)
     rows = np.flatnonzero(~np.isfinite(columns).all(axis=1))

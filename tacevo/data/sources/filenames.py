@@ -1,14 +1,19 @@
-"""Names of image files: which are passed over, and which are one name but for case, Unicode form or ending."""
+"""Names of files: which are passed over, which are one but for case, Unicode form or ending, which are missing."""
 
+import difflib
+import os
 import unicodedata
 from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path, PurePath
 
+from tacevo.data.source import listed
+from tacevo.errors import DataError
+
 #: Endings of the image files that are looked for in directories, in lower case.
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 
-#: Endings of images that a table may name; a dot in another name, as in `press_0.5`, begins no ending.
+#: Endings of images that a table may name.
 _ENDINGS = SUFFIXES | {".bmp", ".gif", ".webp", ".pgm", ".ppm"}
 
 #: What systems leave beside a user's files, as hidden files that are not called so.
@@ -39,46 +44,78 @@ def own_names(asked: Sequence[str], directories: Sequence[Path]) -> dict[str, st
     of another case or Unicode form goes before one of another ending.
 
     Returns:
-        For each name with such a file, the file's own name and in what it differs, for a message.
+        For each name with such a file, the file's own name, quoted for a message.
     """
     alike: dict[str, str] = {}
     for directory in directories:
-        found = islice(directory.glob("**/*"), _MOST)
-        files = sorted(path.relative_to(directory) for path in found if path.is_file())
-        for file in files:
+        files = (path for path in islice(directory.glob("**/*"), _MOST) if path.is_file())
+        for file in sorted(path.relative_to(directory) for path in files):
             if not is_passed_over(file):
                 alike.setdefault(folded(file.as_posix()), file.as_posix())
-                alike.setdefault(folded(_parted(file.as_posix())[0]), file.as_posix())
+                alike.setdefault(folded(_without_ending(file)), file.as_posix())
     meant = {}
     for name in asked:
-        plain = PurePath(name).as_posix()
-        own = alike.get(folded(plain)) or alike.get(folded(_parted(plain)[0]))
+        path = PurePath(name)
+        own = alike.get(folded(path.as_posix())) or alike.get(folded(_without_ending(path)))
         if own is not None:
-            meant[name] = f"{own!r}, {difference(plain, own)}"
+            meant[name] = f"{own!r}{unseen_difference(name, own)}"
     return meant
 
 
-def difference(asked: str, own: str) -> str:
-    """Return in what the name of a file differs from the one that was asked for, which is alike."""
-    (stem, ending), (own_stem, own_ending) = _parted(asked), _parted(own)
-    found = []
-    if ending.lower() != own_ending.lower():
-        found.append("with another ending")
-        ending = own_ending
-    composed = [unicodedata.normalize("NFC", text) for text in (stem + ending, own_stem + own_ending)]
-    if composed[0] != composed[1]:
-        found.append("in another case")
-    if _form(stem) != _form(own_stem):
-        found.append(f"in Unicode form {_form(own_stem)}, not {_form(stem)}")
-    return " and ".join(found)
+def unseen_difference(asked: str, own: str) -> str:
+    """Return what a reader cannot see of two names: that they are of two Unicode forms; else nothing."""
+    is_unseen = folded(asked) == folded(own) and asked.casefold() != own.casefold()
+    return ", in another Unicode form" if is_unseen else ""
 
 
-def _parted(name: str) -> tuple[str, str]:
-    """Part a name into what stands before its ending, and the ending, which may be empty."""
-    suffix = PurePath(name).suffix
-    return (name.removesuffix(suffix), suffix) if suffix.lower() in _ENDINGS else (name, "")
+def _without_ending(path: PurePath) -> str:
+    """Return a path without the ending of an image; a dot in another name, as in `press_0.5`, begins no ending."""
+    is_image = path.suffix.lower() in _ENDINGS
+    return (path.with_suffix("") if is_image else path).as_posix()
 
 
-def _form(name: str) -> str:
-    """Return the Unicode form that a name is in."""
-    return next((form for form in ("NFC", "NFD") if unicodedata.is_normalized(form, name)), "of its own")
+def check_directory(path: Path, place: str, expected: str) -> None:
+    """Refuse a path that is not a directory; the place is the setting that names it, e.g. `data.root`.
+
+    Raises:
+        DataError: the path is absent, or a file; the remedy says what is there.
+    """
+    if not os.path.isdir(path):  # False where the user may not look
+        raise _misplaced(path, place, expected)
+
+
+def check_file(path: Path, place: str, expected: str) -> None:
+    """Refuse a path that is not a file; arguments and errors are those of `check_directory`."""
+    if not os.path.isfile(path):
+        raise _misplaced(path, place, expected)
+
+
+def content(directory: Path, name: str = "") -> str:
+    """Return what a directory holds, and which entry a name probably means."""
+    try:
+        names = directories(directory) + [path.name for path in _visible(directory) if not path.is_dir()]
+    except OSError as error:
+        return f"{directory} cannot be listed ({error.strerror})"
+    candidates = {folded(candidate): candidate for candidate in names}
+    close = difflib.get_close_matches(folded(name), candidates, n=1)
+    holds = f"{directory} holds: {listed(names) or 'nothing'}"
+    if not close:
+        return holds
+    own = candidates[close[0]]
+    return f"{holds}; did you mean {directory / own}{unseen_difference(name, own)}?"
+
+
+def directories(directory: Path) -> list[str]:
+    """List the directories in a directory by name; hidden ones are left out."""
+    return [path.name for path in _visible(directory) if path.is_dir()]
+
+
+def _visible(directory: Path) -> list[Path]:
+    return sorted(path for path in directory.iterdir() if not is_passed_over(Path(path.name)))
+
+
+def _misplaced(path: Path, place: str, expected: str) -> DataError:
+    there, name = path.absolute(), ""
+    while not os.path.isdir(there):
+        there, name = there.parent, there.name
+    return DataError(str(path), place=place, expected=expected, remedy=content(there, name))

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
-from tacevo.data.sources.filenames import SUFFIXES, folded
-from tacevo.data.sources.groups import groups_in
-from tacevo.data.sources.hints import check_directory, content, directories, number_in
+from tacevo.data.sources.filenames import SUFFIXES, check_directory, content, directories, folded
 from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.table import groups_in, number_in
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -34,34 +33,21 @@ class Folder:
     group_pattern: str | None = None
 
     def describe(self) -> Json:
-        """Name the content: class names, and the name and bytes of every image, not where they lie.
-
-        Raises:
-            DataError: the directory is missing or has no classes, or a class has no images.
-        """
-        classes = _classes(self.root)
-        images = [path for paths in classes.values() for path in paths]
+        """Name the classes, and the name and bytes of every image."""
+        classes, images, names = self._read()
         return {
             **chosen(self, "white_point", "group_pattern"),
             "source": "folder",
             "decoding": DECODING,
             "classes": {name: len(paths) for name, paths in classes.items()},
-            "names": [path.relative_to(self.root).as_posix() for path in images],
+            "names": names,
             "images": files_hash(images),
             "image_size": self.image_size,
         }
 
     def catalogue(self) -> Catalogue:
-        """List labels and images, class by class, images in the order of their names.
-
-        Raises:
-            DataError: the directory is missing or has no classes, a class has no images, or an image is unreadable or
-                of another size than the rest.
-        """
-        classes = _classes(self.root)
-        counts = [len(paths) for paths in classes.values()]
-        images = [path for paths in classes.values() for path in paths]
-        names = [path.relative_to(self.root).as_posix() for path in images]
+        """List labels and images, class by class, images in the order of their names."""
+        classes, images, names = self._read()
         pattern = self.group_pattern
         return file_catalogue(
             images,
@@ -72,9 +58,15 @@ class Folder:
             groups_chosen_by=None if pattern is None else "data.group_pattern",
             kind=Kind.classification,
             names=tuple(classes),
-            labels=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
+            labels=np.repeat(np.arange(len(classes), dtype=np.int64), list(map(len, classes.values()))),
             ignored=other_files(self.root, "**/*", images),
         )
+
+    def _read(self) -> tuple[dict[str, list[Path]], list[Path], list[str]]:
+        """Find every class and its images; all images; and their paths relative to the root."""
+        classes = _classes(self.root)
+        images = [path for paths in classes.values() for path in paths]
+        return classes, images, [path.relative_to(self.root).as_posix() for path in images]
 
 
 def _classes(root: Path) -> dict[str, list[Path]]:
@@ -103,16 +95,12 @@ def _check_parts(root: Path, names: list[str]) -> None:
     """Refuse the parts of somebody's split where the classes should be: each part has all classes within."""
     if not names or not {name.casefold() for name in names} <= _PARTS:
         return
-    holding = sorted(names, key=lambda name: (not name.casefold().startswith("train"), name))
-    roots = [root / name for name in holding if directories(root / name)]
-    remedy = "put the images of each class into one directory, whatever part they were in: tacevo splits them itself"
-    if roots:
-        remedy = f"set data.root={roots[0]} to use that part alone, which tacevo splits itself; or {remedy}"
     raise DataError(
         f"{root}, which holds {listed(names)}: the parts of a split",
         place="data.root",
         expected="the directory that has one directory per class",
-        remedy=remedy,
+        remedy="put the images of each class into one directory, whatever part they were in (tacevo splits them), "
+        "or set data.root to a part that has one directory per class",
     )
 
 
@@ -135,7 +123,6 @@ def _images(directory: Path) -> list[Path]:
     paths = image_files(directory, "**/*")
     names = [path.relative_to(directory).as_posix() for path in paths]
     twice = repeats((name, folded(name)) for name in names)
-    form = "" if twice == repeats((name, name.casefold()) for name in names) else " or Unicode form"
-    problem = f"images of class {directory.name} differ in the case{form} of their names only"
+    problem = f"images of class {directory.name} differ in the case or Unicode form of their names only"
     check_no_faults(problem, twice, "rename or remove them")
     return paths

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,20 +30,26 @@ STACKS = frozenset({"TIFF", "GIF", "PNG", "WEBP"})
 #: The largest value of 16 bits.
 _WORD = 65_535.0
 
+#: White may be 1, 255 or anything there.
+_FLOATING = "holds floating-point values, whose full range is unknown"
+
 
 def image_files(directory: Path, pattern: str) -> list[Path]:
     """Find the images of a directory, sorted by path; hidden ones are left out (`is_passed_over`).
 
     The pattern is `*`, or `**/*` for all directories below too.
     """
-    images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES and path.is_file())
-    return sorted(path for path in images if not is_passed_over(path.relative_to(directory)))
+    return [path for path in _files(directory, pattern) if path.suffix.lower() in SUFFIXES]
 
 
 def other_files(directory: Path, pattern: str, used: Iterable[Path]) -> list[Path]:
-    """Find the files of a directory that are not hidden and not used, sorted by path: `image_files`' remainder."""
+    """Find the files of a directory that are not hidden and not used, sorted by path."""
     known = set(used)
-    files = (path for path in directory.glob(pattern) if path not in known and path.is_file())
+    return [path for path in _files(directory, pattern) if path not in known]
+
+
+def _files(directory: Path, pattern: str) -> list[Path]:
+    files = (path for path in directory.glob(pattern) if path.is_file())
     return sorted(path for path in files if not is_passed_over(path.relative_to(directory)))
 
 
@@ -91,17 +97,23 @@ def _extent(path: Path, white_point: float | None) -> tuple[float, float]:
 
 
 @contextmanager
+def warnings_as_errors() -> Iterator[None]:
+    """Make an error of what Pillow warns of, damage after which it goes on, in all threads of this process."""
+    with warnings.catch_warnings():
+        for kind in (UserWarning, Image.DecompressionBombWarning):
+            warnings.simplefilter("error", kind)
+        yield
+
+
+@contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
     """Open an image; an error of Pillow becomes a `DataError` that names the fault.
 
     Only Pillow's own work belongs inside: a bug of ours would be reported as damage of the file.
     """
     try:
-        with warnings.catch_warnings():
-            for kind in (UserWarning, Image.DecompressionBombWarning):  # Pillow warns of damage and goes on
-                warnings.simplefilter("error", kind)
-            with Image.open(path) as file:
-                yield file
+        with Image.open(path) as file:
+            yield file
     except Exception as error:  # of Pillow and its decoders, which raise more than a dozen classes
         raise DataError(_fault(path, error)) from error
 
@@ -163,7 +175,7 @@ def to_8_bits(values: npt.NDArray[Any], white_point: float | None) -> npt.NDArra
     if white_point is None and values.dtype == np.uint8:
         return values
     if white_point is None and values.dtype.kind == "f":
-        raise _floating()
+        raise DataError(_FLOATING, remedy="set data.white_point")
     white = _WORD if white_point is None else white_point
     low, high = float(values.min()), float(values.max())
     if not (low >= 0 and high <= white):  # which NaN is not, either
@@ -172,11 +184,6 @@ def to_8_bits(values: npt.NDArray[Any], white_point: float | None) -> npt.NDArra
         beyond = f"holds values from {low:g} to {high:g}, beyond data.white_point={white:g}"
         raise DataError(beyond, remedy="set a larger data.white_point" if high > white else "")
     return np.floor(values.astype(np.float64) * 255 / white + 0.5).astype(np.uint8)
-
-
-def _floating() -> DataError:
-    """Return what is wrong with pixels of modes F and F;..., whose white may be 1, 255 or anything."""
-    return DataError("holds floating-point values, whose full range is unknown", remedy="set data.white_point")
 
 
 def extent(values: npt.NDArray[Any], white_point: float | None) -> tuple[float, float]:
@@ -201,50 +208,34 @@ def common_size(
         DataError: files cannot be read, hold several or floating-point values, differ in size, or hold no value as
             large as the white point.
     """
-    headers: list[tuple[str, _Header]] = []
+    headers = []
     unreadable = []
-    for name, path in files:
-        try:
-            headers.append((name, _header(path, white_point)))
-        except DataError as error:
-            unreadable.append((name, error))
+    with warnings_as_errors():
+        for name, path in files:
+            try:
+                headers.append((name, *_header(path, white_point)))
+            except DataError as error:
+                unreadable.append((name, error))
     check_readable(unreadable)
-    (width, height), images = Counter(header.size for _, header in headers).most_common(1)[0]
-    others = [f"{name} {head.size[0]}x{head.size[1]}" for name, head in headers if head.size != (width, height)]
+    (width, height), images = Counter(size for _, size, _ in headers).most_common(1)[0]
     check_no_faults(
         f"images have several sizes; {images} have {width}x{height} pixels (width x height), others not",
-        others,
+        [f"{name} {size[0]}x{size[1]}" for name, size, _ in headers if size != (width, height)],
         "crop or remove the others",
     )
     if white_point is not None:
-        _check_white_point(headers, white_point)
-    return (width, height), tuple(header.depth for _, header in headers)
+        check_no_faults(
+            f"{white_point:g}, beyond the bits of files",
+            [f"{name} has {depth}" for name, _, depth in headers if white_point > 2**depth - 1],
+            "lower it",
+            place="data.white_point",
+            expected="a value that all files can hold",
+        )
+    return (width, height), tuple(depth for *_, depth in headers)
 
 
-class _Header(NamedTuple):
-    """What is read of a file before its pixels are."""
-
-    #: Width and height, in pixels, as they are after the orientation note is obeyed.
-    size: tuple[int, int]
-    #: Bits of a value in the file.
-    depth: int
-    #: The bits that Pillow gives of them.
-    read: int
-
-
-def _check_white_point(headers: Sequence[tuple[str, _Header]], white_point: float) -> None:
-    """Refuse a white point that files cannot reach, or whose low bits Pillow does not give."""
-    cut = [name for name, header in headers if header.read < header.depth]
-    remedy = "save these images in grey, or with 8 bits a channel"
-    got = "images in colour of 16 bits a channel, of which only the high byte is read"
-    check_no_faults(got, cut, remedy, place="data.white_point", expected="null, or images in grey")
-    short = [f"{name} has {header.depth}" for name, header in headers if white_point > 2**header.depth - 1]
-    got = f"{white_point:g}, beyond the bits of files"
-    check_no_faults(got, short, "lower it", place="data.white_point", expected="a value that all files can hold")
-
-
-def _header(path: Path, white_point: float | None) -> _Header:
-    """Read size and depth from a header.
+def _header(path: Path, white_point: float | None) -> tuple[tuple[int, int], int]:
+    """Read width and height, as they are after the orientation note is obeyed, and the bits of a value in the file.
 
     Raises:
         DataError: the header shows that the image cannot be used.
@@ -259,10 +250,13 @@ def _header(path: Path, white_point: float | None) -> _Header:
     if stacked:
         raise DataError("holds several images")
     if mode.startswith("F") and white_point is None:
-        raise _floating()
+        raise DataError(_FLOATING, remedy="set data.white_point")
     wide = mode.startswith(("I", "F"))
     depth = 16 if ";16" in mode + coded else 32 if wide else 8
-    return _Header(size=(height, width) if lying else (width, height), depth=depth, read=depth if wide else 8)
+    if depth > 8 and not wide and white_point is not None:
+        got = "has 16 bits a channel, of which the high byte alone is read, so data.white_point has no meaning"
+        raise DataError(got, remedy="save colour in grey, or with 8 bits a channel")
+    return (height, width) if lying else (width, height), depth
 
 
 def files_hash(paths: Iterable[Path]) -> str:

@@ -1,14 +1,52 @@
-"""Regression from a CSV table: one row per image, with columns of measured values."""
+"""Regression from a CSV table: one row per image, with columns of measured values; every fault is named by its line."""
 
+import csv
+import math
+import os
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
+from typing import Any
 
-from tacevo.data.source import Catalogue, chosen
-from tacevo.data.sources.groups import groups_in, numbered
-from tacevo.data.sources.hints import check_directory, check_file
-from tacevo.data.sources.images import DECODING, files_hash
-from tacevo.data.sources.rows import Row, read_rows, row_catalogue
-from tacevo.records import Json
+import numpy as np
+import numpy.typing as npt
+
+from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats, shortened
+from tacevo.data.sources.filenames import check_directory, check_file, folded, own_names
+from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files
+from tacevo.errors import DataError
+from tacevo.records import Json, Kind
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", flags=re.ASCII)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One row of a table, as it is written there."""
+
+    #: As an editor counts, the header being line 1.
+    line: int
+    name: str
+    #: The image, links followed; `is_there` says whether it exists.
+    path: Path
+    #: The directory that the image was found in, as it is written: not where a link leads.
+    directory: Path
+    is_there: bool
+    #: The text of each target column, in their order.
+    texts: tuple[str, ...]
+    #: That of the column that names the groups; empty where none does.
+    group: str
+
+    @property
+    def place(self) -> str:
+        """What a message calls this row."""
+        return f"line {self.line} {shortened(self.name)}"
+
+    @property
+    def labels(self) -> tuple[float, ...]:
+        """The values of the target columns; NaN for what is not a number."""
+        return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,11 +71,7 @@ class Table:
     group_pattern: str | None = None
 
     def describe(self) -> Json:
-        """Name the content: the bytes of the table and of every image, not where they lie.
-
-        Raises:
-            DataError: the directory, the table or an image is missing, or the table is broken.
-        """
+        """Name the bytes of the table and of every image."""
         rows, _ = self._read()
         return {
             **chosen(self, "white_point", "group_column", "group_pattern"),
@@ -52,29 +86,15 @@ class Table:
         }
 
     def catalogue(self) -> Catalogue:
-        """List labels and images in the order of the table.
-
-        Raises:
-            DataError: the directory, the table or an image is missing, unreadable or of another size than the rest, or
-                the table is broken.
-        """
+        """List labels and images in the order of the table."""
         rows, skipped = self._read()
-        groups, chosen_by = None, None
+        groups: dict[str, Any] = {}
         if self.group_column is not None:
-            groups, chosen_by = numbered([row.group for row in rows]), "data.group_column"
+            groups = {"groups": numbered([row.group for row in rows]), "groups_chosen_by": "data.group_column"}
         elif self.group_pattern is not None:
             names = [PurePath(row.name).as_posix() for row in rows]
-            groups, chosen_by = groups_in(names, self.group_pattern), "data.group_pattern"
-        return row_catalogue(
-            rows,
-            skipped,
-            self.image_size,
-            self.white_point,
-            names=self.target_columns,
-            names_chosen_by="data.target_columns",
-            groups=groups,
-            groups_chosen_by=chosen_by,
-        )
+            groups = {"groups": groups_in(names, self.group_pattern), "groups_chosen_by": "data.group_pattern"}
+        return row_catalogue(rows, skipped, self.image_size, self.white_point, names=self.target_columns, **groups)
 
     def _read(self) -> tuple[list[Row], int]:
         check_directory(self.root, "data.root", f"the directory of the table {self.table}")
@@ -84,9 +104,222 @@ class Table:
             table,
             image_column=self.image_column,
             target_columns=self.target_columns,
-            asked_by=("data.image_column", "data.target_columns"),
-            remedy="set the names that are here, or rename a column",
+            remedy="set data.image_column, data.target_columns or data.group_column to the names that are here",
             directories=(self.root, table.parent),
             skip_missing=self.skip_missing,
             group_column=self.group_column,
         )
+
+
+def row_catalogue(
+    rows: Sequence[Row], skipped: int, image_size: int, white_point: float | None, **fields: Any
+) -> Catalogue:
+    """List the images and values of a table's rows; `fields` are the other fields of the catalogue."""
+    return file_catalogue(
+        [row.path for row in rows],
+        [row.place for row in rows],
+        image_size,
+        white_point,
+        kind=Kind.regression,
+        labels=np.array([row.labels for row in rows], dtype=np.float64),
+        skipped=skipped,
+        ignored=_unnamed_images(rows),
+        **fields,
+    )
+
+
+def _unnamed_images(rows: Sequence[Row]) -> list[Path]:
+    """Find the images that lie beside those of the rows, and that no row names."""
+    named = {row.path for row in rows}
+    directories = {row.directory.resolve(): row.directory for row in rows}  # a directory may be written in several ways
+    return [
+        path
+        for directory in sorted(directories.values())
+        for path in image_files(directory, "*")
+        if path.resolve() not in named
+    ]
+
+
+def read_rows(
+    table: Path,
+    *,
+    image_column: str,
+    target_columns: Sequence[str],
+    remedy: str,
+    directories: Sequence[Path],
+    skip_missing: bool,
+    group_column: str | None = None,
+) -> tuple[list[Row], int]:
+    """Read and check a whole table.
+
+    It is a CSV table in UTF-8 with a header. Outer spaces of column names do not matter, nor does their case where no
+    column has exactly the asked name. The image column holds each image's path, relative to one of the directories,
+    which are looked through in order. The group column, where one is asked for, holds what images of one press share.
+    `remedy` says what the user can do where a column is absent. With `skip_missing`, rows without their image are left
+    out.
+
+    Returns:
+        The rows in the order of the table, of which every image exists and every label is finite; and how many were
+        left out.
+
+    Raises:
+        DataError: the table cannot be used, or a row is faulty: all rows with the same fault are named at once.
+    """
+    asked = [image_column, *target_columns, *([] if group_column is None else [group_column])]
+    rows = list(_rows(table, asked, remedy, directories, len(target_columns)))
+    if not rows:
+        raise DataError("a header without rows", place=table.name, expected="a row for each image")
+    present = [row for row in rows if row.is_there]
+    if not (present and skip_missing):
+        _check_images_exist(table, rows, directories, skippable=bool(present))
+    # An image listed twice could stand in two parts of the split.
+    twice = repeats((row.place, folded(str(row.path))) for row in present)
+    check_no_faults(
+        f"{table.name} lists images more than once",
+        twice,
+        "keep one line per image; names that differ in case or Unicode form alone are equal",
+    )
+    wrong = [
+        f"line {row.line} {column} = {shortened(text)}"
+        for row in present
+        for column, text in zip(target_columns, row.texts, strict=True)
+        if number_in(text) is None
+    ]
+    check_no_faults(
+        f"{table.name} has labels that are not finite numbers",
+        wrong,
+        "correct them, written as 12, -0.5 or 1.5e-3, or remove these lines",
+    )
+    if group_column is not None:
+        empty = [row.place for row in present if not row.group]
+        remedy = "write there what the images of one press share"
+        check_no_faults(f"{table.name} has rows without a value in {group_column}", empty, remedy)
+    return present, len(rows) - len(present)
+
+
+def _check_images_exist(table: Path, rows: Sequence[Row], directories: Sequence[Path], *, skippable: bool) -> None:
+    """Check that the image of each row exists."""
+    missing = [row for row in rows if not row.is_there]
+    own = own_names([row.name for row in missing], directories)
+    faults = [f"{row.place} (there is {own[row.name]})" if row.name in own else row.place for row in missing]
+    choice = ", or leave them out with data.skip_missing=true" if skippable else ""
+    remedy = f"write names as they are on disk, with / and not \\, restore images, or remove these lines{choice}"
+    check_no_faults(f"{table.name} names images that are not in {directories[0]}", faults, remedy)
+
+
+def _rows(table: Path, asked: Sequence[str], remedy: str, directories: Sequence[Path], targets: int) -> Iterator[Row]:
+    """Read the rows of a table, with the asked columns only: the image's, so many targets, and perhaps the group's."""
+    lines = _lines(table)
+    _, header = next(lines, (1, []))
+    numbers = _columns(table, header, asked, remedy)
+    long = []
+    for line, values in lines:
+        if len(values) > len(header):  # a decimal comma would shift every label behind it
+            long.append(f"line {line}")
+            continue
+        name, *texts = (values[number] if number < len(values) else "" for number in numbers)
+        places = [directory / name.strip() for directory in directories]
+        place = next((place for place in places if os.path.isfile(place)), None)
+        yield Row(
+            line=line,
+            name=name.strip(),
+            path=places[0] if place is None else place.resolve(),
+            directory=(place or places[0]).parent,
+            is_there=place is not None,
+            texts=tuple(texts[:targets]),
+            group="".join(texts[targets:]).strip(),
+        )
+    check_no_faults(
+        f"{table.name} has lines with more values than its {len(header)} columns", long, "quote or correct them"
+    )
+
+
+def _columns(table: Path, header: Sequence[str], asked: Sequence[str], remedy: str) -> list[int]:
+    """Find the position of each asked column."""
+    columns = [name.strip() for name in header]
+    if not columns:
+        raise DataError("nothing", place=table.name, expected="a first line that names the columns")
+    twice = sorted({shortened(name) for name in columns if name and columns.count(name) > 1})
+    check_no_faults(f"{table.name} has several columns of one name", twice, "rename all but one")
+    caseless = [name.casefold() for name in columns]
+    exact = {name: columns.index(name) for name in asked if name in columns}
+    loose = {name: caseless.index(name.casefold()) for name in asked if caseless.count(name.casefold()) == 1}
+    position = {**loose, **exact}
+    absent = [repr(name) for name in asked if name not in position]
+    if absent:
+        raise DataError(
+            listed(list(map(shortened, columns))),
+            place=f"the columns of {table.name}",
+            expected=listed(absent),
+            remedy=f"{remedy}; the first line names the columns, with commas between them",
+        )
+    return [position[name] for name in asked]
+
+
+def _lines(table: Path) -> Iterator[tuple[int, list[str]]]:
+    """Read the lines of a table that are not blank, with their numbers."""
+    line = 0
+    try:
+        with table.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, skipinitialspace=True, strict=True)
+            for values in reader:
+                line += 1
+                if reader.line_num != line:  # a stray quote would swallow the rows up to the next one
+                    raise _open_quote(table, line)
+                if values:
+                    yield line, values
+    except csv.Error as error:
+        raise _open_quote(table, line + 1) from error
+    except UnicodeDecodeError as error:
+        byte = error.object[error.start]
+        raise DataError(f"byte 0x{byte:02x}", place=table.name, expected="a CSV table in UTF-8") from error
+    except OSError as error:
+        raise DataError(f"a file that cannot be read ({error.strerror})", place=str(table)) from error
+
+
+def _open_quote(table: Path, line: int) -> DataError:
+    return DataError(
+        'a quote (") that does not end one value within the line',
+        place=f"{table.name}, line {line}",
+        remedy="remove it, or write the whole value in one line and double the quotes inside it",
+    )
+
+
+def number_in(text: str) -> float | None:
+    """Read a finite number such as `12`, `-.5` or `1.5e-3`, outer spaces aside.
+
+    `float` also takes `1_000`, digits of other scripts, `nan` and `infinity`: what a slip or another program's mark for
+    a missing value looks like.
+
+    Returns:
+        The number; None for anything else, and for a number beyond the range of a float.
+    """
+    number = float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
+    return number if math.isfinite(number) else None
+
+
+def numbered(shared: Sequence[str]) -> npt.NDArray[np.int64]:
+    """Number what the images of a press share: int64, equal where the texts are."""
+    return np.unique(np.array(shared, dtype=object), return_inverse=True)[1].astype(np.int64)
+
+
+def groups_in(paths: Sequence[str], pattern: str) -> npt.NDArray[np.int64]:
+    """Find the groups of images by a regular expression on their paths.
+
+    The parts in brackets that it finds are what the images of a group share; without brackets, all that it finds.
+
+    Returns:
+        int64, shape (N,): equal for images of one group.
+
+    Raises:
+        DataError: a path does not hold the expression.
+    """
+    matches = [re.search(pattern, path) for path in paths]
+    check_no_faults(
+        f"paths do not hold the regular expression {pattern!r}",
+        [shortened(path) for path, match in zip(paths, matches, strict=True) if match is None],
+        "write one that finds in each path what the images of one press share",
+        place="data.group_pattern",
+    )
+    shared = [repr(match.groups() or match[0]) for match in matches if match is not None]
+    return numbered(shared)

@@ -19,11 +19,10 @@ import numpy.typing as npt
 
 from tacevo.choices import SensorTask
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
-from tacevo.data.sources.filenames import SUFFIXES
-from tacevo.data.sources.hints import check_directory, check_file, content
+from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content
 from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
-from tacevo.data.sources.rows import Row, read_rows, row_catalogue
-from tacevo.data.splitting import Split, ordered_split
+from tacevo.data.sources.table import Row, read_rows, row_catalogue
+from tacevo.data.splitting import PARTS, Split, ordered_split
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -69,11 +68,7 @@ class TacVerse:
     white_point: float | None = None
 
     def describe(self) -> Json:
-        """Name the content: labels, and the bytes of every image, not where they lie.
-
-        Raises:
-            DataError: a directory, the table or an image is missing, or the table or a file name is broken.
-        """
+        """Name the labels, and the bytes of every image."""
         described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
         described |= {"image_size": self.image_size, **chosen(self, "white_point")}
         if self.task is SensorTask.grating:
@@ -85,11 +80,7 @@ class TacVerse:
         return {**described, "labels": labels, "images": files_hash(row.path for row in rows)}
 
     def catalogue(self) -> Catalogue:
-        """List labels and images: by image number, or by size, press and frame.
-
-        Raises:
-            DataError: see `describe`; or an image is unreadable, or of another size than the rest.
-        """
+        """List labels and images: by image number, or by size, press and frame."""
         return self._gratings() if self.task is SensorTask.grating else self._regression()
 
     def _regression(self) -> Catalogue:
@@ -132,17 +123,16 @@ class TacVerse:
             table,
             image_column=IMAGE_COLUMN,
             target_columns=COLUMNS[self.task],
-            asked_by=("TacVerse's layout", "TacVerse's layout"),
             remedy="rename columns: the layout fixes their names",
             directories=(directory,),
             skip_missing=self.skip_missing,
         )
-        numbered = [row for row in rows if _number(row) is not None]
-        faults = [row.place for row in rows if _number(row) is None]
         check_no_faults(
-            f"{table.name} names images without a number", faults, "end names with their number, as image_12.png"
+            f"{table.name} names images without a number",
+            [row.place for row in rows if not _number(row)],
+            "end names with their number, as image_12.png",
         )
-        return sorted(numbered, key=lambda row: (_number(row), row.name)), skipped
+        return sorted(rows, key=lambda row: (int(_number(row)), row.name)), skipped
 
     def _frames(self) -> list[_Frame]:
         """Find the images of all presses, ordered by size, press and frame."""
@@ -155,16 +145,16 @@ class TacVerse:
         if not paths:
             expected = f"a directory with {listed(sorted(SUFFIXES))} files"
             raise DataError(str(directory), place="data.pattern", expected=expected, remedy=content(directory))
-        found = sorted(frame for path in paths if (frame := _frame(path)) is not None)
-        named = {frame.path for frame in found}
+        frames = sorted(frame for path in paths if (frame := _frame(path)) is not None)
+        named = {frame.path for frame in frames}
         check_no_faults(
             f"{directory} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
             [path.name for path in paths if path not in named],
             "rename or remove them",
         )
-        twice = repeats((frame.path.name, frame[:3]) for frame in found)
+        twice = repeats((frame.path.name, frame[:3]) for frame in frames)
         check_no_faults(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
-        return found
+        return frames
 
 
 def _frame(path: Path) -> _Frame | None:
@@ -175,21 +165,18 @@ def _frame(path: Path) -> _Frame | None:
     return _Frame(size=float(parts[1]), group=int(parts[2]), frame=int(parts[3] or 0), path=path)
 
 
-def _number(row: Row) -> int | None:
-    """Read the number that an image's name ends in."""
-    digits = re.search(r"\d+$", Path(row.name).stem, flags=re.ASCII)
-    return None if digits is None else int(digits[0])
+def _number(row: Row) -> str:
+    """Return the digits that an image's name ends in."""
+    stem = Path(row.name).stem
+    return stem[len(stem.rstrip("0123456789")) :]
 
 
 def _split_of_presses(presses: list[tuple[float, int]], groups: npt.NDArray[np.int64]) -> Split:
     """Split each size's presses in their order, and rows with them."""
-    parts: dict[str, list[int]] = {"train": [], "validation": [], "test": []}
-    for size in sorted({size for size, _ in presses}):
-        own = np.array([number for number, press in enumerate(presses) if press[0] == size])
-        split = ordered_split(own)
-        for name, taken in parts.items():
-            taken.extend(getattr(split, name))
-    return Split(**{name: np.flatnonzero(np.isin(groups, taken)) for name, taken in parts.items()})
+    sizes = np.array([size for size, _ in presses])
+    splits = [ordered_split(np.flatnonzero(sizes == size)) for size in np.unique(sizes)]
+    taken = {part: np.concatenate([getattr(split, part) for split in splits]) for part in PARTS}
+    return Split(**{part: np.flatnonzero(np.isin(groups, numbers)) for part, numbers in taken.items()})
 
 
 def _enter(directory: Path, names: dict[str, str]) -> Path:

@@ -35,11 +35,6 @@ def test_moduli_and_radii_combine_as_springs_in_series() -> None:
     assert combined_radius(4.0, 4.0) == pytest.approx(2.0)
 
 
-def test_normal_force_of_a_hand_computed_press() -> None:
-    """R = 4 mm, d = 1 mm, E* = 0.3 MPa: 4/3 * 0.3 * 2 = 0.8 N."""
-    assert normal_force(1.0, 4.0, 0.3) == pytest.approx(0.8)
-
-
 @given(depth=LENGTH, radius=LENGTH)
 def test_contact_grows_with_the_cube_root_of_the_force(depth: float, radius: float) -> None:
     """Hertz: eight times the force doubles the contact radius and needs four times the approach."""
@@ -74,6 +69,7 @@ def test_surface_follows_the_ball_inside_the_contact(reach: float, radius: float
     displacement, slope = normal_field(distance, reach, radius)
     assert displacement == pytest.approx((reach**2 - distance**2 / 2) / radius)
     assert slope * distance == pytest.approx(-distance / radius)
+    assert np.array_equal(normal_field(distance, 0.0, radius), np.zeros((2, 5)))
 
 
 @given(reach=LENGTH, radius=LENGTH)
@@ -83,11 +79,6 @@ def test_slope_is_the_derivative_of_the_displacement(reach: float, radius: float
     ahead, behind = (normal_field(distance + side, reach, radius)[0] for side in (step, -step))
     _, slope = normal_field(distance, reach, radius)
     assert slope * distance == pytest.approx((ahead - behind) / (2 * step), rel=1e-5)
-
-
-def test_no_contact_moves_nothing() -> None:
-    """A contact of radius 0 leaves the skin at rest, wherever one looks."""
-    assert np.array_equal(normal_field(np.array([1e-6, 5.0]), 0.0, 4.0), np.zeros((2, 2)))
 
 
 def test_far_field_is_that_of_a_point_force() -> None:
@@ -137,11 +128,7 @@ def test_sticking_disc_moves_as_one_piece_and_the_edge_lags() -> None:
     assert 0 < sheared(1.5, 0.0, stick)[0] < 0.15
     assert sheared(100.0, 0.0, stick)[0] < 0.005
     assert sheared(0.0, 3.0, stick)[0] < sheared(3.0, 0.0, stick)[0]
-
-
-def test_contact_without_shear_moves_nothing_sideways() -> None:
-    """A stick radius of the whole contact means that nothing was pushed."""
-    assert sheared(0.7, 0.3, stick_radius(0.0, 0.3, 1.5)) == [0.0, 0.0]
+    assert sheared(0.7, 0.3, stick_radius(0.0, 0.3, 1.5)) == [0.0, 0.0]  # of what was not pushed
 
 
 @given(stroke=st.floats(0, 0.5))
@@ -172,30 +159,15 @@ def test_shear_force_never_exceeds_friction(stroke: float, depth: float) -> None
     assert tangential_force(limit, limit, normal, 0.66) == pytest.approx(0.66 * normal)
 
 
-def test_small_shear_has_the_stiffness_of_full_stick() -> None:
-    """Without slip the stiffness is 8 G a / (2 - nu) (Mindlin)."""
-    normal, reach, modulus, poisson = 0.8, 2.0, 0.15, 0.5
-    limit = slip_limit(normal, reach, 0.66, modulus, poisson)
-    stiffness = 8 * modulus / (2 * (1 + poisson)) * reach / (2 - poisson)
-    assert tangential_force(1e-6, limit, normal, 0.66) == pytest.approx(stiffness * 1e-6, rel=1e-4)
-
-
 @pytest.mark.parametrize(("period", "left"), [(4.0, 0.53), (2.0, 0.18), (1.0, 0.014)])
 def test_fine_gratings_do_not_reach_the_inner_skin(period: float, left: float) -> None:
-    """Below 1 mm of skin, periods of 4, 2 and 1 mm keep 53 %, 18 % and 1.4 % of their imprint."""
-    assert imprint_at_depth(period, 1.0) == pytest.approx(left, rel=0.05)
-
-
-def test_imprint_solves_the_equations_of_the_half_space() -> None:
-    """The decay is biharmonic, (d2/dz2 - k2)2 u = 0, and starts level (incompressible skin)."""
-    period, step = 2.0, 0.02
+    """Below 1 mm of skin, periods of 4, 2 and 1 mm keep 53 %, 18 % and 1.4 % of their imprint: (1 + kz) exp(-kz)."""
     k = 2 * math.pi / period
-    share = np.array([imprint_at_depth(period, 0.5 + number * step) for number in range(-4, 5)])
-    once = (share[2:] - 2 * share[1:-1] + share[:-2]) / step**2 - k**2 * share[1:-1]
-    twice = (once[2:] - 2 * once[1:-1] + once[:-2]) / step**2 - k**2 * once[1:-1]
-    assert np.abs(twice).max() < 0.01 * k**4
-    assert np.abs(once).max() > 0.1 * k**2
-    assert imprint_at_depth(period, 1e-4) == pytest.approx(1.0, abs=1e-6)
+    assert (
+        imprint_at_depth(period, 1.0)
+        == pytest.approx((1 + k) * math.exp(-k), rel=1e-4)
+        == pytest.approx(left, rel=0.05)
+    )
 
 
 def test_conforming_pressure_flattens_exactly_one_wave() -> None:

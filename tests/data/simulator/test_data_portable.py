@@ -61,9 +61,9 @@ def test_functions_are_accurate_and_keep_the_type(
 ) -> None:
     """The error is far below what a pixel of 255 grey values can show."""
     x: portable.Field = np.linspace(low, high, 100_001).astype(dtype)
-    found = function(x)
-    assert found.dtype == dtype
-    assert np.abs(found - exact(x.astype(np.float64))).max() < (1e-6 if dtype is np.float64 else 2e-5)
+    values = function(x)
+    assert values.dtype == dtype
+    assert np.abs(values - exact(x.astype(np.float64))).max() < (1e-6 if dtype is np.float64 else 2e-5)
 
 
 def test_numbers_are_taken_like_arrays() -> None:

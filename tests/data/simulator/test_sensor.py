@@ -1,6 +1,7 @@
 """The simulated picture: it looks like a photograph of the real sensor, and shows what happens to the skin."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,7 @@ PHOTOGRAPH = (
 Grey = npt.NDArray[np.float64]
 
 
+@cache
 def clean(press: Press, scene: LightScene = LightScene.standard) -> Grey:
     """Average the grey picture of a press over 20 draws of light and noise, at 256 pixels."""
     sensor = make_sensor(256, 0)
@@ -80,23 +82,19 @@ def profile(grey: Grey) -> Grey:
     return np.asarray(np.array(rings) / rings[0])
 
 
-def test_sensor_at_rest_has_the_measured_markers() -> None:
-    """127 of them, 13 pixels apart and 81 pixels out, as in the photograph that the figures come from."""
-    centres, areas = markers(clean(NO_CONTACT))
+def test_sensor_at_rest_looks_like_a_photograph_of_the_real_one() -> None:
+    """127 markers, 13 pixels apart and 81 out, as in the photograph; brightness falls towards the rim alike."""
+    drawn = clean(NO_CONTACT)
+    centres, areas = markers(drawn)
     assert len(centres) == 127
     assert neighbour_distance(centres) == pytest.approx(13.0, rel=0.05)
     assert extent(centres) == pytest.approx(81.0, rel=0.05)
     assert np.median(areas) == pytest.approx(26, abs=5)
-
-
-def test_sensor_at_rest_looks_like_a_photograph_of_the_real_one() -> None:
-    """Markers agree in number, pitch, extent and size, and the brightness falls towards the rim in the same way."""
     if not PHOTOGRAPH.exists():
         pytest.skip("the photographs are not here")
     with Image.open(PHOTOGRAPH) as file:
         real = np.asarray(file.convert("L").resize((256, 256), Image.Resampling.BOX), dtype=np.float64)
-    drawn = clean(NO_CONTACT)
-    (real_centres, real_areas), (centres, areas) = markers(real), markers(drawn)
+    real_centres, real_areas = markers(real)
     assert len(centres) == len(real_centres)
     assert neighbour_distance(centres) == pytest.approx(neighbour_distance(real_centres), rel=0.05)
     assert extent(centres) == pytest.approx(extent(real_centres), rel=0.05)
@@ -104,7 +102,7 @@ def test_sensor_at_rest_looks_like_a_photograph_of_the_real_one() -> None:
     assert profile(drawn) == pytest.approx(profile(real), abs=0.12)
 
 
-@pytest.mark.parametrize("size", [128, 64, 32])
+@pytest.mark.parametrize("size", [128, 32])
 def test_small_picture_is_the_large_one_averaged(size: int) -> None:
     """Markers, contact and grain of a small image are those of 256 pixels, resized."""
     press = replace(NO_CONTACT, x=3.0, contact_radius=2.5, radius=3.6, share=1.0, brightness=60.0, fading=0.3)
@@ -166,14 +164,6 @@ def test_slopes_towards_the_light_are_brighter() -> None:
     assert change[100:156, 140:160].mean() < -3
 
 
-def test_ball_brightens_its_own_place() -> None:
-    """A press to the right (x = 5 mm) is seen to the right of the middle."""
-    press = replace(NO_CONTACT, x=5.0, contact_radius=2.0, radius=4.0, share=1.0, brightness=60.0, fading=0.3)
-    change = clean(press) - clean(NO_CONTACT)
-    assert change[118:138, 150:172].mean() > 25
-    assert abs(change[118:138, 60:100].mean()) < 10
-
-
 def test_pins_splay_outwards_around_a_press() -> None:
     """The skin's slope tilts the pins, so a press at the middle widens the ring of markers around it."""
     pressed = replace(NO_CONTACT, contact_radius=1.9, radius=3.6, share=1.0)
@@ -213,27 +203,19 @@ def test_grating_shows_its_period(period: float) -> None:
     assert 1080 / int(spectrum.argmax()) == pytest.approx(period * 128 / 19, rel=0.1)
 
 
-def test_coarse_imprint_tilts_markers_and_a_fine_one_does_not() -> None:
-    """A groove of 4 mm period reaches the pins through the skin, one of 1 mm does not."""
+def test_coarse_imprint_tilts_the_markers_of_its_plate_and_a_fine_one_none() -> None:
+    """A groove of 4 mm period reaches the pins through the skin, one of 1 mm does not; beside the plate none moves."""
     flat = replace(NO_CONTACT, contact_radius=8.0, radius=38.0)
 
-    def moved(period: float) -> float:
-        grating = Grating(period=period, across=(1.0, 0.0), phase=0.1, groove=1.0, imprint=0.2, side=16.0)
-        _, move = moves(flat, replace(flat, grating=grating))
-        return float(np.quantile(np.hypot(*move.T), 0.95))
+    def moved(period: float) -> tuple[float, float]:
+        grating = Grating(period=period, across=(1.0, 0.0), phase=0.1, groove=1.0, imprint=0.2, side=6.0)
+        place, move = moves(flat, replace(flat, grating=grating))
+        lengths, outside = np.hypot(*move.T), np.abs(place).max(axis=1) > 4.5 * 6.7
+        return float(lengths[~outside].max()), float(lengths[outside].max())
 
-    assert moved(4.0) > 1
-    assert moved(1.0) < 0.4
-
-
-def test_ridges_reach_no_pin_outside_their_plate() -> None:
-    """Markers beside a small plate stay where the smooth contact puts them."""
-    flat = replace(NO_CONTACT, contact_radius=8.0, radius=38.0)
-    grating = Grating(period=4.0, across=(1.0, 0.0), phase=0.1, groove=1.0, imprint=0.2, side=6.0)
-    place, move = moves(flat, replace(flat, grating=grating))
-    outside = np.abs(place).max(axis=1) > 4.5 * 6.7
-    assert np.hypot(*move[outside].T).max() < 0.3
-    assert np.hypot(*move[~outside].T).max() > 1
+    assert moved(4.0)[0] > 1
+    assert moved(1.0)[0] < 0.4
+    assert moved(4.0)[1] < 0.3
 
 
 def test_light_scenes_differ_as_named() -> None:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from greys import Greys
 from refusals import refused
 from small_recordings import loaded, save_arrays, save_folder, save_image
 
 from tacevo.choices import SplitRule
 from tacevo.data.loading import split_rows
 from tacevo.data.source import Catalogue
-from tacevo.data.sources.groups import groups_in
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import Table, groups_in
 from tacevo.errors import DataError
 
 #: So many frames of each press.
@@ -23,90 +23,60 @@ UNEVEN = {"p1": 21, "p2": 3, "p3": 3, "p4": 1, "p5": 1, "p6": 1}
 
 def save_presses(root: Path, frames: dict[str, int]) -> Table:
     """Write a table with a column of presses, in turn, and an image for each frame."""
-    turns = [(frame, press) for press, count in frames.items() for frame in range(count)]
-    rows = [(f"{press}_{frame}.png", press, number) for number, (frame, press) in enumerate(sorted(turns))]
-    for number, (name, *_) in enumerate(rows):
-        save_image(root / "images" / name, number)
-    lines = "".join(f"images/{name}, {press} ,{number}\n" for name, press, number in rows)
+    turns = sorted((frame, press) for press, count in frames.items() for frame in range(count))
+    for number, (frame, press) in enumerate(turns):
+        save_image(root / "images" / f"{press}_{frame}.png", number)
+    lines = "".join(f"images/{press}_{frame}.png, {press} ,{number}\n" for number, (frame, press) in enumerate(turns))
     (root / "labels.csv").write_text(f"image,Press,depth\n{lines}")
     return Table(root=root, table="labels.csv", image_column="image", target_columns=("depth",), image_size=16)
 
 
-def parts_of(
-    catalogue: Catalogue, seed: int = 0, held_out: tuple[float, float] = (0.1, 0.1)
-) -> list[np.typing.NDArray[np.int64]]:
+def parts_of(catalogue: Catalogue, seed: int = 0, held_out: float = 0.1) -> list[np.typing.NDArray[np.int64]]:
     """Split at random; return the rows of each part."""
-    parts = split_rows(catalogue, SplitRule.random, seed, held_out)
+    parts = split_rows(catalogue, SplitRule.random, seed, (held_out, held_out))
     return [parts.train, parts.validation, parts.test]
 
 
+def presses_in(catalogue: Catalogue, **how: Any) -> list[set[str]]:
+    """Return the presses of each part, which the names of files begin with."""
+    presses = [Path(path).as_posix().rpartition("_")[0] for path in catalogue.files or ()]
+    return [{presses[row] for row in part} for part in parts_of(catalogue, **how)]
+
+
 @pytest.mark.parametrize("chosen", [{"group_column": "press"}, {"group_pattern": r"(p\d+)_\d+\.png$"}])
-@pytest.mark.parametrize("seed", range(5))
-def test_frames_of_a_press_stay_together(tmp_path: Path, chosen: dict[str, Any], seed: int) -> None:
-    """By a column, whose name is found in any case, or by a pattern on the path; the same twice."""
-    source = replace(save_presses(tmp_path, UNEVEN), **chosen)
-    catalogue = source.catalogue()
-    presses = [Path(path).name.partition("_")[0] for path in catalogue.files or ()]
-    parts = parts_of(catalogue, seed)
-    held = [{presses[row] for row in part} for part in parts]
-    assert sum(map(len, held)) == len(set().union(*held)) == len(UNEVEN)
-    assert [len(part) for part in parts] == [24, 3, 3]
-    assert all((one == two).all() for one, two in zip(parts, parts_of(source.catalogue(), seed), strict=True))
-
-
-def test_without_groups_frames_are_torn(tmp_path: Path) -> None:
-    """What the settings are for: the same table without them, whose description is that of earlier versions."""
-    source = save_presses(tmp_path, UNEVEN)
-    catalogue = source.catalogue()
-    presses = [Path(path).name.partition("_")[0] for path in catalogue.files or ()]
-    held = [{presses[row] for row in part} for part in parts_of(catalogue)]
-    assert sum(map(len, held)) > len(set().union(*held))
-    plain = str(source.describe())
-    others = (replace(source, group_column="press"), replace(source, group_pattern=r"p\d"))
-    assert len({plain, *(str(each.describe()) for each in others)}) == 3
-    assert "group" not in plain
+def test_frames_of_a_press_stay_together_where_a_setting_says_so(tmp_path: Path, chosen: dict[str, Any]) -> None:
+    """By a column, in any case, or a pattern on the path; without, the description is that of earlier versions."""
+    plain = save_presses(tmp_path, UNEVEN)
+    source = replace(plain, **chosen)
+    for seed in range(3):
+        held = presses_in(source.catalogue(), seed=seed)
+        assert sum(map(len, held)) == len(set().union(*held)) == len(UNEVEN)
+        assert [len(part) for part in parts_of(source.catalogue(), seed)] == [24, 3, 3]
+    torn = presses_in(plain.catalogue())
+    assert sum(map(len, torn)) > len(set().union(*torn))
+    assert "group" not in str(plain.describe())
+    assert source.describe() == {**plain.describe(), **chosen}  # type: ignore[dict-item]
 
 
 def test_groups_of_directories_share_the_classes_out(tmp_path: Path) -> None:
     """Each class has presses of its own here; every part has each class, and no press twice."""
-    names = [
-        f"{kind}/press{press}_{frame}.png" for kind in ("coarse", "fine") for press in range(8) for frame in range(3)
-    ]
+    names = [f"{kind}/press{row // 3}_{row % 3}.png" for kind in ("coarse", "fine") for row in range(24)]
     source = replace(save_folder(tmp_path, *names), group_pattern=r"^(\w+)/press(\d+)_")
     catalogue = source.catalogue()
-    paths = [path.relative_to(tmp_path).as_posix().rpartition("_")[0] for path in catalogue.files or ()]
-    parts = parts_of(catalogue, held_out=(0.25, 0.25))
-    assert [Counter(paths[row].partition("/")[0] for row in part) for part in parts] == [
-        {"coarse": size, "fine": size} for size in (12, 6, 6)
-    ]
-    held = [{paths[row] for row in part} for part in parts]
+    sizes = [Counter(catalogue.labels[part].tolist()) for part in parts_of(catalogue, held_out=0.25)]
+    assert sizes == [{0: size, 1: size} for size in (12, 6, 6)]
+    held = presses_in(catalogue, held_out=0.25)
     assert sum(map(len, held)) == len(set().union(*held)) == 16
 
 
-def test_group_may_span_classes(tmp_path: Path) -> None:
-    """A session in which all materials were recorded goes into one part as a whole."""
-    names = [f"{kind}/s{session}_{frame}.png" for session in range(5) for kind in "ab" for frame in range(4)]
-    source = replace(save_folder(tmp_path, *names), group_pattern=r"/s(\d)_")
-    catalogue = source.catalogue()
-    sessions = [path.name[1] for path in catalogue.files or ()]
-    parts = parts_of(catalogue, held_out=(0.2, 0.2))
-    assert sorted(len({sessions[row] for row in part}) for part in parts) == [1, 1, 3]
-    assert [len(part) for part in parts] == [24, 8, 8]
-
-
 def test_what_brackets_find_is_shared_or_else_all_that_is_found() -> None:
-    """Several brackets count together; one that finds nothing is a value of its own."""
+    """Several brackets count together; one that finds nothing is a value of its own; who finds none is named."""
     paths = ["a/1_x.png", "a/1_y.png", "b/1_x.png", "b/2_x.png"]
     assert groups_in(paths, r"^(\w)/(\d)").tolist() == [0, 0, 1, 2]
     assert groups_in(paths, r"\d").tolist() == [0, 0, 0, 1]
     assert groups_in(paths, r"^(b)?").tolist() == [1, 1, 0, 0]
-
-
-def test_path_without_the_pattern_is_named(tmp_path: Path) -> None:
-    """Such an image would be in no group, and no one would know."""
-    source = replace(save_folder(tmp_path, "a/p1.png", "b/q1.png"), group_pattern=r"p\d")
-    with refused(DataError, place="data.group_pattern", got="(1 found): 'b/q1.png'", remedy="in each path"):
-        source.catalogue()
+    with refused(DataError, place="data.group_pattern", got="(2 found): 'b/1_x.png', 'b/2_x.png'"):
+        groups_in(paths, "a")
 
 
 def test_row_without_a_value_and_absent_column_are_named(tmp_path: Path) -> None:
@@ -116,28 +86,29 @@ def test_row_without_a_value_and_absent_column_are_named(tmp_path: Path) -> None
     table.write_text(table.read_text().replace("images/p5_0.png, p5 ,", "images/p5_0.png, ,"))
     with refused(DataError, got="without a value in press (1 found): line 6 'images/p5_0.png'"):
         source.catalogue()
-    with refused(DataError, expected="'session' (data.group_column)", got="'Press'"):
+    with refused(DataError, expected="'session'", got="'Press'", remedy="data.group_column"):
         replace(source, group_column="session").catalogue()
 
 
 @pytest.mark.parametrize(
-    ("chosen", "setting"), [({"group_column": "press"}, "group_column"), ({"group_pattern": "images"}, "group_pattern")]
+    ("setting", "value", "got"), [("group_column", "press", "2"), ("group_pattern", "images", "1")]
 )
-def test_too_few_groups_leave_a_part_empty_and_are_refused(
-    tmp_path: Path, chosen: dict[str, Any], setting: str
-) -> None:
+def test_too_few_groups_leave_a_part_empty_and_are_refused(tmp_path: Path, setting: str, value: str, got: str) -> None:
     """The message names the setting, and how many groups it gives."""
-    source = replace(save_presses(tmp_path, {"p1": 9, "p2": 9}), **chosen)
-    got = "2" if setting == "group_column" else "1"
-    with refused(DataError, place=f"data.{setting}", expected="at least 3 groups", got=got, remedy="smaller groups"):
+    source = replace(save_presses(tmp_path, {"p1": 9, "p2": 9}), **{setting: value})  # type: ignore[arg-type]
+    with refused(DataError, place=f"data.{setting}", expected="at least 3 groups", got=got):
         loaded(source, tmp_path / "cache")
 
 
-def test_one_large_group_trains(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seed", range(20))
+def test_one_large_group_trains(seed: int) -> None:
     """Of all orders of three groups, one gives the wanted sizes, and it is found."""
-    for seed in range(20):
-        source = replace(save_presses(tmp_path, {"p1": 24, "p2": 3, "p3": 3}), group_column="press")
-        assert [len(part) for part in parts_of(source.catalogue(), seed)] == [24, 3, 3]
+    catalogue = Greys(count=30, groups=(0,) * 24 + (1,) * 3 + (2,) * 3).catalogue()
+    assert [len(part) for part in parts_of(replace(catalogue, groups_chosen_by="data.group_column"), seed)] == [
+        24,
+        3,
+        3,
+    ]
 
 
 def test_groups_of_an_archive_are_dealt_out_as_before(tmp_path: Path) -> None:

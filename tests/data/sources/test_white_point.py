@@ -14,8 +14,6 @@ from tacevo.data.sources.images import decode, to_8_bits
 from tacevo.data.sources.table import Table
 from tacevo.errors import DataError
 
-ROWS = "".join(f"{number}.png,{number},{number % 3},\n" for number in range(12))
-
 
 def ramp(most: int) -> np.typing.NDArray[np.uint16]:
     """Return 16 x 16 values that rise from 0 to the largest."""
@@ -24,33 +22,26 @@ def ramp(most: int) -> np.typing.NDArray[np.uint16]:
 
 def save_ramps(root: Path, most: int) -> Table:
     """Write a table and images of 16 bits whose values go up to the largest."""
-    source = save_table(root, ROWS, images=12)
+    source = save_table(root, "".join(f"{number}.png,{number},{number % 3},\n" for number in range(12)))
     for number in range(12):
         Image.fromarray(ramp(most)).save(root / f"{number}.png")
-    return replace(source, image_size=16)
+    return source
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12, 14])
+@pytest.mark.parametrize("bits", [8, 12, 14])
 def test_values_of_few_bits_keep_their_grey_levels(tmp_path: Path, bits: int) -> None:
     """A camera of 12 bits in files of 16 has 17 levels without, and all 256 with its own white."""
-    most = 2**bits - 1
-    source = save_ramps(tmp_path, most)
-    with_white = replace(source, white_point=float(most))
+    source = save_ramps(tmp_path, 2**bits - 1)
+    with_white = replace(source, white_point=2.0**bits - 1)
     levels = [len(np.unique(each.catalogue().pictures[0]())) for each in (source, with_white)]
     assert levels == [2 ** (bits - 8) + 1, 256]
-    assert int(with_white.catalogue().pictures[0]().max()) == 255
 
 
-def test_without_one_every_value_becomes_what_it_was() -> None:
+@pytest.mark.parametrize("kind", [np.uint16, np.int32])
+def test_without_one_every_value_becomes_what_it_was(kind: type) -> None:
     """The full range of 16 bits, rounded to the nearest: no finished data set changes."""
     values = np.arange(65_536)
-    assert (to_8_bits(values.astype(np.uint16), None) == (values + 128) // 257).all()
-    assert (to_8_bits(values.astype(np.int32), None) == (values + 128) // 257).all()
-
-
-def test_half_steps_are_rounded_up() -> None:
-    """1 of 510 is half a grey value."""
-    assert to_8_bits(np.array([0, 1, 2, 3, 509, 510], dtype=np.uint16), 510.0).tolist() == [0, 1, 1, 2, 255, 255]
+    assert (to_8_bits(values.astype(kind), None) == (values + 128) // 257).all()
 
 
 def test_dark_bytes_and_floats_are_scaled_too(tmp_path: Path) -> None:
@@ -59,8 +50,6 @@ def test_dark_bytes_and_floats_are_scaled_too(tmp_path: Path) -> None:
     assert len(np.unique(decode(tmp_path / "grey.png", 16, 30.0))) == 31
     Image.fromarray((ramp(4095) / 4095).astype(np.float32)).save(tmp_path / "float.tif")
     assert len(np.unique(decode(tmp_path / "float.tif", 16, 1.0))) == 256
-    with pytest.raises(DataError, match="floating-point"):
-        decode(tmp_path / "float.tif", 16)
 
 
 @pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.int64])
@@ -75,43 +64,27 @@ def test_arrays_of_any_numbers_have_one(tmp_path: Path, dtype: type) -> None:
 
 @pytest.mark.parametrize(
     ("white", "value", "remedy"),
-    [(4094.0, 4095, "set a larger data.white_point"), (4095.0, -1, "repair or remove them")],
+    [(4094.0, 4095, "set a larger data.white_point"), (4095.0, -1, "repair or remove them"), (1.0, np.nan, "")],
 )
-def test_value_beyond_the_white_is_refused(tmp_path: Path, white: float, value: int, remedy: str) -> None:
+def test_value_beyond_the_white_is_refused(tmp_path: Path, white: float, value: float, remedy: str) -> None:
     """It would be cut off, which no one would see; a larger white point takes only what is too large."""
-    images = np.zeros((12, 8, 8), dtype=np.int32)
+    images = np.zeros((12, 8, 8), dtype=np.float32)
     images[3, 0, 0] = value
     source = replace(save_arrays(tmp_path / "a.npz", images=images), white_point=white)
-    got = f"(1 found): row 3 (holds values from {min(value, 0)} to {max(value, 0)}"
-    with refused(DataError, got=got, remedy=remedy):
+    with refused(DataError, got="(1 found): row 3 (holds values from ", remedy=remedy):
         loaded(source, tmp_path / "cache")
 
 
-def test_not_a_number_is_beyond_the_white(tmp_path: Path) -> None:
-    """It has no grey value."""
-    images = np.full((12, 8, 8), np.nan, dtype=np.float32)
-    with refused(DataError, got="holds values from nan"):
-        loaded(replace(save_arrays(tmp_path / "a.npz", images=images), white_point=1.0), tmp_path / "cache")
-
-
 def test_white_that_files_cannot_hold_is_refused(tmp_path: Path) -> None:
-    """It would make every image dark: 4095 for bytes, found from the headers."""
-    source = replace(save_table(tmp_path, ROWS, images=12), white_point=4095.0)
-    with refused(DataError, place="data.white_point", got="4095, beyond the bits of files (12 found): line 2"):
+    """4095 for bytes would make every image dark; of colour of 16 bits the low bytes are not read."""
+    source = replace(save_table(tmp_path, "0.png,1,2,\n1.png,3,4,\n"), white_point=4095.0)
+    with refused(DataError, place="data.white_point", got="4095, beyond the bits of files (2 found): line 2"):
         source.catalogue()
-    arrays = replace(save_arrays(tmp_path / "a.npz"), white_point=256.0)
+    save_deep_colour(tmp_path / "1.png", 4095)
+    with refused(DataError, got="(1 found): line 3 '1.png'", remedy="in grey, or with 8 bits"):
+        source.catalogue()
     with refused(DataError, place="data.white_point", expected="at most 255", got="256"):
-        arrays.catalogue()
-
-
-def test_colour_of_16_bits_has_none(tmp_path: Path) -> None:
-    """Its low bytes are not read, so there is nothing to scale."""
-    source = replace(save_table(tmp_path, ROWS, images=12), white_point=4095.0)
-    save_deep_colour(tmp_path / "5.png", 4095)
-    with refused(
-        DataError, place="data.white_point", got="(1 found): line 7 '5.png'", remedy="in grey, or with 8 bits"
-    ):
-        source.catalogue()
+        replace(save_arrays(tmp_path / "a.npz"), white_point=256.0).catalogue()
 
 
 def test_description_names_the_white_only_where_it_is_set(tmp_path: Path) -> None:

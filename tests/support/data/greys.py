@@ -1,6 +1,6 @@
 """A source of grey pictures, and what a cache then shows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 
@@ -12,9 +12,9 @@ from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
 
-def grey(value: int) -> Picture:
+def grey(value: int, size: int) -> Picture:
     """Make a picture of one grey value."""
-    return np.full((3, 4, 4), value, dtype=np.uint8)
+    return np.full((3, size, size), value, dtype=np.uint8)
 
 
 def broken(name: str) -> Picture:
@@ -24,7 +24,7 @@ def broken(name: str) -> Picture:
 
 @dataclass(frozen=True)
 class Greys:
-    """A source of grey pictures whose label is their grey value times a step."""
+    """A source of pictures whose grey value is their row; their label is that times a step, where none is given."""
 
     count: int = 20
     kind: Kind = Kind.regression
@@ -33,23 +33,32 @@ class Greys:
     groups: tuple[int, ...] | None = None
     released: bool = False
     step: float = 1.0
+    labels: tuple[tuple[float, ...], ...] | None = None
+    units: tuple[str, ...] | None = None
+    size: int = 4
 
     def describe(self) -> Json:
         """Name the content."""
-        return {"source": "greys", "count": self.count, "broken": self.broken, "step": self.step}
+        return {"source": "greys", **{field.name: str(getattr(self, field.name)) for field in fields(self)}}
 
     def catalogue(self) -> Catalogue:
         """List the pictures; the first few may be broken."""
-        good = [partial(grey, value % 256) for value in range(self.broken, self.count)]
-        labels = np.arange(self.count, dtype=np.float64).reshape(-1, 1) * self.step
-        classes = np.arange(self.count) * len(self.names) // self.count
+        count = self.count if self.labels is None else len(self.labels)
+        good = [partial(grey, value % 256, self.size) for value in range(self.broken, count)]
+        classes = np.arange(count) * len(self.names) // count
+        values = np.arange(count, dtype=np.float64).reshape(-1, 1) * self.step
         return Catalogue(
             kind=self.kind,
             names=self.names,
-            labels=classes if self.kind is Kind.classification else labels,
+            labels=classes
+            if self.kind is Kind.classification
+            else values
+            if self.labels is None
+            else np.array(self.labels),
+            units=self.units,
             groups=None if self.groups is None else np.array(self.groups),
-            release=ordered_split(np.arange(self.count)) if self.released else None,
-            image_size=4,
+            release=ordered_split(np.arange(count)) if self.released else None,
+            image_size=self.size,
             pictures=[*[partial(broken, f"{number}.png") for number in range(self.broken)], *good],
         )
 
