@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Callable, Mapping
 from importlib.machinery import BuiltinImporter, FrozenImporter
+from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from tacevo.choices import Confinement
@@ -30,13 +31,6 @@ Entry = Callable[[Header, bytes, Arrays, Send], object]
 Equip = Callable[[Header, bytes, Arrays], Arrays]
 
 
-class _Last:
-    """A finder of modules that is asked after all others."""
-
-    def __init__(self, find_spec: Callable[[str, object, object], NoReturn]) -> None:
-        self.find_spec = find_spec
-
-
 def run(
     entry: Entry, job: Header, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int, equip: Equip | None
 ) -> NoReturn:
@@ -48,7 +42,7 @@ def run(
             the zygote has imported all that a job may need. If not, the first import of another module is reported as
             `unprepared` and ends the process, so that no answer depends on it.
         payload: bytes for the entry.
-        arrays: what the zygote mapped.
+        arrays: as the zygote mapped them.
         pipe: file descriptor for answers; the only one that stays open besides the standard streams, which are
             /dev/null.
         supervisor: the process that forked this one; this one ends with it.
@@ -72,7 +66,9 @@ def run(
         if equip is not None:
             arrays = equip(job["header"], payload, arrays)
         # No file can be read; without finders of files an import fails at once, and alike everywhere.
-        sys.meta_path[:] = [BuiltinImporter, FrozenImporter, *(() if job["prepared"] else (_Last(lack),))]
+        sys.meta_path[:] = [BuiltinImporter, FrozenImporter]
+        if not job["prepared"]:
+            sys.meta_path.append(SimpleNamespace(find_spec=lack))  # type: ignore[arg-type]
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
         _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
         say(Sort.done, None)

@@ -46,13 +46,13 @@ def parameters(network: nn.Module) -> list[nn.Parameter]:
     Raises:
         KeyError, TypeError: as `modules`; a parameter of another class could misreport itself.
     """
-    found: dict[int, nn.Parameter] = {}
+    known: dict[int, nn.Parameter] = {}
     for module in modules(network):
         for name, parameter in _held(module, "_parameters"):
             if type(parameter) is not nn.Parameter:
                 raise TypeError(f"expected {name} to be an nn.Parameter; got {type(parameter).__name__}")
-            found.setdefault(id(parameter), parameter)
-    return list(found.values())
+            known.setdefault(id(parameter), parameter)
+    return list(known.values())
 
 
 def state(network: nn.Module) -> dict[str, Tensor]:

@@ -83,7 +83,7 @@ class _Watch:
 
     def __init__(self, pid: int, pipe: int, channel: Channel, limits: Limits, *, prepared: bool, equips: bool) -> None:
         self.frames: list[Message] = []
-        #: What `confine` put in force; None until the child is confined. No code of the candidate runs before that.
+        #: What `confine` put in force; None before, when no code of the candidate has run.
         self.measures: Json = None
         self._pid, self._pipe, self._channel, self._limits = pid, pipe, channel, limits
         self._prepared, self._equips = prepared, equips
