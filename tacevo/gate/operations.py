@@ -27,16 +27,15 @@ _FACTORIES = """
     new_zeros new_ones new_full new_empty new_tensor
 """
 
+#: Convolutions, each with the number of image dimensions of its kernel.
+CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for rank in (1, 2, 3)}
+
 _WEIGHTED = """
-    conv1d conv2d conv3d conv_transpose1d conv_transpose2d conv_transpose3d linear bilinear matmul einsum tensordot
-    addmm baddbmm multihead_attention rnn lstm gru rnn_cell lstm_cell gru_cell
+    linear bilinear matmul einsum tensordot addmm baddbmm multihead_attention rnn lstm gru rnn_cell lstm_cell gru_cell
 """
 
 #: Operations that can have a weight of two or more dimensions; normalisations only scale, so they are not included.
-WEIGHTED = frozenset(_WEIGHTED.split())
-
-#: Convolutions, each with the number of image dimensions of its kernel.
-CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for rank in (1, 2, 3)}
+WEIGHTED = CONVOLUTIONS.keys() | _WEIGHTED.split()
 
 #: Kernels of torch whose last bit depends on the CPU even under portable numerics, with what calls them, as
 #: measured (docs/determinism.md): there MKL and oneDNN choose their code by the CPU under every setting.
@@ -77,6 +76,17 @@ def operation(name: str) -> str:
     return _SYNONYMS.get(snake, snake)
 
 
+def _squashed(name: str) -> str:
+    """Drop the underscores, because `LeakyReLU` does not show where the words of `leaky_relu` begin."""
+    return name.replace("_", "")
+
+
+_TRANSPARENT = frozenset(map(_squashed, (_SHAPING + _ACTIVATIONS).split()))
+#: torch derives its layer ReLU6 from Hardtanh, whose forward pass it inherits; so the function is called that, too.
+_ACTIVATION_NAMES = {_squashed(name): name for name in _ACTIVATIONS.split()} | {"relu6": "hardtanh"}
+_SHAPE_ONLY = frozenset(map(_squashed, _FACTORIES.split()))
+
+
 def is_transparent(op: str) -> bool:
     """Return whether data passes through this call without a node."""
     return _squashed(op) in _TRANSPARENT
@@ -90,16 +100,3 @@ def activation(op: str) -> str | None:
 def is_factory(op: str) -> bool:
     """Return whether this call reads no value of the tensor that it is given."""
     return _squashed(op) in _SHAPE_ONLY
-
-
-def _squashed(name: str) -> str:
-    """Drop the underscores, because `LeakyReLU` does not show where the words of `leaky_relu` begin."""
-    return name.replace("_", "")
-
-
-_TRANSPARENT = frozenset(_squashed(name) for name in (_SHAPING + _ACTIVATIONS).split())
-
-#: torch derives its layer ReLU6 from Hardtanh, whose forward pass it inherits; so the function is called that, too.
-_ACTIVATION_NAMES = {_squashed(name): name for name in _ACTIVATIONS.split()} | {"relu6": "hardtanh"}
-
-_SHAPE_ONLY = frozenset(_squashed(name) for name in _FACTORIES.split())

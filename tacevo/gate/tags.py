@@ -5,12 +5,9 @@ from collections.abc import Container
 
 #: A tag such as `<code>` or `</answer>`, or a mark of a chat template such as `<|im_end|>` or `</s>`.
 _TAG = "(?:</?[A-Za-z][^<>\n]*>|<[|\uff5c][^<>\n]*[|\uff5c]>)"  # DeepSeek's bars are wide ones
-
 #: Indentation and the tags behind it.
 LEADING = rf"([ \t]*)(?:{_TAG}[ \t]*)*"
-
 _THOUGHT = r"(?:\w+:)?(?:think|thinking|thoughts?|reasoning|reflection)"
-
 #: The signs of a tag: `<think>`, the same written for HTML, Mistral's `[THINK]` and Kimi's `\u25c1think\u25b7`.
 _LEFT, _RIGHT = r"(?:<|&lt;|\u25c1)", r"(?:>|&gt;|\u25b7)"
 

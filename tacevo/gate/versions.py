@@ -12,10 +12,8 @@ from tacevo.records import Reason
 
 #: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
 _DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
-
 #: The sign of a fence and its language, unless that is Python or a diff, which shows a part of a class.
 _LANGUAGE = r"^([ \t]*(?:`{3,}|~{3,}))[ \t]*(?!(?:diff|patch|i?py\w*)\b)\w[^`\n]*$"
-
 _HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
 
 
@@ -51,7 +49,7 @@ def _completeness_of_class(node: ast.ClassDef) -> int:
 
 
 def _computes_nothing(node: ast.stmt) -> bool:
-    """Return whether a statement is one of those that stand for a body that is left out."""
+    """Return whether a statement may stand for a body that is left out."""
     match node:
         case ast.Pass() | ast.Raise() | ast.Expr(value=ast.Constant()) | ast.Return(value=None | ast.Constant()):
             return True
@@ -72,10 +70,9 @@ def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, o
     Args:
         text: what stands behind the chosen version.
         chosen: the source.
-        name: of the class.
-        parser: of the answer.
-        own: whether the chosen version is the model's own; a given network that it repeats is not, and there any
-            other class, function or layer is a version.
+        name: the class's.
+        parser: the answer's.
+        own: as of `extract`; behind a network that was given, any other class, function or layer is a version.
 
     Raises:
         TooComplexError: reading it takes too much work.
@@ -111,32 +108,32 @@ def _undecorated(text: str, name: str) -> str:
 def _is_renamed(text: str, name: str, bound: Collection[str]) -> Iterator[bool]:
     """Yield whether statements give the class's name, or one with it, to something else than a class of that name."""
     name = re.escape(name)
-    # The name is looked for in each found word: a pattern that looks for it there tries every place with every other.
+    # The name is looked for in each class's own: a pattern that looks for it there tries every place with every other.
     network = rf"^[ \t]*(class)[ \t]+(\w+)[ \t]*(?:\([^)\n]*(?:Module|{name})|:)"
-    for word, found in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
-        if re.search(name, found, re.IGNORECASE):
-            yield (word, found) != ("class", name) and found not in bound
-    yield re.search(rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])", text, re.MULTILINE) is not None
-    yield (
-        re.search(rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])", text, re.MULTILINE)
-        is not None
-    )
-    yield re.search(rf"^([ \t]*)class[ \t]+{name}\b.*:\s*\n\1(?:def\b|super\b|#|[\"'])", text, re.MULTILINE) is not None
+    for word, other in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
+        if re.search(name, other, re.IGNORECASE):
+            yield (word, other) != ("class", name) and other not in bound
+    for form in (
+        rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])",
+        rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])",
+        rf"^([ \t]*)class[ \t]+{name}\b.*:\s*\n\1(?:def\b|super\b|#|[\"'])",
+    ):
+        yield re.search(form, text, re.MULTILINE) is not None
 
 
 def _goes_on(text: str, bound: Collection[str]) -> bool:
     text = re.sub(rf"^{_DECORATION}", "", text, flags=re.MULTILINE)
-    return any(found not in bound for found in re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE))
+    return any(other not in bound for other in re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE))
 
 
 def _statements(tree: ast.AST) -> set[str]:
     """Collect what the statements of a text compute, without those that stand for code that is left out."""
-    found: list[ast.AST] = []
+    parts: list[ast.AST] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef) or not isinstance(node, ast.stmt):
             continue
         if hasattr(node, "body"):
-            found += [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
+            parts += [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
         elif not _computes_nothing(node):
-            found.append(node)
-    return set(map(ast.dump, found))
+            parts.append(node)
+    return set(map(ast.dump, parts))

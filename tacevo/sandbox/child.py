@@ -17,14 +17,11 @@ from tacevo.sandbox.protocol import Header, Message, Sort, describe
 
 #: What an entry gets: the arrays of the sandbox by name, mapped read-only, or what was made of them (`Equip`).
 Arrays = Mapping[str, Any]
-
 #: Sends one frame of the answer: a JSON header and raw bytes.
 Send = Callable[[Json, bytes], None]
-
 #: A job's code: `run(header, payload, arrays, send)`. What it returns is kept until the process ends, so that a
 #: finaliser of the candidate's (an endless `__del__`) cannot delay the answer.
 Entry = Callable[[Header, bytes, Arrays, Send], object]
-
 #: Gets a device ready for a job, before its process is confined: `equip(header, payload, arrays)` returns the arrays
 #: that the entry gets. No code of the candidate has run then, so what it raises is the sandbox's failure, no verdict,
 #: as it is where it takes more time or memory than the job's limits allow. The candidate's own time begins afterwards.
@@ -68,7 +65,7 @@ def run(
         # No file can be read; without finders of files an import fails at once, and alike everywhere.
         sys.meta_path[:] = [BuiltinImporter, FrozenImporter]
         if not job["prepared"]:
-            sys.meta_path.append(SimpleNamespace(find_spec=lack))  # type: ignore[arg-type]
+            sys.meta_path.append(SimpleNamespace(find_spec=lack))
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
         _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
         say(Sort.done, None)

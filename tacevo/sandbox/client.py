@@ -34,12 +34,9 @@ _START_SECONDS = 120.0
 _GRACE_SECONDS = 5.0
 #: Seconds that a supervisor may take to pass an answer on, when the candidate is gone.
 _TRANSFER_SECONDS = 20.0
-
 _AGAIN = "run the same command again"
-
 #: What torch imports when it is first needed. It takes as long as torch itself, and few candidates need it.
 _LATE_IMPORTS = ("torch._dynamo",)
-
 #: Called with the measures in force for a candidate, as `tacevo.sandbox.confinement.confine` names them.
 Notice = Callable[[tuple[str, ...]], None]
 
@@ -183,7 +180,8 @@ class Sandbox:
                 return answer
             if self._closed:
                 raise SandboxError("the sandbox was closed while a candidate ran", remedy=_AGAIN)
-        return Died(Reason.crashed, answer.detail)
+            detail = answer.detail
+        return Died(Reason.crashed, detail)
 
     def _attempt(self, job: Message, limits: Limits, prepared: bool) -> Finished | Died | _Killed:
         """Run a job in a fresh process."""

@@ -21,7 +21,6 @@ from tacevo.sandbox.processes import address_space_mib
 _SLACK_MIB = 1024
 #: CPU seconds beyond the wall-time limit; a backstop for a supervisor that is stopped.
 _CPU_SLACK = 10
-
 #: The measures that make the level `kernel`.
 _WALLS = frozenset({"landlock", "seccomp"})
 

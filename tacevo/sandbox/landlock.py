@@ -12,15 +12,11 @@ from tacevo.sandbox.kernel import system_call
 # The same on every architecture, like every call that is as young.
 _CREATE_RULESET = 444
 _RESTRICT_SELF = 446
-
 _ASK_VERSION = 1
-
 #: How many kinds of file access each version of the interface knows; later ones know as many as the last.
 _FILE_ACCESSES = {1: 13, 2: 14, 3: 15, 4: 15, 5: 16}
-
 #: The first version that knows: TCP bind and connect; abstract Unix sockets and signals of others.
 NETWORK_SINCE, SCOPES_SINCE = 4, 6
-
 _BIND_AND_CONNECT = 0b11
 _SOCKETS_AND_SIGNALS = 0b11
 

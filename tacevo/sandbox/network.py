@@ -83,9 +83,10 @@ def leaves(output: Tensor) -> Iterator[Tensor]:
         node = waiting.pop()
         if hasattr(node, "variable"):
             yield node.variable
-        new = {following for following, _ in node.next_functions if following is not None} - seen
-        seen |= new
-        waiting += new
+        for following, _ in node.next_functions:  # in their order, so that the first leaf is the same in every process
+            if following is not None and following not in seen:
+                seen.add(following)
+                waiting.append(following)
 
 
 def _state(module: nn.Module, prefix: str) -> Iterator[tuple[str, Tensor]]:

@@ -20,12 +20,9 @@ from tacevo.records import Json
 #: A header as it was sent. Those of the search are read as they are, because a child has no Pydantic; those of a
 #: candidate become records by `tacevo.sandbox.client.Frame.read`.
 Header = Any
-
 #: Levels of lists and objects in a header; the deepest honest one, a probe's answer, has six.
 _DEEPEST = 50
-
 _HEAD = struct.Struct("!BIQ")
-
 _CHUNK = 2**18
 
 
@@ -213,7 +210,6 @@ def _is_deeper(value: Json, levels: int) -> bool:
 
 #: The longest detail of a rejection, in characters.
 LONGEST = 300
-
 _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # but not the middle of a shape such as 30400x64
 
 #: Where this Python has its modules, the innermost directory first.
