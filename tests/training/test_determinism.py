@@ -1,17 +1,15 @@
 """Promise: an operation without a deterministic form is refused on a CPU, named on a GPU, never passed in silence."""
 
 import contextlib
-import hashlib
 import os
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
 from refusals import refused
-from training_jobs import RECIPE, examples, header_of, payload_of
+from training_jobs import RECIPE, examples, header_of, payload_of, trained
 
 from tacevo.choices import Precision
 from tacevo.config.compose import compose
@@ -23,9 +21,8 @@ from tacevo.storage.canonical import value_at
 from tacevo.training.determinism import noting_nondeterminism
 from tacevo.training.gpu import equip
 from tacevo.training.numerics import check_gpus
-from tacevo.training.trainer import run
 
-CPU = torch.device("cpu")
+pytestmark = pytest.mark.usefixtures("torch_settings")
 
 #: Adaptive pooling has no deterministic backward pass on a GPU; the rest of it has.
 POOLING = """
@@ -41,15 +38,6 @@ class Net(nn.Module):
 PLAIN = POOLING.replace("F.adaptive_avg_pool2d(self.conv(x), 2)", "F.avg_pool2d(self.conv(x), 2)")
 
 
-@pytest.fixture(autouse=True)
-def _torch_settings() -> Iterator[None]:
-    """Undo what a training sets for the whole process, because here it does not end with it."""
-    before = torch.get_deterministic_debug_mode()
-    with torch.random.fork_rng(devices=[]):
-        yield
-    torch.set_deterministic_debug_mode(before)
-
-
 def unpool() -> torch.Tensor:
     """Call what has no deterministic form on a CPU either."""
     values, places = torch.nn.functional.max_pool2d(torch.ones(1, 1, 4, 4), 2, return_indices=True)
@@ -58,7 +46,10 @@ def unpool() -> torch.Tensor:
 
 def test_cpu_refuses() -> None:
     """No record is needed of what cannot happen."""
-    with noting_nondeterminism(CPU), pytest.raises(RuntimeError, match="does not have a deterministic implementation"):
+    with (
+        noting_nondeterminism(torch.device("cpu")),
+        pytest.raises(RuntimeError, match="does not have a deterministic implementation"),
+    ):
         unpool()
 
 
@@ -120,21 +111,14 @@ def test_run_is_told_before_it_starts_that_its_gpu_is_not_here(model: str, fits:
     check_gpus(model, [])
 
 
-def trained_on_gpu(source: str, precision: Precision = Precision.float32) -> list[tuple[Any, str]]:
-    """Train on a GPU in this process; give each frame with the hash of its bytes."""
+def trained_on_gpu(source: str, precision: Precision = Precision.float32) -> list[tuple[Any, bytes]]:
+    """Train on a GPU in this process; return the frames."""
     data = examples()
-    frames: list[tuple[Any, str]] = []
     gpu = Gpu(model=torch.cuda.get_device_name(0), precision=precision, memory_mib=1024)
     lease = {"visible": os.environ.get("CUDA_VISIBLE_DEVICES", "0"), "per_gpu": 1}
     changes = {"device": "cuda", "recipe": written(replace(RECIPE, gpu=gpu)), "lease": lease}
     header = {**header_of(source, data), **changes}
-    arrays = equip(header, payload_of(data), {"images": data.images})
-
-    def keep(head: Any, payload: bytes) -> None:
-        frames.append((head, hashlib.sha256(payload).hexdigest()))
-
-    run(header, payload_of(data), arrays, keep)
-    return frames
+    return trained(header, data, equip(header, payload_of(data), {"images": data.images})["images"])
 
 
 @pytest.mark.gpu

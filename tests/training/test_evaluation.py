@@ -158,9 +158,7 @@ def test_fast_child_computes_with_all_that_the_cpu_has() -> None:
     [
         ("while True: pass", Reason.out_of_time),
         ("raise SystemExit(0)", Reason.crashed),
-        ("import os; os._exit(0)", Reason.crashed),
         ("self.huge = torch.ones(2**27)", Reason.out_of_memory),
-        ("self.huge = nn.Linear(10**6, 10**6)", Reason.out_of_memory),
         ("raise ValueError('\\x1b no')", Reason.construction_failed),
     ],
 )
