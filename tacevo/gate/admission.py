@@ -126,7 +126,7 @@ class Gate:
         headers = [frame.header for frame in outcome.frames]
         with contextlib.suppress(AnswerError):
             match [read_verdict(Profile, "profile", header, place="", error=AnswerError) for header in headers]:
-                case [Profile() as profile] if _is_within(profile, self.limits) and _is_known(profile):
+                case [Profile() as profile] if _is_of_a_probe(profile, self.limits):
                     return profile
                 case [Rejection(stage=Stage.probe, reason=reason, detail=detail)]:
                     return _rejected(reason, one_line(detail))
@@ -138,18 +138,14 @@ def _squeezed(text: str) -> str:
     return re.sub(r"#.*|\s+", "", text)
 
 
-def _is_within(profile: Profile, limits: GateLimits) -> bool:
-    """Return whether a network is no larger than the probe lets it be."""
+def _is_of_a_probe(profile: Profile, limits: GateLimits) -> bool:
+    """Return whether a network is no larger than the probe lets it be, and its kernels are some that it looks for."""
     return (
         profile.learnt <= limits.parameters
         and profile.training_flops <= limits.flops
         and max(profile.modules, len(profile.graph.nodes)) <= limits.modules
+        and profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
     )
-
-
-def _is_known(profile: Profile) -> bool:
-    """Return whether the kernels that a profile names are some of those that are looked for, in order."""
-    return profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
 
 
 def _rejected(reason: Reason, detail: str) -> Rejection:

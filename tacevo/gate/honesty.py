@@ -60,10 +60,10 @@ def check_names(network: nn.Module) -> None:
     """Check that no module of a network has its own meaning for a name of `nn.Module`.
 
     What a class says of itself is not used. A name must mean what it meant in this class before the candidate ran, and
-    a new class must not define any.
+    a new class or an object must not define any.
 
     Raises:
-        CandidateError: a module has, in its class or on the object.
+        CandidateError: one does.
     """
     stored = vars(nn.Module()).keys()
     honest: set[int] = set()  # ids of classes, which their modules keep alive; a class may define its own hash

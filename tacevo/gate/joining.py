@@ -22,10 +22,7 @@ class Code(NamedTuple):
 def parts_of_network(chosen: Code, others: Sequence[Code], name: str) -> list[str]:
     """Return the texts that a block lacks and its own text, in the order to run them, without words that are not code.
 
-    Args:
-        chosen: the block with the class.
-        others: the other blocks of the answer, in its order. Of another version of the class only the rest counts.
-        name: the name of the class.
+    The others are in the order of the answer. Of another version of the class only the rest counts.
     """
     dropped = [[*_words(code.tree), *class_statements(code.tree, name)] for code in others]
     names = [names_of(_kept(code.tree, gone)) for code, gone in zip(others, dropped, strict=True)]

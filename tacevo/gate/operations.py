@@ -63,14 +63,9 @@ _WORD_START = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def operation(name: str) -> str:
-    """Return the name of the operation behind a layer class or a function.
+    """Return one name for all forms of an operation, e.g. `max_pool2d` for `MaxPool2d`, `add` for `__iadd__`.
 
-    Args:
-        name: the name of the class that defines a layer's `forward`, or of a torch function or tensor method.
-
-    Returns:
-        One name for all forms, e.g. `max_pool2d` for `MaxPool2d` and `max_pool2d_with_indices`, `add` for
-        `__iadd__` and `add_`.
+    A form is the name of the class that defines a layer's `forward`, of a torch function or of a tensor method.
     """
     snake = _WORD_START.sub("_", name.strip("_")).lower().removesuffix("_with_indices")
     return _SYNONYMS.get(snake, snake)

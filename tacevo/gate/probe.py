@@ -43,14 +43,8 @@ _LEARNING_RATE = 1e-2
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
     """Probe one candidate and send one frame, `{"profile": ...}` or `{"rejection": ...}`.
 
-    Args:
-        header: `source`; `contract` as JSON; `limits` with the keys `parameters`, `flops` and `modules`.
-        payload: not used.
-        arrays: not used.
-        send: takes the frame.
-
-    Returns:
-        The networks, to be kept alive: a finaliser must not run before the answer is sent.
+    The header has `source`, `contract` as JSON, and `limits` with the keys `parameters`, `flops` and `modules`. Return
+    the networks, to be kept alive: a finaliser must not run before the answer is sent.
     """
     with KernelWatcher() as watcher:
         probe = _Probe(header, watcher)

@@ -67,12 +67,8 @@ def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, o
     A version that could be used would have been chosen. This one does not parse, has code left out, is quoted,
     numbered, a diff or JSON, or has another name. An excerpt of the chosen version has no statement of its own.
 
-    Args:
-        text: what stands behind the chosen version.
-        chosen: the source.
-        name: the class's.
-        parser: the answer's.
-        own: as of `extract`; behind a network that was given, any other class, function or layer is a version.
+    The text is what stands behind the chosen version. `own` is as of `extract`: behind a network that was given, any
+    other class, function or layer is a version.
 
     Raises:
         TooComplexError: reading it takes too much work.
@@ -80,9 +76,10 @@ def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, o
     if own and name.lower() not in text.lower():
         return None
     plain, known = _undecorated(text, name), _statements(chosen)
+    header = rf"^[ \t]*class[ \t]+{re.escape(name)}[ \t]*[(:]"
     for block in blocks_of(plain, parser):
         if isinstance(block.parsed, Problem):
-            if _states(block.text, name) and completeness(block, name) == 2:
+            if re.search(header, block.text, re.MULTILINE) and completeness(block, name) == 2:
                 return block.parsed
         elif any(not _statements(node) <= known for node in class_statements(block.parsed, name)):
             return Problem(Reason.no_class, f"expected the whole of class {name}; got a later version of it in part")
@@ -90,10 +87,6 @@ def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, o
     if any(_is_renamed(plain, name, bound)) or (not own and _goes_on(plain, bound)):
         return Problem(Reason.no_class, f"expected class {name} in Python; got a later version in another form")
     return None
-
-
-def _states(text: str, name: str) -> bool:
-    return re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}[ \t]*[(:]", text, re.MULTILINE) is not None
 
 
 def _undecorated(text: str, name: str) -> str:

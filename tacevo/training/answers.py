@@ -59,17 +59,10 @@ def judge(
 ) -> tuple[Training, tuple[NDArray[np.float32], ...]] | Rejection:
     """Read a child's answer, of which nothing is trusted, and compute the validation losses.
 
-    Each epoch must have the given number of optimiser steps. The child counts them, so this sees a candidate that has
-    the trainer take more, and not one that resets the count. On a CPU no operation may lack a deterministic form.
-
-    Args:
-        outcome: how the job ended.
-        contract: what the candidate predicts, and its loss.
-        targets: of the validation images, as in `training.evaluation.Examples`.
-        epochs: of the training.
-        steps: of the optimiser in each epoch.
-        rows: how many images were to be predicted after each epoch, the validation images first.
-        device: where it ran.
+    After each epoch it predicts so many rows, first the validation images, whose targets are as in
+    `training.evaluation.Examples`. Each epoch must have the given number of optimiser steps. The child counts them, so
+    this sees a candidate that has the trainer take more, and not one that resets the count. On a CPU no operation may
+    lack a deterministic form.
 
     Returns:
         The training, and the predictions of each epoch: float32, shape (rows, K), finite.

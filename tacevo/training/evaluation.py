@@ -163,12 +163,8 @@ class TrainingStore(ABC, Generic[Data, Result]):
             SandboxError: the sandbox is broken.
         """
         if self._examples is None:
-            raise DataError(
-                "no entry in the store",
-                place=f"training {self.key(source, seed)[:12]}",
-                expected="a recorded answer",
-                remedy="load the data set to train it",
-            )
+            place, remedy = f"training {self.key(source, seed)[:12]}", "load the data set to train it"
+            raise DataError("no entry in the store", place=place, expected="a recorded answer", remedy=remedy)
         return self._train(self._examples, source, seed)
 
     def _request(self, source: str, seed: int) -> Json:

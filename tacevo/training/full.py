@@ -207,12 +207,7 @@ def assess(
 
 
 def read_kept(arrays: ArrayStore, kept: Kept, facts: DataFacts) -> tuple[NDArray[np.float32], NDArray[Any]]:
-    """Read the test predictions of a training, and the labels of the test images.
-
-    Args:
-        arrays: where they are.
-        kept: of the training.
-        facts: of the data set, which say how many images and outputs there are.
+    """Read the test predictions of a training, and the labels of the test images of its data set.
 
     Returns:
         Predictions, shape (t, K), finite; labels as in `HeldOut`, finite, or each in [0, K).
