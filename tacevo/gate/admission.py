@@ -21,7 +21,7 @@ from tacevo.sandbox.protocol import one_line
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict, recall_verdict
 
-#: The first number of static rules under which a given network that is repeated before other code is no answer.
+#: The first number of static rules by which a given network that is repeated before other code is no answer.
 _GIVEN_SINCE = 3
 
 
@@ -107,8 +107,8 @@ class Gate:
             "probe_limits": to_json(self.probe_limits),
             "numerics": self.numerics.value,
         }
-        found = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
-        return found if isinstance(found, Rejection) else Admitted(source=source, profile=found)
+        verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
+        return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
 
     def _extract(self, completion: Completion, *, own: bool) -> str | Rejection:
         source = extract(completion, self.contract, own=own)
@@ -123,11 +123,10 @@ class Gate:
         outcome = self.run("probe", self._asked(source), b"", self.probe_limits)
         if isinstance(outcome, Died):
             return _rejected(outcome.reason, outcome.detail)
+        headers = [frame.header for frame in outcome.frames]
         with contextlib.suppress(AnswerError):
-            match [
-                read_verdict(Profile, "profile", frame.header, place="", error=AnswerError) for frame in outcome.frames
-            ]:
-                case [Profile() as profile] if _is_within(profile, self.limits) and _is_known(profile):
+            match [read_verdict(Profile, "profile", header, place="", error=AnswerError) for header in headers]:
+                case [Profile() as profile] if _is_of_a_probe(profile, self.limits):
                     return profile
                 case [Rejection(stage=Stage.probe, reason=reason, detail=detail)]:
                     return _rejected(reason, one_line(detail))
@@ -139,18 +138,14 @@ def _squeezed(text: str) -> str:
     return re.sub(r"#.*|\s+", "", text)
 
 
-def _is_within(profile: Profile, limits: GateLimits) -> bool:
-    """Return whether a network is no larger than the probe lets it be."""
+def _is_of_a_probe(profile: Profile, limits: GateLimits) -> bool:
+    """Return whether a network is no larger than the probe lets it be, and its kernels are some that it looks for."""
     return (
         profile.learnt <= limits.parameters
         and profile.training_flops <= limits.flops
         and max(profile.modules, len(profile.graph.nodes)) <= limits.modules
+        and profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
     )
-
-
-def _is_known(profile: Profile) -> bool:
-    """Return whether the kernels that a profile names are some of those that are looked for, in order."""
-    return profile.not_portable == tuple(sorted(NOT_PORTABLE.keys() & profile.not_portable))
 
 
 def _rejected(reason: Reason, detail: str) -> Rejection:

@@ -5,31 +5,24 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 from tacevo.gate.fences import STATEMENT, Kind, Part, parts_of
 from tacevo.gate.policy.problems import Problem, parse
 from tacevo.gate.tags import LEADING, code_after_tags, code_before_tags, is_tagged
-from tacevo.records import Reason
 
 #: How many characters may be parsed to read one answer, over all attempts: ten times an answer of 100,000 bytes, or two
 #: seconds of work. The recorded answers take up to four times their length. It is a count of characters and not a
 #: limit of time because a verdict may not depend on the machine.
 MOST_PARSED = 1_000_000
-
 #: How many blocks of code an answer may have; the recorded ones have up to 3.
 MOST_BLOCKS = 100
-
 _CODE_START = re.compile(rf"{LEADING}(?:{STATEMENT}|[A-Z][A-Z0-9_]*\s*=)")
-
 _CONTINUATION = re.compile(r"[#)\]}]")
 
 
 class TooComplexError(Exception):
-    """An answer would take too much work to read."""
-
-    def __init__(self, detail: str) -> None:
-        super().__init__(detail)
-        self.problem = Problem(Reason.too_complex, detail)
+    """An answer would take too much work to read; the message says how much may be."""
 
 
 @dataclass(slots=True)
@@ -46,8 +39,9 @@ class Parser:
         """
         self.left -= len(text)
         if self.left < 0:
-            detail = f"expected an answer that can be read by parsing {MOST_PARSED} characters; it takes more"
-            raise TooComplexError(detail)
+            raise TooComplexError(
+                f"expected an answer that can be read by parsing {MOST_PARSED} characters; it takes more"
+            )
         return parse(text)
 
 
@@ -79,14 +73,12 @@ def blocks_of(text: str, parser: Parser) -> list[Block]:
     Raises:
         TooComplexError: there are too many, or they take too much work.
     """
-    found: list[Block] = []
-    for part in parts_of(text.split("\n")):
-        for block in (_fenced if part.kind is Kind.python else _stretches)(part, parser):
-            found.append(block)
-            if len(found) > MOST_BLOCKS:
-                detail = f"expected an answer with at most {MOST_BLOCKS} blocks of code; got more"
-                raise TooComplexError(detail)
-    return found
+    parts = parts_of(text.split("\n"))
+    every = (block for part in parts for block in (_fenced if part.kind is Kind.python else _stretches)(part, parser))
+    blocks = list(islice(every, MOST_BLOCKS + 1))
+    if len(blocks) > MOST_BLOCKS:
+        raise TooComplexError(f"expected an answer with at most {MOST_BLOCKS} blocks of code; got more")
+    return blocks
 
 
 def _fenced(part: Part, parser: Parser) -> Iterator[Block]:
@@ -171,9 +163,8 @@ def _states_class(lines: Sequence[str], start: int) -> bool:
 def _suite_end(lines: Sequence[str], start: int) -> int:
     """Find the next line that could begin a statement beside or outside the one at `start`."""
     margin = _indentation(lines[start])
-    ends = (
-        i for i in range(start + 1, len(lines)) if _is_outside(lines[i], margin) or _begins_statement(lines[i], margin)
-    )
+    later = range(start + 1, len(lines))
+    ends = (i for i in later if _is_outside(lines[i], margin) or _begins_statement(lines[i], margin))
     return next(ends, len(lines))
 
 

@@ -34,9 +34,6 @@ from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
 CUT_OFF = frozenset({"max_tokens", "model_context_window_exceeded"})
 
-#: What stands between blocks that are joined.
-_BETWEEN = "\n\n"
-
 #: Stop reasons of what is not an answer.
 _UNANSWERED = {
     "refusal": (Reason.refused, "the model refused to answer"),
@@ -57,10 +54,12 @@ def extract(completion: Completion, contract: Contract, *, own: bool = True) -> 
         newline; or a rejection at stage `extract`.
     """
     try:
-        found = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF, own)
+        source = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF, own)
     except TooComplexError as error:
-        found = error.problem
-    return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
+        return _rejected(Reason.too_complex, str(error))
+    except RecursionError:  # no parser's, but of what compares statements that are nested a thousand deep
+        return _rejected(Reason.too_complex, "expressions are nested too deeply to be compared; simplify them")
+    return _rejected(source.reason, source.detail) if isinstance(source, Problem) else source
 
 
 def as_whole(text: str) -> str:
@@ -108,7 +107,7 @@ def _choose(text: str, name: str, cut_off: bool, own: bool) -> str | Problem:
     source = _source(chosen, blocks, name, parser)
     if isinstance(source, Problem):
         return source
-    return later_version(_behind(answer, chosen), source[1], name, parser, own=own) or source[0]
+    return later_version(_behind(answer, chosen), source.tree, name, parser, own=own) or source.text
 
 
 def _behind(answer: str, chosen: Block) -> str:
@@ -133,12 +132,12 @@ def _read(text: str, name: str, parser: Parser) -> tuple[str, list[Block]]:
 
 def _lines_of_code(text: str, parser: Parser) -> set[int]:
     """Find the lines between fences that are Python, although they mention a thought."""
-    found: set[int] = set()
+    numbers: set[int] = set()
     for part in parts_of(text.split("\n")):
         code = "\n".join(part.lines)
         if part.kind is Kind.python and mentions_thought(code) and isinstance(parser.parse(trimmed(code)), ast.Module):
-            found.update(range(part.first, part.first + len(part.lines)))
-    return found
+            numbers.update(range(part.first, part.first + len(part.lines)))
+    return numbers
 
 
 def _is_closed(answer: str, versions: Sequence[Block], name: str) -> bool:
@@ -153,21 +152,14 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
     return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
 
 
-def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -> tuple[str, ast.Module] | Problem:
-    """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once.
-
-    Returns:
-        The text and its tree.
-    """
+def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -> Code | Problem:
+    """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once."""
     if isinstance(chosen.parsed, Problem):
         return chosen.parsed
-    others = [
-        Code(block.text, block.parsed)
-        for block in blocks
-        if block is not chosen and isinstance(block.parsed, ast.Module)
-    ]
-    parts = parts_of_network(Code(chosen.text, chosen.parsed), others, name)
-    text = _BETWEEN.join(parts)
+    others = [block for block in blocks if block is not chosen]
+    codes = [Code(block.text, block.parsed) for block in others if isinstance(block.parsed, ast.Module)]
+    parts = parts_of_network(Code(chosen.text, chosen.parsed), codes, name)
+    text = "\n\n".join(parts)
     tree = chosen.parsed if text == chosen.text else parser.parse(text)
     if isinstance(tree, Problem):
         return tree
@@ -175,7 +167,7 @@ def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -
     if len(lines) > 1:
         where = ", ".join(map(str, lines))
         return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
-    return (text if len(parts) == 1 else future_first(Code(text, tree))) + "\n", tree
+    return Code((text if len(parts) == 1 else future_first(Code(text, tree))) + "\n", tree)
 
 
 def _explain(text: str, versions: Sequence[Block], blocks: Sequence[Block], name: str, parser: Parser) -> Problem:

@@ -9,29 +9,21 @@ from tacevo.gate.tags import code_before_tags
 
 #: How a statement begins that a model may put on the line of a fence or a tag.
 STATEMENT = r"(?:@\w|class\s+\w+\s*(?:[(:]|$)|def\s+\w+\s*\(|import\s+\w|from\s+[\w.]+\s+import\b)"
-
 #: What stands before the sign of a fence, the sign, and what stands behind it.
 _FENCE = re.compile(r"([^`~]*)(`{3,}|~{3,})([^`]*)")
-
 _LANGUAGE = re.compile(r"[{.]*(\w*)[ \t]*(.*)")
-
 _PYTHON = {"", "py", "python", "python3", "py3", "ipython", "pytorch"}
-
 #: Languages of what is read as if no fence stood around it: it may be sentences or code.
 _TEXT = {"text", "plaintext", "txt", "plain"}
-
 _QUOTES = re.compile("\"\"\"|'''")
 
 
 class Kind(Enum):
     """What a part of an answer is."""
 
-    #: Between fences that are marked as Python or not marked at all.
-    python = auto()
-    #: Between fences of another language.
-    other = auto()
-    #: Not between fences, or between fences of text.
-    prose = auto()
+    python = auto()  # between fences that are marked as Python or not marked at all
+    other = auto()  # between fences of another language
+    prose = auto()  # not between fences, or between fences of text
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +61,11 @@ def parts_of(lines: Sequence[str]) -> Iterator[Part]:
     fence: _Fence | None = None
     first, quoting = 0, True
     while first < len(lines):
-        found = _body(lines, first, fence, quoting=quoting)
-        if found is None:  # happens once at most, so the lines are read twice at most
+        read = _body(lines, first, fence, quoting=quoting)
+        if read is None:  # happens once at most, so the lines are read twice at most
             quoting = False
             continue
-        body, end, following = found
+        body, end, following = read
         kind, code = (fence.kind, fence.code) if fence else (Kind.prose, [])
         behind = end if following else min(end + 1, len(lines))
         yield Part(kind, [*code, *body], first - len(code), closed=end < len(lines), end=behind)
@@ -105,18 +97,18 @@ def _body(
 
 def _docstring(line: str, quote: str) -> str:
     """Return the quotes of the docstring that is open after a line, if they were these before it; empty for none."""
-    for found in _QUOTES.findall(line):
-        if quote in ("", found):
-            quote = "" if quote else found
+    for sign in _QUOTES.findall(line):
+        if quote in ("", sign):
+            quote = "" if quote else sign
     return quote
 
 
 def _opened(line: str) -> _Fence | None:
     """Return the fence that a line opens, if it opens one."""
-    found = _FENCE.fullmatch(line)
-    if found is None:
+    parts = _FENCE.fullmatch(line)
+    if parts is None:
         return None
-    before, sign, info = found[1], found[2], found[3].strip()
+    before, sign, info = parts[1], parts[2], parts[3].strip()
     is_sentence = bool(before.strip())
     language, rest = ("", info) if re.match(STATEMENT, info) else _LANGUAGE.findall(info)[0]
     is_python = language.lower() in _PYTHON

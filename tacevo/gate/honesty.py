@@ -9,7 +9,7 @@ training.
 import gc
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from types import FunctionType, ModuleType
@@ -25,10 +25,8 @@ from tacevo.sandbox.attributes import MODULE_NAMES
 from tacevo.sandbox.candidate import NAME, CandidateError
 from tacevo.sandbox.network import attributes, modules, parameters, state, switch
 
-_CLASS_ATTRIBUTES = vars(type)["__dict__"]  # a metaclass may define its own `__dict__`
-
-_CLASS_ORDER = vars(type)["__mro__"]
-
+# A metaclass may define its own `__dict__` and `__mro__`.
+_CLASS_ATTRIBUTES, _CLASS_ORDER = vars(type)["__dict__"], vars(type)["__mro__"]
 #: Names that decide what a module answers; `object` has the last one.
 _NAMES = MODULE_NAMES | {"__getattribute__"}
 
@@ -48,16 +46,12 @@ def _with_subclasses(kind: type) -> Iterator[type]:
 
 #: The meanings in torch's own modules, read before a candidate runs, which could change these classes.
 _TORCH = {kind: _meanings(kind) for kind in (object, *_with_subclasses(nn.Module))}
-
 #: Where the classes of objects are from that are walked; a class of the candidate is from the module of its text.
 _WALKED = frozenset({NAME, "builtins", "collections", "functools", "itertools"})
-
-#: So many tensors outside the parameters are looked at; of more, the rest is not.
+#: How many tensors outside the parameters are looked at.
 _MOST_TENSORS = 10_000
-
 #: Keeps what watches a candidate's kernels from being called for ours, which takes most of their time.
 unwatched = torch._C._DisableTorchDispatch
-
 #: What `parametrize` writes into each class that it makes, as code.
 _PARAMETRIZED = [part for part in parametrize._inject_new_class.__code__.co_consts if hasattr(part, "co_code")]
 
@@ -66,19 +60,19 @@ def check_names(network: nn.Module) -> None:
     """Check that no module of a network has its own meaning for a name of `nn.Module`.
 
     What a class says of itself is not used. A name must mean what it meant in this class before the candidate ran, and
-    a new class must not define any.
+    a new class or an object must not define any.
 
     Raises:
-        CandidateError: a module has, in its class or on the object.
+        CandidateError: one does.
     """
     stored = vars(nn.Module()).keys()
     honest: set[int] = set()  # ids of classes, which their modules keep alive; a class may define its own hash
     for module in modules(network):
         kinds = [kind for kind in _CLASS_ORDER.__get__(type(module)) if id(kind) not in honest]
-        found = {name for kind in kinds for name in _redefined(kind)}
-        found |= _NAMES & attributes(module).keys() - stored
-        if found:
-            detail = f"expected nn.Module's own {min(found)}; got another one in {type(module).__name__}"
+        redefined = {name for kind in kinds for name in _redefined(kind)}
+        redefined |= _NAMES & attributes(module).keys() - stored
+        if redefined:
+            detail = f"expected nn.Module's own {min(redefined)}; got another one in {type(module).__name__}"
             raise CandidateError(Reason.redefines_module, detail)
         honest.update(map(id, kinds))
 
@@ -117,8 +111,8 @@ def unchanged(network: nn.Module, *, training: bool) -> Iterator[list[nn.Paramet
         )
         raise CandidateError(Reason.changes_its_weights, detail)
     with unwatched():
-        are_equal = all(map(torch.equal, map(_bits, after), bits))
-    if not are_equal:
+        is_same = all(map(torch.equal, map(_bits, after), bits))
+    if not is_same:
         detail = f"expected the same weights before and after a pass with training={training}; got others"
         raise CandidateError(Reason.changes_its_weights, detail)
     if any(attributes(module)["training"] is not training for module in listed):
@@ -146,26 +140,19 @@ def count_learnt(before: _State, after: _State) -> int:
 
     An activation that is kept is not counted where its shape follows the size of the batch, and that was another one.
     """
+    both = before.keys() & after.keys()
     with unwatched():
-        changed = [
-            tensor for key, (tensor, bits) in after.items() if key in before and not _is_equal(bits, before[key][1])
-        ]
-        gone, new = (
-            Counter(
-                (tensor.shape, tensor.dtype, bits.numpy().tobytes())
-                for key, (tensor, bits) in kept.items()
-                if key not in other
-            )
-            for kept, other in ((before, after), (after, before))
-        )
+        changed = sum(after[key][0].numel() for key in both if not torch.equal(after[key][1], before[key][1]))
+        gone, new = _values(before, both), _values(after, both)
     # What is made again with equal bits, such as a grid in each pass, did not change.
     lost, made = (Counter(kind[:2] for kind in kinds.elements()) for kinds in (gone - new, new - gone))
-    replaced = (shape.numel() * number for (shape, _), number in (lost & made).items())
-    return sum(tensor.numel() for tensor in changed) + sum(replaced)
+    return changed + sum(shape.numel() * number for (shape, _), number in (lost & made).items())
 
 
-def _is_equal(bits: Tensor, others: Tensor) -> bool:
-    return bits.shape == others.shape and torch.equal(bits, others)
+def _values(kept: _State, without: Container[int]) -> Counter[tuple[torch.Size, torch.dtype, bytes]]:
+    """Count tensors by shape, type and bits."""
+    others = (pair for key, pair in kept.items() if key not in without)
+    return Counter((tensor.shape, tensor.dtype, bits.numpy().tobytes()) for tensor, bits in others)
 
 
 def _outside(network: nn.Module) -> Iterator[Tensor]:
@@ -193,9 +180,8 @@ def _held(thing: object) -> Iterable[object]:
         own = attributes(thing)  # type: ignore[arg-type]
         is_torchs = (kind in _TORCH or issubclass(kind, _BatchNorm)) and not _is_unused(own)
         return [value for name, value in own.items() if not (is_torchs and name == "_buffers")]
-    if kind is FunctionType:
-        function: Any = thing  # its globals may be torch's; those of the text are walked anyway
-        return (function.__closure__, function.__defaults__, function.__kwdefaults__, function.__dict__)
+    if isinstance(thing, FunctionType):  # its globals may be torch's; those of the text are walked anyway
+        return (thing.__closure__, thing.__defaults__, thing.__kwdefaults__, thing.__dict__)
     is_walked = thing.__module__ == NAME if isinstance(thing, type) else kind.__module__ in _WALKED
     return gc.get_referents(thing) if is_walked and kind is not ModuleType else ()
 
@@ -206,21 +192,12 @@ def _is_unused(own: dict[str, Any]) -> bool:
     return type(seen) is Tensor and not seen.any()
 
 
-def copied_state(network: nn.Module) -> dict[str, tuple[torch.dtype, torch.Size, Tensor]]:
+def copied_state(network: nn.Module) -> dict[str, tuple[torch.dtype, torch.Size, bytes]]:
     """Copy type, shape and bits of every weight and persistent buffer, by name."""
     with unwatched():
-        return {name: (value.dtype, value.shape, _bits(value).clone()) for name, value in state(network).items()}
-
-
-def are_equal(
-    one: Mapping[str, tuple[torch.dtype, torch.Size, Tensor]],
-    other: Mapping[str, tuple[torch.dtype, torch.Size, Tensor]],
-) -> bool:
-    """Return whether two copies of `copied_state` have equal names and bits."""
-    with unwatched():
-        return one.keys() == other.keys() and all(
-            one[name][:2] == other[name][:2] and torch.equal(one[name][2], other[name][2]) for name in one
-        )
+        return {
+            name: (value.dtype, value.shape, _bits(value).numpy().tobytes()) for name, value in state(network).items()
+        }
 
 
 def _bits(tensor: Tensor) -> Tensor:

@@ -2,19 +2,17 @@
 
 import ast
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tacevo.gate.names import Names, names_of
 from tacevo.gate.policy.allowed import PROVIDED
 
 #: What Python takes words for that are not code: `python`, `Sure,`, `net.py`, `Two-stage`, `Version-2`.
 _WORDS = (ast.Name, ast.Attribute, ast.Tuple, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp)
-
 _SIGNS = (ast.operator, ast.unaryop, ast.boolop, ast.expr_context)
 
 
-@dataclass(frozen=True, slots=True)
-class Code:
+class Code(NamedTuple):
     """Text that parses, and its tree."""
 
     text: str
@@ -24,10 +22,7 @@ class Code:
 def parts_of_network(chosen: Code, others: Sequence[Code], name: str) -> list[str]:
     """Return the texts that a block lacks and its own text, in the order to run them, without words that are not code.
 
-    Args:
-        chosen: the block with the class.
-        others: the other blocks of the answer, in its order. Of another version of the class only the rest counts.
-        name: the name of the class.
+    The others are in the order of the answer. Of another version of the class only the rest counts.
     """
     dropped = [[*_words(code.tree), *class_statements(code.tree, name)] for code in others]
     names = [names_of(_kept(code.tree, gone)) for code, gone in zip(others, dropped, strict=True)]
@@ -67,14 +62,15 @@ def class_statements(tree: ast.Module, name: str) -> list[ast.ClassDef]:
 
 def _words(tree: ast.Module) -> list[ast.stmt]:
     """List the statements at the top level that consist of names: they do nothing, or fail."""
-    found: list[ast.stmt] = []
-    for node in tree.body:
-        match node:
-            case ast.Expr(value=words) | ast.AnnAssign(target=ast.Name(), annotation=words, value=None):
-                kinds = {type(part) for part in ast.walk(words)}
-                if all(issubclass(kind, _WORDS + _SIGNS) for kind in kinds) and ast.Name in kinds:
-                    found.append(node)
-    return found
+    return [node for node in tree.body if _is_words(node)]
+
+
+def _is_words(node: ast.stmt) -> bool:
+    match node:
+        case ast.Expr(value=words) | ast.AnnAssign(target=ast.Name(), annotation=words, value=None):
+            kinds = {type(part) for part in ast.walk(words)}
+            return ast.Name in kinds and all(issubclass(kind, _WORDS + _SIGNS) for kind in kinds)
+    return False
 
 
 def _kept(tree: ast.Module, dropped: Iterable[ast.stmt]) -> list[ast.stmt]:

@@ -21,7 +21,6 @@ from tacevo.sandbox.candidate import call_plainly
 
 #: How many values of a draw are compared with those of another seed.
 _COMPARED = 64
-
 #: So many values are hardly ever equal under two seeds, even where each is 0 or 1.
 _ENOUGH = 32
 
@@ -108,10 +107,6 @@ def _recurrent(inputs: Tensor, input_weight: Tensor, hidden_weight: Tensor, *_: 
     return 2 * prod(inputs.shape[:2]) * (input_weight.numel() + hidden_weight.numel())
 
 
-def _recurrent_backward(*args: Any, **_: Any) -> int:
-    return 2 * _recurrent(*args)
-
-
 def _product(*operands: Any, **_: Any) -> int:
     """Count a product of a matrix, the first operand, and a vector, or of two vectors."""
     return 2 * int(operands[0].numel())
@@ -131,7 +126,7 @@ def _distances(first: Tensor, second: Tensor, *_: Any, **__: Any) -> int:
 def _trilinear(first: Tensor, weight: Tensor, second: Tensor, *unsqueezed: Any, **_: Any) -> int:
     """Count what nn.Bilinear calls: one product and one sum for each pair of features, output and row."""
     expanded = [first, weight, second]
-    for dimensions, place in zip(unsqueezed[:3], range(3), strict=True):
+    for place, dimensions in enumerate(unsqueezed[:3]):
         for dimension in dimensions:
             expanded[place] = expanded[place].unsqueeze(dimension)
     full: torch.Size = torch.broadcast_tensors(*expanded)[0].shape  # type: ignore[no-untyped-call]
@@ -144,7 +139,7 @@ _aten = torch.ops.aten
 _FORMULAS: Mapping[Any, Callable[..., int]] = {
     **flop_registry,
     _aten.mkldnn_rnn_layer: _recurrent,
-    _aten.mkldnn_rnn_layer_backward: _recurrent_backward,
+    _aten.mkldnn_rnn_layer_backward: lambda *args, **_: 2 * _recurrent(*args),
     _aten._scaled_dot_product_flash_attention_for_cpu: flop_registry[_aten._scaled_dot_product_flash_attention],
     _aten._scaled_dot_product_flash_attention_for_cpu_backward: flop_registry[
         _aten._scaled_dot_product_flash_attention_backward

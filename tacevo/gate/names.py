@@ -5,8 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 _Function = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
-
-_Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
+Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +83,7 @@ def _inside(node: ast.AST) -> list[ast.AST]:
             return [*node.body]
         case ast.Lambda():
             return [node.body]
-        case _ if isinstance(node, _Comprehension):
+        case _ if isinstance(node, Comprehension):
             return [*ast.iter_child_nodes(node)]
     return []
 
@@ -98,7 +97,7 @@ def _arguments(node: ast.AST) -> set[str]:
 def _is_variable(name: str, scope: _Scope) -> bool:
     """Return whether a name that a scope uses is its own, or one of a function around it, and not of the top level."""
     around: _Scope | None = scope
-    while around is not None:
+    while around is not None:  # without recursion: a text may nest thousands of lambdas
         if name in around.bound:
             return True
         around = around.around

@@ -27,16 +27,15 @@ _FACTORIES = """
     new_zeros new_ones new_full new_empty new_tensor
 """
 
+#: Convolutions, each with the number of image dimensions of its kernel.
+CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for rank in (1, 2, 3)}
+
 _WEIGHTED = """
-    conv1d conv2d conv3d conv_transpose1d conv_transpose2d conv_transpose3d linear bilinear matmul einsum tensordot
-    addmm baddbmm multihead_attention rnn lstm gru rnn_cell lstm_cell gru_cell
+    linear bilinear matmul einsum tensordot addmm baddbmm multihead_attention rnn lstm gru rnn_cell lstm_cell gru_cell
 """
 
 #: Operations that can have a weight of two or more dimensions; normalisations only scale, so they are not included.
-WEIGHTED = frozenset(_WEIGHTED.split())
-
-#: Convolutions, each with the number of image dimensions of its kernel.
-CONVOLUTIONS = {f"conv{form}{rank}d": rank for form in ("", "_transpose") for rank in (1, 2, 3)}
+WEIGHTED = CONVOLUTIONS.keys() | _WEIGHTED.split()
 
 #: Kernels of torch whose last bit depends on the CPU even under portable numerics, with what calls them, as
 #: measured (docs/determinism.md): there MKL and oneDNN choose their code by the CPU under every setting.
@@ -64,17 +63,23 @@ _WORD_START = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def operation(name: str) -> str:
-    """Return the name of the operation behind a layer class or a function.
+    """Return one name for all forms of an operation, e.g. `max_pool2d` for `MaxPool2d`, `add` for `__iadd__`.
 
-    Args:
-        name: the name of the class that defines a layer's `forward`, or of a torch function or tensor method.
-
-    Returns:
-        One name for all forms, e.g. `max_pool2d` for `MaxPool2d` and `max_pool2d_with_indices`, `add` for
-        `__iadd__` and `add_`.
+    A form is the name of the class that defines a layer's `forward`, of a torch function or of a tensor method.
     """
     snake = _WORD_START.sub("_", name.strip("_")).lower().removesuffix("_with_indices")
     return _SYNONYMS.get(snake, snake)
+
+
+def _squashed(name: str) -> str:
+    """Drop the underscores, because `LeakyReLU` does not show where the words of `leaky_relu` begin."""
+    return name.replace("_", "")
+
+
+_TRANSPARENT = frozenset(map(_squashed, (_SHAPING + _ACTIVATIONS).split()))
+#: torch derives its layer ReLU6 from Hardtanh, whose forward pass it inherits; so the function is called that, too.
+_ACTIVATION_NAMES = {_squashed(name): name for name in _ACTIVATIONS.split()} | {"relu6": "hardtanh"}
+_SHAPE_ONLY = frozenset(map(_squashed, _FACTORIES.split()))
 
 
 def is_transparent(op: str) -> bool:
@@ -90,16 +95,3 @@ def activation(op: str) -> str | None:
 def is_factory(op: str) -> bool:
     """Return whether this call reads no value of the tensor that it is given."""
     return _squashed(op) in _SHAPE_ONLY
-
-
-def _squashed(name: str) -> str:
-    """Drop the underscores, because `LeakyReLU` does not show where the words of `leaky_relu` begin."""
-    return name.replace("_", "")
-
-
-_TRANSPARENT = frozenset(_squashed(name) for name in (_SHAPING + _ACTIVATIONS).split())
-
-#: torch derives its layer ReLU6 from Hardtanh, whose forward pass it inherits; so the function is called that, too.
-_ACTIVATION_NAMES = {_squashed(name): name for name in _ACTIVATIONS.split()} | {"relu6": "hardtanh"}
-
-_SHAPE_ONLY = frozenset(_squashed(name) for name in _FACTORIES.split())

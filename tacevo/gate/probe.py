@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
-from tacevo.gate.honesty import are_equal, check_names, copied_state, count_learnt, state_outside, unchanged, unwatched
+from tacevo.gate.honesty import check_names, copied_state, count_learnt, state_outside, unchanged, unwatched
 from tacevo.gate.kernels import KernelWatcher, follow_the_seed
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
@@ -27,20 +27,15 @@ from tacevo.sandbox.protocol import Header
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
 BATCHES = (2, 5)
-
 #: The largest batch in evaluation mode, and which of its images is predicted alone, too: one with others on both sides.
 _MOST, _ALONE = 16, 2
-
 #: Of the largest output: how far a prediction may differ beside other images. Sums in another order gave at most
 #: 2.5e-7 in honest networks, and those that mix the images of a batch 1.7e-3 or more.
 _ROUNDING = 1e-4
-
 #: How often a network that draws in evaluation mode predicts one image again: one that draws in half of its passes
 #: is then missed once in 256 times.
 _AGAIN = 8
-
 _SEED, _OTHER_SEED = 0, 1
-
 #: Large enough that a part which begins at zero has an effect after one step.
 _LEARNING_RATE = 1e-2
 
@@ -48,14 +43,8 @@ _LEARNING_RATE = 1e-2
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
     """Probe one candidate and send one frame, `{"profile": ...}` or `{"rejection": ...}`.
 
-    Args:
-        header: `source`; `contract` as JSON; `limits` with the keys `parameters`, `flops` and `modules`.
-        payload: not used.
-        arrays: not used.
-        send: takes the frame.
-
-    Returns:
-        The networks, to be kept alive: a finaliser must not run before the answer is sent.
+    The header has `source`, `contract` as JSON, and `limits` with the keys `parameters`, `flops` and `modules`. Return
+    the networks, to be kept alive: a finaliser must not run before the answer is sent.
     """
     with KernelWatcher() as watcher:
         probe = _Probe(header, watcher)
@@ -102,18 +91,14 @@ class _Probe:
         self._check_limits(trained, traced)
         again = self._built(_SEED)
         is_same = torch.equal(self._step(again, images[:few], targets[:few])[0], first)
-        if not (is_same and are_equal(copied_state(again), left)):
-            raise CandidateError(
-                Reason.nondeterministic,
-                "expected equal bits from two constructions and steps with one seed; got others",
-            )
+        if not (is_same and copied_state(again) == left):
+            detail = "expected equal bits from two constructions and steps with one seed; got others"
+            raise CandidateError(Reason.nondeterministic, detail)
         with self._watcher.noting_draws() as others:
             self._built(_OTHER_SEED)
         if not follow_the_seed(draws, others):
-            raise CandidateError(
-                Reason.fixed_seed,
-                "expected initial weights that follow the trainer's seed; got equal draws under two seeds",
-            )
+            detail = "expected initial weights that follow the trainer's seed; got equal draws under two seeds"
+            raise CandidateError(Reason.fixed_seed, detail)
         return Profile(
             parameters=weights,
             flops=flops,
@@ -144,31 +129,23 @@ class _Probe:
             self._check_size(weights, 0)
             if weights == 0:
                 raise CandidateError(Reason.no_gradient, "expected trainable parameters; got none")
-            for parameter in listed:
-                if not parameter.is_floating_point():
-                    detail = f"expected parameters of a real floating type; got {parameter.dtype}"
-                    is_complex = parameter.is_complex()
-                    hint = (
-                        "keep real and imaginary parts apart" if is_complex else "keep what is not learnt in a buffer"
-                    )
-                    raise CandidateError(Reason.construction_failed, f"{detail}; {hint}")
+            for kind in (parameter.dtype for parameter in listed if not parameter.is_floating_point()):
+                hint = "real and imaginary parts apart" if kind.is_complex else "what is not learnt in a buffer"
+                detail = f"expected parameters of a real floating type; got {kind}; keep {hint}"
+                raise CandidateError(Reason.construction_failed, detail)
         return count, weights
 
     def _check_size(self, weights: int, learnt: int) -> None:
         """Compare what learns with the limit: parameters, and what is learnt outside them."""
-        most = self._limits["parameters"]
-        if weights + learnt > most:
-            raise CandidateError(
-                Reason.too_many_parameters, f"expected at most {most} parameters; got {weights + learnt}"
-            )
+        if (size := weights + learnt) > (most := self._limits["parameters"]):
+            raise CandidateError(Reason.too_many_parameters, f"expected at most {most} parameters; got {size}")
 
     def _check_limits(self, flops: int, traced: Trace) -> None:
         """Compare what one image took, in evaluation or in training, with the limits."""
         if flops > (most := self._limits["flops"]):
             raise CandidateError(Reason.too_many_flops, f"expected at most {most} FLOPs an image; got {flops}")
-        if len(traced.graph.nodes) > (most := self._limits["modules"]):
-            detail = f"expected at most {most} operations a pass; got {len(traced.graph.nodes)}"
-            raise CandidateError(Reason.too_many_modules, detail)
+        if (nodes := len(traced.graph.nodes)) > (most := self._limits["modules"]):
+            raise CandidateError(Reason.too_many_modules, f"expected at most {most} operations a pass; got {nodes}")
 
     def _evaluated(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
         """Predict one image alone and beside others in eval mode, compare, and return its FLOPs and trace."""
@@ -178,19 +155,17 @@ class _Probe:
             flops, traced = self._traced(model, one)
             draws = self._watcher.drawn > drawn
             self._check_limits(flops, traced)
-            again = [self._predicted(model, one) for _ in range(_AGAIN if draws else 1)]
+            again = [_predicted(model, one) for _ in range(_AGAIN if draws else 1)]
             flops_of_batch, traced_batch = self._traced(model, images[:many])
-            most = self._predicted(model, images.flip(0))
+            most = _predicted(model, images.flip(0))
         _check_batch(flops, traced, flops_of_batch, traced_batch, many)
-        for output, expected in ((traced.output, 1), *((output, 1) for output in again), (traced_batch.output, many)):
-            self._check_output(output, expected)
-        self._check_output(most, len(images))
-        for output in again:
-            if not _are_near(output, traced.output):
-                reason = Reason.random_in_evaluation if draws else Reason.depends_on_batch
-                raise CandidateError(
-                    reason, "expected the same prediction of an image each time in evaluation mode; got others"
-                )
+        alone = [(output, 1) for output in (traced.output, *again)]
+        for output, count in (*alone, (traced_batch.output, many), (most, len(images))):
+            self._check_output(output, count)
+        if not all(_are_near(output, traced.output) for output in again):
+            reason = Reason.random_in_evaluation if draws else Reason.depends_on_batch
+            detail = "expected the same prediction of an image each time in evaluation mode; got others"
+            raise CandidateError(reason, detail)
         beside = traced_batch.output
         if not (_are_near(beside[_ALONE : _ALONE + 1], traced.output) and _are_near(most.flip(0)[:many], beside)):
             detail = "expected predictions that depend on their own image only; got others beside other images"
@@ -204,11 +179,6 @@ class _Probe:
         before = self._watcher.flops
         traced = trace(model, images.clone())
         return self._watcher.flops - before, replace(traced, output=_copied(traced.output))
-
-    def _predicted(self, model: nn.Module, images: Tensor) -> Any:
-        """Run one pass without gradients; return a copy of the output."""
-        with torch.no_grad():
-            return _copied(model(images.clone()))
 
     def _step(self, model: nn.Module, images: Tensor, targets: Tensor) -> tuple[Tensor, int]:
         """Take one optimiser step and check it.
@@ -266,8 +236,13 @@ def _examples(contract: Contract) -> tuple[Tensor, Tensor]:
     images = images * contrasts + means
     if contract.kind is Kind.classification:
         return torch.from_numpy(images), torch.from_numpy(draws.integers(contract.outputs, size=_MOST))
-    targets = draws.standard_normal((_MOST, contract.outputs), dtype="float32")
-    return torch.from_numpy(images), torch.from_numpy(targets)
+    return torch.from_numpy(images), torch.from_numpy(draws.standard_normal((_MOST, contract.outputs), dtype="float32"))
+
+
+def _predicted(model: nn.Module, images: Tensor) -> Any:
+    """Run one pass without gradients; return a copy of the output."""
+    with torch.no_grad():
+        return _copied(model(images.clone()))
 
 
 def _copied(output: Any) -> Any:
@@ -286,11 +261,10 @@ def _check_batch(flops: int, traced: Trace, flops_of_batch: int, traced_batch: T
     Work on the weights alone, such as an orthogonal parametrization, is done once for any batch. So the FLOPs of a
     batch lie between those of one image and `count` times as many.
     """
+    most, hint = count * flops, "do not choose by the batch size"
     if traced_batch.graph != traced.graph:
-        detail = (
-            f"expected the same operations for 1 image and for {count}; got others; do not choose by the batch size"
-        )
+        detail = f"expected the same operations for 1 image and for {count}; got others; {hint}"
         raise CandidateError(Reason.depends_on_batch, detail)
-    if not flops <= flops_of_batch <= count * flops:
-        detail = f"expected {flops} to {count * flops} FLOPs for {count} images, of which one has {flops}; "
-        raise CandidateError(Reason.depends_on_batch, f"{detail}got {flops_of_batch}; do not choose by the batch size")
+    if not flops <= flops_of_batch <= most:
+        detail = f"expected {flops} to {most} FLOPs for {count} images, of which one has {flops}; got {flops_of_batch}"
+        raise CandidateError(Reason.depends_on_batch, f"{detail}; {hint}")

@@ -6,7 +6,6 @@ of x. Of a longer pass, the first `MOST_STEPS` calls are recorded.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor, nn
@@ -16,22 +15,12 @@ from tacevo.profile import MOST_OPERANDS, MOST_STEPS, Step
 
 #: Places of strides and groups in the functions of convolutions: after input, weight, bias; after padding and one more.
 _STRIDE, _GROUPS = 3, 6
-
 #: What torch's dropout functions take where a call names no probability.
 _DROPOUT = 0.5
-
 #: Calls that take no values from their second tensor, only its shape or type.
 _LIKE = {"expand_as", "view_as", "reshape_as", "type_as"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
-    """The settings of a call, as a `Step` has them."""
-
-    kernel: tuple[int, ...] = ()
-    stride: tuple[int, ...] = ()
-    groups: int = 0
-    rate: float = 0.0
+#: The settings of a call, by the names of the fields of a `Step`: `kernel`, `stride`, `groups` and `rate`.
+Settings = Mapping[str, Any]
 
 
 class StepRecorder:
@@ -62,10 +51,7 @@ class StepRecorder:
                     sources=tuple(self.behind([tensor]) for tensor in kept),
                     operands=tuple(tuple(tensor.shape) for tensor in kept),
                     shape=tuple(reached[0].shape),
-                    kernel=settings.kernel,
-                    stride=settings.stride,
-                    groups=settings.groups,
-                    rate=settings.rate,
+                    **settings,
                 )
             )
         for result in reached:
@@ -100,13 +86,13 @@ def _settings(op: str, tensors: Iterable[Any], stride: Any, groups: Any, rate: A
     rank = CONVOLUTIONS.get(op)
     if rank is None:
         is_known = "dropout" in op and isinstance(rate, int | float) and 0 <= rate <= 1
-        return Settings(rate=float(rate) if is_known else 0.0)
+        return {"rate": float(rate)} if is_known else {}
     weights = [tensor for tensor in tensors if isinstance(tensor, Tensor) and tensor.dim() == rank + 2]
-    return Settings(
-        kernel=tuple(weights[-1].shape[2:]) if weights else (),
-        stride=_sides(stride, rank),
-        groups=groups if type(groups) is int and groups > 0 else 1,
-    )
+    return {
+        "kernel": tuple(weights[-1].shape[2:]) if weights else (),
+        "stride": _sides(stride, rank),
+        "groups": groups if type(groups) is int and groups > 0 else 1,
+    }
 
 
 def _sides(value: Any, rank: int) -> tuple[int, ...]:

@@ -5,12 +5,9 @@ from collections.abc import Container
 
 #: A tag such as `<code>` or `</answer>`, or a mark of a chat template such as `<|im_end|>` or `</s>`.
 _TAG = "(?:</?[A-Za-z][^<>\n]*>|<[|\uff5c][^<>\n]*[|\uff5c]>)"  # DeepSeek's bars are wide ones
-
 #: Indentation and the tags behind it.
 LEADING = rf"([ \t]*)(?:{_TAG}[ \t]*)*"
-
 _THOUGHT = r"(?:\w+:)?(?:think|thinking|thoughts?|reasoning|reflection)"
-
 #: The signs of a tag: `<think>`, the same written for HTML, Mistral's `[THINK]` and Kimi's `\u25c1think\u25b7`.
 _LEFT, _RIGHT = r"(?:<|&lt;|\u25c1)", r"(?:>|&gt;|\u25b7)"
 
@@ -56,12 +53,8 @@ def without_thoughts(text: str, code: Container[int]) -> str:
     """Return what of an answer is not a thought; nothing where the last thought is not closed.
 
     What stands before a closing tag without an opening one is a thought, too: the chat template opened it. A thought is
-    nested in another where its tag begins a line; elsewhere the thought only mentions the tag.
-
-    Args:
-        text: the answer.
-        code: numbers of its lines, from 0, that are code and in which no tag counts. Nor does one count in a line that
-            is indented as code is, unless it closes a thought at the end of that code.
+    nested in another where its tag begins a line; elsewhere the thought only mentions the tag. No tag counts in a line
+    that is code, by its number from 0, or indented as code is, unless it closes a thought at the end of that code.
     """
     kept: list[str] = []
     depth, line, seen, after = 0, 0, 0, 0

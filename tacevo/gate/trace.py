@@ -59,10 +59,8 @@ def trace(model: nn.Module, images: Tensor) -> Trace:
     recorder = _Recorder(model, images)
     with torch.no_grad(), recorder.watching_layers(), recorder:
         output = model(images)
-    recorded = recorder.steps
-    return Trace(
-        output=output, graph=recorder.graph(), steps=tuple(recorded.steps), ends=recorded.behind(_tensors(output))
-    )
+    steps = recorder.steps
+    return Trace(output=output, graph=recorder.graph(), steps=tuple(steps.steps), ends=steps.behind(_tensors(output)))
 
 
 class _Recorder(TorchFunctionMode):
@@ -118,13 +116,12 @@ class _Recorder(TorchFunctionMode):
         op = operation(name)
         inputs = list(_tensors((args, kwargs)))
         if op == "setitem":
-            self._follow(op, inputs, args[0], key=None, settings=Settings())
+            self._follow(op, inputs, args[0], key=None, settings={})
             return output
         if not name.endswith("_") and not is_transparent(op):
             output = _distinct(output, inputs)
-        self._follow(
-            op, inputs, output, key=self._root(inputs, dimensions=2), settings=of_call(op, args, kwargs, inputs)
-        )
+        settings = of_call(op, args, kwargs, inputs)
+        self._follow(op, inputs, output, key=self._root(inputs, dimensions=2), settings=settings)
         return output
 
     def _enter_layer(self, layer: nn.Module, args: tuple[Any, ...]) -> None:
@@ -162,23 +159,16 @@ class _Recorder(TorchFunctionMode):
             self._derive(inputs, results)
             return
         producers = frozenset[int]().union(*sources)
+        weights = key if op in WEIGHTED else None
         if not is_transparent(op):
-            producers = frozenset({self._add_node(op, producers, inputs, results[0], key)})
-        self.steps.follow(op, inputs, results, weighted=key is not None and op in WEIGHTED, settings=settings)
-        for result in results:
-            self._producers[id(result)] = producers
+            index = len(self._nodes)
+            width = 0 if weights is None else self._note_layer(op, inputs, results[0], weights)
+            self._nodes.append(Node(op=op, weighted=weights is not None, width=width))
+            self._edges |= {(producer, index) for producer in producers}
+            producers = frozenset({index})
+        self.steps.follow(op, inputs, results, weighted=weights is not None, settings=settings)
+        self._producers |= {id(result): producers for result in results}
         self._alive += results
-
-    def _add_node(
-        self, op: str, producers: frozenset[int], inputs: list[Tensor], result: Tensor, key: int | None
-    ) -> int:
-        """Append one node with its edges; return its index."""
-        index = len(self._nodes)
-        weighted = key is not None and op in WEIGHTED
-        width = 0 if key is None or not weighted else self._note_layer(op, inputs, result, key)
-        self._nodes.append(Node(op=op, weighted=weighted, width=width))
-        self._edges |= {(producer, index) for producer in producers}
-        return index
 
     def _note_layer(self, op: str, inputs: list[Tensor], result: Tensor, key: int) -> int:
         """Record the properties of a weighted layer once, however often it is called; return its width."""
@@ -203,8 +193,8 @@ class _Recorder(TorchFunctionMode):
 
     def _root(self, inputs: list[Tensor], *, dimensions: int) -> int | None:
         """Find the parameter behind the first input with at least these dimensions that is made from one."""
-        known = (self._parameters.get(id(tensor)) for tensor in inputs if tensor.dim() >= dimensions)
-        return next((root for root in known if root is not None), None)
+        own = (tensor for tensor in inputs if tensor.dim() >= dimensions and id(tensor) in self._parameters)
+        return next((self._parameters[id(tensor)] for tensor in own), None)
 
 
 def _layer_class(module: nn.Module) -> type[nn.Module] | None:

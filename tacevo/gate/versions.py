@@ -12,10 +12,8 @@ from tacevo.records import Reason
 
 #: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
 _DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
-
 #: The sign of a fence and its language, unless that is Python or a diff, which shows a part of a class.
 _LANGUAGE = r"^([ \t]*(?:`{3,}|~{3,}))[ \t]*(?!(?:diff|patch|i?py\w*)\b)\w[^`\n]*$"
-
 _HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
 
 
@@ -51,7 +49,7 @@ def _completeness_of_class(node: ast.ClassDef) -> int:
 
 
 def _computes_nothing(node: ast.stmt) -> bool:
-    """Return whether a statement is one of those that stand for a body that is left out."""
+    """Return whether a statement may stand for a body that is left out."""
     match node:
         case ast.Pass() | ast.Raise() | ast.Expr(value=ast.Constant()) | ast.Return(value=None | ast.Constant()):
             return True
@@ -69,13 +67,8 @@ def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, o
     A version that could be used would have been chosen. This one does not parse, has code left out, is quoted,
     numbered, a diff or JSON, or has another name. An excerpt of the chosen version has no statement of its own.
 
-    Args:
-        text: what stands behind the chosen version.
-        chosen: the source.
-        name: of the class.
-        parser: of the answer.
-        own: whether the chosen version is the model's own; a given network that it repeats is not, and there any
-            other class, function or layer is a version.
+    The text is what stands behind the chosen version. `own` is as of `extract`: behind a network that was given, any
+    other class, function or layer is a version.
 
     Raises:
         TooComplexError: reading it takes too much work.
@@ -83,9 +76,10 @@ def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, o
     if own and name.lower() not in text.lower():
         return None
     plain, known = _undecorated(text, name), _statements(chosen)
+    header = rf"^[ \t]*class[ \t]+{re.escape(name)}[ \t]*[(:]"
     for block in blocks_of(plain, parser):
         if isinstance(block.parsed, Problem):
-            if _states(block.text, name) and completeness(block, name) == 2:
+            if re.search(header, block.text, re.MULTILINE) and completeness(block, name) == 2:
                 return block.parsed
         elif any(not _statements(node) <= known for node in class_statements(block.parsed, name)):
             return Problem(Reason.no_class, f"expected the whole of class {name}; got a later version of it in part")
@@ -93,10 +87,6 @@ def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, o
     if any(_is_renamed(plain, name, bound)) or (not own and _goes_on(plain, bound)):
         return Problem(Reason.no_class, f"expected class {name} in Python; got a later version in another form")
     return None
-
-
-def _states(text: str, name: str) -> bool:
-    return re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}[ \t]*[(:]", text, re.MULTILINE) is not None
 
 
 def _undecorated(text: str, name: str) -> str:
@@ -111,32 +101,32 @@ def _undecorated(text: str, name: str) -> str:
 def _is_renamed(text: str, name: str, bound: Collection[str]) -> Iterator[bool]:
     """Yield whether statements give the class's name, or one with it, to something else than a class of that name."""
     name = re.escape(name)
-    # The name is looked for in each found word: a pattern that looks for it there tries every place with every other.
+    # The name is looked for in each class's own: a pattern that looks for it there tries every place with every other.
     network = rf"^[ \t]*(class)[ \t]+(\w+)[ \t]*(?:\([^)\n]*(?:Module|{name})|:)"
-    for word, found in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
-        if re.search(name, found, re.IGNORECASE):
-            yield (word, found) != ("class", name) and found not in bound
-    yield re.search(rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])", text, re.MULTILINE) is not None
-    yield (
-        re.search(rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])", text, re.MULTILINE)
-        is not None
-    )
-    yield re.search(rf"^([ \t]*)class[ \t]+{name}\b.*:\s*\n\1(?:def\b|super\b|#|[\"'])", text, re.MULTILINE) is not None
+    for word, other in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
+        if re.search(name, other, re.IGNORECASE):
+            yield (word, other) != ("class", name) and other not in bound
+    for form in (
+        rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])",
+        rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])",
+        rf"^([ \t]*)class[ \t]+{name}\b.*:\s*\n\1(?:def\b|super\b|#|[\"'])",
+    ):
+        yield re.search(form, text, re.MULTILINE) is not None
 
 
 def _goes_on(text: str, bound: Collection[str]) -> bool:
     text = re.sub(rf"^{_DECORATION}", "", text, flags=re.MULTILINE)
-    return any(found not in bound for found in re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE))
+    return any(other not in bound for other in re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE))
 
 
 def _statements(tree: ast.AST) -> set[str]:
     """Collect what the statements of a text compute, without those that stand for code that is left out."""
-    found: list[ast.AST] = []
+    parts: list[ast.AST] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef) or not isinstance(node, ast.stmt):
             continue
         if hasattr(node, "body"):
-            found += [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
+            parts += [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
         elif not _computes_nothing(node):
-            found.append(node)
-    return set(map(ast.dump, found))
+            parts.append(node)
+    return set(map(ast.dump, parts))

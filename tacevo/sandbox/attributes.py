@@ -12,13 +12,10 @@ SPECIAL_METHODS = frozenset(
 
 #: Special names that it may assign in a class: TorchScript's list of constants does nothing here.
 SPECIAL_BINDINGS = SPECIAL_METHODS | {"__constants__"}
-
 #: Special names that it may read.
 SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
-
 #: Built-in functions that take the name of an attribute. A text may call them, but not pass them around.
 ATTRIBUTE_FUNCTIONS = frozenset({"getattr", "setattr", "delattr", "hasattr"})
-
 #: Attributes that change weights or modes. A text may use them in constructors, and never under a computed name.
 WEIGHTS = ("data", "grad", "backward", "load_state_dict")
 MODES = ("train", "eval")

@@ -9,7 +9,6 @@ from tacevo.sandbox.kernel import fix_addresses
 
 #: Code for `python -c`; its arguments are the zygote's socket, then the import path.
 _BOOT = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.boot import boot; boot()"
-
 _ZYGOTE = "import sys; sys.path[:] = sys.argv[2:]; from tacevo.sandbox.zygote import main; main(int(sys.argv[1]))"
 
 

@@ -32,7 +32,6 @@ _FAILED_ALLOCATIONS = (
 
 #: Where a generator gets a seed from; a candidate cannot open it.
 _ENTROPY = "/dev/urandom"
-
 #: Name of the module that a candidate's text becomes; its classes carry it.
 NAME = "candidate"
 
@@ -45,8 +44,7 @@ def call_plainly(*functions: Any) -> None:
 
 
 call_plainly(torch.optim.Optimizer.add_param_group, torch.optim.Optimizer.zero_grad)
-_ADAM_STEP: Any = torch.optim.Adam.step
-_ADAM_STEP = _ADAM_STEP.__wrapped__
+_ADAM_STEP: Any = vars(torch.optim.Adam.step)["__wrapped__"]
 
 
 class Adam(torch.optim.Adam):
@@ -67,14 +65,10 @@ class Adam(torch.optim.Adam):
     _cuda_graph_capture_health_check = _accelerator_graph_capture_health_check  # its name before torch 2.9
 
 
-def _warm_up() -> None:
-    """Take one step: at its first, torch looks for optional modules, which no candidate's process could."""
-    parameter = nn.Parameter(torch.zeros(1))
-    parameter.grad = torch.zeros(1)
-    Adam([parameter], 0.0).step()
-
-
-_warm_up()
+# At its first step torch looks for optional modules, which no candidate's process could.
+_parameter = nn.Parameter(torch.zeros(1))
+_parameter.grad = torch.zeros(1)
+Adam([_parameter], 0.0).step()
 
 
 class CandidateError(Exception):
@@ -114,7 +108,7 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
 
 
 def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function that takes an object and the name of an attribute, so that it refuses what the policy refuses."""
+    """Wrap `getattr` or its like, so that it refuses the names that the policy refuses."""
     writes = function in (setattr, delattr)
 
     def guarded(owner: Any, name: str, *rest: Any) -> Any:
@@ -122,13 +116,8 @@ def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
             raise TypeError(f"expected the name of an attribute as a string; got {type(name).__name__}")
         kinds = owner.__mro__ if isinstance(owner, type) else type(owner).__mro__
         is_own = any(kind.__module__ == NAME for kind in kinds)
-        is_foreign = writes and isinstance(owner, type | ModuleType | FunctionType)
-        if (
-            is_refused(name)
-            or name in WEIGHTS + MODES
-            or (is_foreign and not is_own)
-            or (writes and name in MODULE_NAMES)
-        ):
+        is_shared = isinstance(owner, type | ModuleType | FunctionType) and not is_own
+        if is_refused(name) or name in WEIGHTS + MODES or (writes and (is_shared or name in MODULE_NAMES)):
             detail = f"{function.__name__} may not reach the attribute {name} of {type(owner).__name__}"
             raise CandidateError(Reason.forbidden_name, detail)
         return function(owner, name, *rest)
@@ -177,7 +166,10 @@ def blaming(reason: Reason) -> Iterator[None]:
         if _ENTROPY in detail:
             detail = "expected a seed that follows the trainer's; got one of the machine; use torch's own generator"
             raise CandidateError(Reason.fixed_seed, detail) from error
-        raise CandidateError(_reason_for(error, reason), detail) from error
+        is_refused_memory = isinstance(error, MemoryError | torch.OutOfMemoryError) or (
+            isinstance(error, RuntimeError) and any(words in str(error) for words in _FAILED_ALLOCATIONS)
+        )
+        raise CandidateError(Reason.out_of_memory if is_refused_memory else reason, detail) from error
 
 
 def check_leaves(output: torch.Tensor, listed: list[nn.Parameter]) -> None:
@@ -204,11 +196,3 @@ def digest(model: nn.Module) -> str:
         total.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
         total.update(torch.Tensor.detach(value).cpu().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
     return total.hexdigest()
-
-
-def _reason_for(error: Exception, otherwise: Reason) -> Reason:
-    """Return an exception's reason: `out_of_memory` where an allocation failed, else the given one."""
-    if isinstance(error, MemoryError | torch.OutOfMemoryError):
-        return Reason.out_of_memory
-    failed_allocation = isinstance(error, RuntimeError) and any(words in str(error) for words in _FAILED_ALLOCATIONS)
-    return Reason.out_of_memory if failed_allocation else otherwise

@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Callable, Mapping
 from importlib.machinery import BuiltinImporter, FrozenImporter
+from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from tacevo.choices import Confinement
@@ -16,25 +17,15 @@ from tacevo.sandbox.protocol import Header, Message, Sort, describe
 
 #: What an entry gets: the arrays of the sandbox by name, mapped read-only, or what was made of them (`Equip`).
 Arrays = Mapping[str, Any]
-
 #: Sends one frame of the answer: a JSON header and raw bytes.
 Send = Callable[[Json, bytes], None]
-
 #: A job's code: `run(header, payload, arrays, send)`. What it returns is kept until the process ends, so that a
 #: finaliser of the candidate's (an endless `__del__`) cannot delay the answer.
 Entry = Callable[[Header, bytes, Arrays, Send], object]
-
 #: Gets a device ready for a job, before its process is confined: `equip(header, payload, arrays)` returns the arrays
 #: that the entry gets. No code of the candidate has run then, so what it raises is the sandbox's failure, no verdict,
 #: as it is where it takes more time or memory than the job's limits allow. The candidate's own time begins afterwards.
 Equip = Callable[[Header, bytes, Arrays], Arrays]
-
-
-class _Last:
-    """A finder of modules that is asked after all others."""
-
-    def __init__(self, find_spec: Callable[[str, object, object], NoReturn]) -> None:
-        self.find_spec = find_spec
 
 
 def run(
@@ -48,7 +39,7 @@ def run(
             the zygote has imported all that a job may need. If not, the first import of another module is reported as
             `unprepared` and ends the process, so that no answer depends on it.
         payload: bytes for the entry.
-        arrays: what the zygote mapped.
+        arrays: as the zygote mapped them.
         pipe: file descriptor for answers; the only one that stays open besides the standard streams, which are
             /dev/null.
         supervisor: the process that forked this one; this one ends with it.
@@ -72,7 +63,9 @@ def run(
         if equip is not None:
             arrays = equip(job["header"], payload, arrays)
         # No file can be read; without finders of files an import fails at once, and alike everywhere.
-        sys.meta_path[:] = [BuiltinImporter, FrozenImporter, *(() if job["prepared"] else (_Last(lack),))]
+        sys.meta_path[:] = [BuiltinImporter, FrozenImporter]
+        if not job["prepared"]:
+            sys.meta_path.append(SimpleNamespace(find_spec=lack))
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
         _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
         say(Sort.done, None)

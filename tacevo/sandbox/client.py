@@ -5,6 +5,8 @@ call returns, or the search ends for any reason, no process of the candidate is 
 dead within a second. docs/security.md says what it does not promise.
 """
 
+from __future__ import annotations
+
 import contextlib
 import socket
 import subprocess
@@ -28,21 +30,15 @@ from tacevo.typed import convert
 
 #: Seconds that a zygote may take to import torch, and a supervisor to start on a busy machine.
 _START_SECONDS = 120.0
-
 #: Seconds after a candidate's limit at which the search itself kills it: the candidate stopped its supervisor.
 _GRACE_SECONDS = 5.0
-
 #: Seconds that a supervisor may take to pass an answer on, when the candidate is gone.
 _TRANSFER_SECONDS = 20.0
-
 _AGAIN = "run the same command again"
-
 #: What torch imports when it is first needed. It takes as long as torch itself, and few candidates need it.
 _LATE_IMPORTS = ("torch._dynamo",)
-
 #: Called with the measures in force for a candidate, as `tacevo.sandbox.confinement.confine` names them.
 Notice = Callable[[tuple[str, ...]], None]
-
 
 T = TypeVar("T")
 
@@ -83,7 +79,7 @@ class Died:
     reason: Reason
     #: One line for a person.
     detail: str
-    #: As of `Finished`; 0 where its supervisor could not tell.
+    #: As of `Finished`; 0 where the supervisor could not tell.
     cpu_seconds: float = field(default=0.0, compare=False)
 
 
@@ -136,7 +132,7 @@ class Sandbox:
         arrays: Mapping[str, Path],
         strongest: Confinement = Confinement.kernel,
         notice: Notice | None = None,
-        zygote: "Zygote | None" = None,
+        zygote: Zygote | None = None,
         equip: str | None = None,
     ) -> None:
         check_confinement(Confinement.process)
@@ -168,37 +164,33 @@ class Sandbox:
             raise KeyError(f"expected one of the entries {sorted(self._entries)}; got {entry!r}")
         order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
         try:
-            answer = self._run(order, payload, limits, prepared=False)
+            return self._run(order, payload, limits, prepared=False)
         except _UnpreparedError:
-            answer = self._run(order, payload, limits, prepared=True)
-        if not isinstance(answer, _Killed):
-            return answer
-        return Died(Reason.crashed, answer.detail)
+            return self._run(order, payload, limits, prepared=True)
 
-    def _run(
-        self, order: Mapping[str, Json], payload: bytes, limits: Limits, *, prepared: bool
-    ) -> "Finished | Died | _Killed":
+    def _run(self, order: Mapping[str, Json], payload: bytes, limits: Limits, *, prepared: bool) -> Finished | Died:
         """Run a job, once more where it was killed, and each time once more where it was lost."""
         job = Message.of(Sort.job, {**order, "prepared": prepared}, payload)
-        for is_last in (False, True):
+        for _ in range(2):  # a kill by the kernel or a person is rare; a candidate that did it will do it again
             try:
                 answer = self._attempt(job, limits, prepared)
             except _LostError:
                 answer = self._attempt(job, limits, prepared)
-            if isinstance(answer, _Killed) and self._closed:
+            if not isinstance(answer, _Killed):
+                return answer
+            if self._closed:
                 raise SandboxError("the sandbox was closed while a candidate ran", remedy=_AGAIN)
-            if is_last or not isinstance(answer, _Killed):
-                break  # a kill by the kernel or a person is rare; a candidate that did it will do it again
-        return answer
+            detail = answer.detail
+        return Died(Reason.crashed, detail)
 
-    def _attempt(self, job: Message, limits: Limits, prepared: bool) -> "Finished | Died | _Killed":
+    def _attempt(self, job: Message, limits: Limits, prepared: bool) -> Finished | Died | _Killed:
         """Run a job in a fresh process."""
         ours, theirs = socket.socketpair()
         with ours:
             with theirs:
-                zygote = self._submit(theirs, prepared)
+                self._submit(theirs, prepared)
             channel = Channel(ours)
-            supervisor = _hand_over(channel, job, zygote)
+            supervisor = _hand_over(channel, job)
             return _await_answer(channel, limits, supervisor, self._notice, equips=self._equip is not None)
 
     def close(self) -> None:
@@ -208,27 +200,26 @@ class Sandbox:
             while self._zygotes:
                 self._zygotes.popitem()[1].close()
 
-    def _submit(self, job: socket.socket, prepared: bool) -> "Zygote":
+    def _submit(self, job: socket.socket, prepared: bool) -> None:
         """Pass the socket of a job to its zygote, starting one where there is none."""
         with self._lock:
             if self._closed:
                 raise SandboxError("the sandbox is closed", remedy="open another one")
             if prepared in self._zygotes:
                 with contextlib.suppress(_LostError):  # it is dying, which may not show yet
-                    return self._submit_to(prepared, job)
+                    self._submit_to(prepared, job)
+                    return
             imports = _LATE_IMPORTS if prepared else ()
             self._zygotes[prepared] = Zygote(self._entries, self._environment, imports=imports, equip=self._equip)
-            return self._submit_to(prepared, job)
+            self._submit_to(prepared, job)
 
-    def _submit_to(self, prepared: bool, job: socket.socket) -> "Zygote":
+    def _submit_to(self, prepared: bool, job: socket.socket) -> None:
         """Pass the socket of a job to a zygote; one that cannot is ended, so that the next job starts another."""
-        zygote = self._zygotes[prepared]
         try:
-            zygote.submit(job, self._arrays)
+            self._zygotes[prepared].submit(job, self._arrays)
         except (_LostError, _StartError):
             self._zygotes.pop(prepared).close()
             raise
-        return zygote
 
 
 class Zygote:
@@ -284,10 +275,6 @@ class Zygote:
         self._errors.close()
         self._has_started = True
 
-    def is_alive(self) -> bool:
-        """Return whether the process runs."""
-        return self._process.poll() is None
-
     def submit(self, job: socket.socket, arrays: Mapping[str, Path]) -> None:
         """Pass on the socket of a job; the first one waits for the start, and has the arrays mapped for all.
 
@@ -325,30 +312,27 @@ def _last_line(errors: IO[bytes]) -> str:
     return one_line(lines[-1]) if lines else ""
 
 
-def _hand_over(channel: Channel, job: Message, zygote: Zygote) -> int:
+def _hand_over(channel: Channel, job: Message) -> int:
     """Send the job to its supervisor, before any code of the candidate runs; return the supervisor's process id."""
     channel.stream.settimeout(_START_SECONDS)
     try:
         supervisor: int = channel.receive().read_header()["pid"]
         channel.send(job)
     except (OSError, EOFError) as error:
-        state = "is alive" if zygote.is_alive() else "has died"
-        found = f"{type(error).__name__}: {error}; the zygote {state}"
-        raise _LostError(found, expected="a supervisor for the job", remedy=_AGAIN) from error
+        raise _LostError(describe(error), expected="a supervisor for the job", remedy=_AGAIN) from error
     return supervisor
 
 
 def _await_answer(
     channel: Channel, limits: Limits, supervisor: int, notice: Notice | None, *, equips: bool
 ) -> Finished | Died | _Killed:
-    """Collect the frames and the verdict of one job; `equips` says whether its device is made ready first."""
+    """Collect the frames and the verdict of one job; `equips` says whether a device is made ready for it first."""
     frames = []
     longest = limits.seconds + _GRACE_SECONDS
-    is_candidates = not equips
     try:
         message = channel.receive(time.monotonic() + longest)
         if message.sort is Sort.ready:
-            is_candidates = True
+            equips = False  # from here on, the time is the candidate's
             message = channel.receive(time.monotonic() + longest)
         deadline = time.monotonic() + _TRANSFER_SECONDS
         while message.sort is Sort.frame:
@@ -356,10 +340,9 @@ def _await_answer(
             message = channel.receive(deadline)
     except TimeoutError:
         end_tree(supervisor)
-        if not is_candidates:
-            raise SandboxError(
-                f"none after {longest:g} s", expected="a device that is ready for a job", remedy=_AGAIN
-            ) from None
+        if equips:
+            got, expected = f"none after {longest:g} s", "a device that is ready for a job"
+            raise SandboxError(got, expected=expected, remedy=_AGAIN) from None
         return Died(Reason.out_of_time, f"ran for more than {limits.seconds:g} s, and its supervisor was stopped")
     except (OSError, EOFError):
         return _Killed("its supervisor was killed")
@@ -371,7 +354,7 @@ def _await_answer(
 
 
 def _judge(verdict: Header, messages: list[Message]) -> Finished | Died | _Killed:
-    """Turn the supervisor's verdict and the candidate's frames, which may be garbage, into the answer."""
+    """Return what the supervisor's verdict and the candidate's frames, which may be garbage, mean."""
     match verdict["ended"]:
         case "finished":
             try:

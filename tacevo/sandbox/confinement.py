@@ -19,12 +19,16 @@ from tacevo.sandbox.processes import address_space_mib
 
 #: Address space beyond the zygote's and the memory limit that allocators reserve without using it, in MiB.
 _SLACK_MIB = 1024
-
 #: CPU seconds beyond the wall-time limit; a backstop for a supervisor that is stopped.
 _CPU_SLACK = 10
-
 #: The measures that make the level `kernel`.
 _WALLS = frozenset({"landlock", "seccomp"})
+
+#: What a machine lacks for any stronger level.
+_MISSING = {
+    Confinement.none: "not Linux 5.3 or later with /proc/<pid>/task/<tid>/children",
+    Confinement.process: "a kernel without Landlock (5.13 or later), or without seccomp filters on x86-64 or aarch64",
+}
 
 
 def available() -> Confinement:
@@ -32,13 +36,6 @@ def available() -> Confinement:
     if not (hasattr(os, "pidfd_open") and os.path.exists("/proc/thread-self/children")):
         return Confinement.none
     return Confinement.kernel if landlock.version() and seccomp.is_available() else Confinement.process
-
-
-#: What a machine lacks for any stronger level.
-_MISSING = {
-    Confinement.none: "not Linux 5.3 or later with /proc/<pid>/task/<tid>/children",
-    Confinement.process: "a kernel without Landlock (5.13 or later), or without seccomp filters on x86-64 or aarch64",
-}
 
 
 def check_confinement(level: Confinement, offered: Confinement | None = None) -> None:

@@ -3,19 +3,15 @@
 import ctypes
 import os
 import signal
+import struct
 
+#: Attributes of a process, for prctl(2).
 _PR_SET_PDEATHSIG = 1
-
 _PR_SET_DUMPABLE = 4
-
 _PR_SET_CHILD_SUBREAPER = 36
-
 _PR_SET_NO_NEW_PRIVS = 38
-
 _ADDR_NO_RANDOMIZE = 0x0040000
-
 _READ_PERSONALITY = 0xFFFFFFFF
-
 _CAPABILITY_VERSION_3 = 0x20080522
 
 
@@ -75,24 +71,15 @@ def can_fix_addresses() -> bool:
     return granted
 
 
-class _CapabilityHeader(ctypes.Structure):
-    _fields_ = (("version", ctypes.c_uint32), ("pid", ctypes.c_int))
-
-
-class _CapabilitySets(ctypes.Structure):
-    """Effective, permitted and inheritable sets; two of these make 64 bits each."""
-
-    _fields_ = (("effective", ctypes.c_uint32), ("permitted", ctypes.c_uint32), ("inheritable", ctypes.c_uint32))
-
-
 def drop_capabilities() -> None:
     """Empty this process's capability sets, so that a candidate run by root cannot trace its parents."""
-    header = _CapabilityHeader(_CAPABILITY_VERSION_3, 0)
-    _checked(ctypes.CDLL(None, use_errno=True).capset(ctypes.byref(header), (_CapabilitySets * 2)()), "capset")
+    header = struct.pack("=Ii", _CAPABILITY_VERSION_3, 0)  # 0 is this process
+    none_of_64 = bytes(2 * 12)  # effective, permitted and inheritable sets, each in two words
+    _checked(ctypes.CDLL(None, use_errno=True).capset(header, none_of_64), "capset")
 
 
 def _control(option: int, value: int) -> None:
-    """Set one attribute of this process with prctl(2)."""
+    """Set one attribute of this process."""
     _checked(ctypes.CDLL(None, use_errno=True).prctl(option, value, 0, 0, 0), f"prctl({option})")
 
 

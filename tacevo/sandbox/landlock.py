@@ -4,33 +4,21 @@ A ruleset names kinds of access that are refused from then on, except where a ru
 access, so there is no rule. Only `no_new_privs` must be set. Files that were open before stay open.
 """
 
-import ctypes
 import os
+import struct
 
 from tacevo.sandbox.kernel import system_call
 
 # The same on every architecture, like every call that is as young.
 _CREATE_RULESET = 444
-
 _RESTRICT_SELF = 446
-
 _ASK_VERSION = 1
-
 #: How many kinds of file access each version of the interface knows; later ones know as many as the last.
 _FILE_ACCESSES = {1: 13, 2: 14, 3: 15, 4: 15, 5: 16}
-
 #: The first version that knows: TCP bind and connect; abstract Unix sockets and signals of others.
 NETWORK_SINCE, SCOPES_SINCE = 4, 6
-
 _BIND_AND_CONNECT = 0b11
-
 _SOCKETS_AND_SIGNALS = 0b11
-
-
-class _Ruleset(ctypes.Structure):
-    """What is refused; a kernel that does not know the last fields accepts them while they are 0."""
-
-    _fields_ = (("files", ctypes.c_uint64), ("network", ctypes.c_uint64), ("scopes", ctypes.c_uint64))
 
 
 def version() -> int:
@@ -59,8 +47,8 @@ def restrict() -> None:
     Raises:
         OSError: Landlock is missing, or `no_new_privs` is not set.
     """
-    ruleset = _Ruleset(*refused(version()))
-    descriptor = system_call(_CREATE_RULESET, ctypes.byref(ruleset), ctypes.sizeof(ruleset), 0)
+    ruleset = struct.pack("=QQQ", *refused(version()))  # a kernel accepts last fields that it does not know as 0
+    descriptor = system_call(_CREATE_RULESET, ruleset, len(ruleset), 0)
     try:
         system_call(_RESTRICT_SELF, descriptor, 0)
     finally:

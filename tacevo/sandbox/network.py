@@ -2,7 +2,7 @@
 
 A candidate's class may give any meaning to `parameters`, `train` or `state_dict`. These functions read the dictionaries
 that `nn.Module` keeps for each module, call nothing of the candidate's, and answer as the methods of an honest network
-do, in the same order.
+do, in the same order. They raise KeyError or TypeError where a module does not hold what `nn.Module` makes it hold.
 """
 
 from collections.abc import Iterator
@@ -15,21 +15,13 @@ _ATTRIBUTES = vars(nn.Module)["__dict__"]  # taken before any candidate runs; a 
 
 
 def attributes(module: nn.Module) -> dict[str, Any]:
-    """Return the attributes of one module as it stores them.
-
-    Raises:
-        TypeError: it is not a module.
-    """
+    """Return the attributes of one module as it stores them."""
     own: dict[str, Any] = _ATTRIBUTES.__get__(module)
     return own
 
 
 def modules(network: nn.Module) -> Iterator[nn.Module]:
-    """Walk the network and all modules below it, each once, parents first, as `nn.Module.modules` does.
-
-    Raises:
-        KeyError, TypeError: a module does not hold what `nn.Module` makes it hold.
-    """
+    """Walk the network and all modules below it, each once, parents first, as `nn.Module.modules` does."""
     seen: set[int] = set()
     waiting = [network]
     while waiting:
@@ -41,32 +33,27 @@ def modules(network: nn.Module) -> Iterator[nn.Module]:
 
 
 def parameters(network: nn.Module) -> list[nn.Parameter]:
-    """List the parameters, each once, as `nn.Module.parameters` does.
-
-    Raises:
-        KeyError, TypeError: as `modules`; a parameter of another class could misreport itself.
-    """
-    found: dict[int, nn.Parameter] = {}
+    """List the parameters, each once, as `nn.Module.parameters` does; one of another class could misreport itself."""
+    known: dict[int, nn.Parameter] = {}
     for module in modules(network):
         for name, parameter in _held(module, "_parameters"):
             if type(parameter) is not nn.Parameter:
                 raise TypeError(f"expected {name} to be an nn.Parameter; got {type(parameter).__name__}")
-            found.setdefault(id(parameter), parameter)
-    return list(found.values())
+            known.setdefault(id(parameter), parameter)
+    return list(known.values())
 
 
 def state(network: nn.Module) -> dict[str, Tensor]:
     """Return parameters and persistent buffers by their names, as `nn.Module.state_dict` does.
 
     Raises:
-        KeyError, TypeError: as `modules`.
         RecursionError: a module holds itself.
     """
     return dict(_state(network, ""))
 
 
 def switch(network: nn.Module, *, training: bool) -> None:
-    """Put every module into training or evaluation mode, as `nn.Module.train` does; raises as `modules` does."""
+    """Put every module into training or evaluation mode, as `nn.Module.train` does."""
     for module in modules(network):
         attributes(module)["training"] = training
 
@@ -83,9 +70,10 @@ def leaves(output: Tensor) -> Iterator[Tensor]:
         node = waiting.pop()
         if hasattr(node, "variable"):
             yield node.variable
-        new = {following for following, _ in node.next_functions if following is not None} - seen
-        seen |= new
-        waiting += new
+        for following, _ in node.next_functions:  # in their order, so that the first leaf is the same in every process
+            if following is not None and following not in seen:
+                seen.add(following)
+                waiting.append(following)
 
 
 def _state(module: nn.Module, prefix: str) -> Iterator[tuple[str, Tensor]]:

@@ -7,28 +7,20 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 _PF_EXITING = 0x4  # include/linux/sched.h
-
 _FLAGS = 6  # where the flags stand in /proc/<pid>/stat, counted from behind the name
-
 _TIMES = slice(11, 15)  # where the times of itself and its children stand there: in user and in system mode
-
 _PAUSE = 0.001  # seconds between two looks at a dying tree
-
 _LAST_DESCRIPTOR = 2**31 - 1
 
 
 def children(pid: int) -> list[int]:
     """List the children of a process and all its threads; none where it is gone."""
-    found: list[int] = []
-    for thread in _threads(pid):
-        with contextlib.suppress(OSError):
-            found += map(int, (thread / "children").read_text().split())
-    return found
+    return [int(child) for thread in _threads(pid) for child in _read(thread / "children").split()]
 
 
 def descendants(pid: int, spare: Collection[int] = ()) -> Iterator[int]:
@@ -60,11 +52,7 @@ def memory(pid: int) -> Memory:
 
 def cpu_seconds(pid: int) -> float:
     """Read the processor time of a process and of its children that it has waited for; 0 where it is gone."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
-    except OSError:
-        return 0.0
-    return sum(map(int, fields[_TIMES])) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, _figures(Path(f"/proc/{pid}"))[_TIMES])) / os.sysconf("SC_CLK_TCK")
 
 
 def address_space_mib() -> float:
@@ -74,7 +62,8 @@ def address_space_mib() -> float:
 
 def is_ending(pid: int) -> bool:
     """Return whether the whole process is exiting or gone; its files may be closed already."""
-    return all(map(_is_thread_ending, _threads(pid)))
+    figures = map(_figures, _threads(pid))
+    return all(not thread or int(thread[_FLAGS]) & _PF_EXITING for thread in figures)
 
 
 def end_own_descendants(spare: Collection[int] = ()) -> None:
@@ -93,7 +82,7 @@ def end_own_descendants(spare: Collection[int] = ()) -> None:
 
 def end_tree(pid: int) -> None:
     """Kill a process that is not ours and, before it, all its descendants, even where it is stopped."""
-    while living := [below for below in descendants(pid) if _is_alive(below)]:
+    while living := [below for below in descendants(pid) if _status(below)]:  # one that has ended waits to be reaped
         for below in living:
             _kill(below)
         time.sleep(_PAUSE)
@@ -111,12 +100,7 @@ def _kill(pid: int) -> None:
         os.kill(pid, signal.SIGKILL)
 
 
-def _is_alive(pid: int) -> bool:
-    """Return whether any thread of a process runs; one that has ended may still wait to be reaped."""
-    return bool(_status(pid))
-
-
-def _mib(fields: Mapping[str, str], name: str) -> float:
+def _mib(fields: dict[str, str], name: str) -> float:
     """Read one field of a status, which is in kB."""
     return int(fields.get(name, "0").split()[0]) / 1024
 
@@ -128,20 +112,23 @@ def _status(pid: int) -> dict[str, str]:
     threads hold it all.
     """
     for thread in _threads(pid):
-        with contextlib.suppress(OSError):
-            lines = (thread / "status").read_text(errors="replace").splitlines()
-            fields = {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
-            if "VmRSS" in fields:
-                return fields
+        lines = _read(thread / "status").splitlines()
+        fields = {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        if "VmRSS" in fields:
+            return fields
     return {}
 
 
-def _is_thread_ending(thread: Path) -> bool:
+def _figures(directory: Path) -> list[str]:
+    """Read the fields of `stat` behind the name, of a process or a thread; none where it is gone."""
+    return _read(directory / "stat").rpartition(")")[2].split()
+
+
+def _read(path: Path) -> str:
     try:
-        fields = (thread / "stat").read_text(errors="replace").rpartition(")")[2].split()
+        return path.read_text(errors="replace")
     except OSError:
-        return True
-    return bool(int(fields[_FLAGS]) & _PF_EXITING)
+        return ""
 
 
 def _threads(pid: int) -> list[Path]:

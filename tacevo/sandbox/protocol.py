@@ -11,7 +11,6 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Self
@@ -21,12 +20,9 @@ from tacevo.records import Json
 #: A header as it was sent. Those of the search are read as they are, because a child has no Pydantic; those of a
 #: candidate become records by `tacevo.sandbox.client.Frame.read`.
 Header = Any
-
 #: Levels of lists and objects in a header; the deepest honest one, a probe's answer, has six.
 _DEEPEST = 50
-
 _HEAD = struct.Struct("!BIQ")
-
 _CHUNK = 2**18
 
 
@@ -155,7 +151,7 @@ class Splitter:
         return message
 
     def _check_size(self, bounds: Bounds, header_length: int, length: int) -> None:
-        """Compare the lengths of the first message in the buffer with the bounds; raises as `feed` does."""
+        """Compare the lengths of the first message in the buffer with the bounds, before it is all there."""
         if self._bytes - len(self._buffer) + length > bounds.total_bytes:
             raise TooMuchError(f"expected at most {bounds.total_bytes} bytes in all; got a message of {length} bytes")
         if self._header_bytes + header_length > bounds.header_bytes:
@@ -205,21 +201,15 @@ class Channel:
 
 def _is_deeper(value: Json, levels: int) -> bool:
     """Return whether lists and objects are nested in more levels than these, without recursion."""
-    nested = [value]
-    for _ in range(levels):
-        nested = [inner for outer in nested for inner in _inside(outer) if isinstance(inner, list | dict)]
+    level: list[Any] = [value]
+    for _ in range(levels + 1):
+        nested = [inner for inner in level if isinstance(inner, list | dict)]
+        level = [inner for outer in nested for inner in (outer.values() if isinstance(outer, dict) else outer)]
     return bool(nested)
 
 
-def _inside(value: Json) -> Iterable[Json]:
-    if isinstance(value, dict):
-        return value.values()
-    return value if isinstance(value, list) else ()
-
-
-#: Longest detail that a rejection carries, in characters.
+#: The longest detail of a rejection, in characters.
 LONGEST = 300
-
 _ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{4,}")  # but not the middle of a shape such as 30400x64
 
 #: Where this Python has its modules, the innermost directory first.

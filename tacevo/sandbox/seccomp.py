@@ -20,18 +20,12 @@ from dataclasses import dataclass
 from tacevo.sandbox.kernel import system_call
 
 _INSTRUCTION = struct.Struct("=HBBI")  # operation, how far to jump if true, how far if false, operand
-
 _LOAD_WORD, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
-
 #: Where the kernel puts the call's number, the architecture, and the low half of the first argument.
 _NUMBER, _ARCHITECTURE, _FIRST_ARGUMENT = 0, 4, 16
-
 _ALLOW = 0x7FFF0000
-
 _REFUSE = 0x00050000 | errno.EPERM
-
 _SET_FILTER, _IS_ACTION_AVAILABLE = 1, 2
-
 # Otherwise kernels before 5.16 slow down all that a filtered process computes (speculative store bypass), to protect it
 # from its own code.
 _ALLOW_SPECULATION = 1 << 2
@@ -96,8 +90,7 @@ MACHINES: Mapping[str, Machine] = {
 
 def is_available() -> bool:
     """Return whether the kernel accepts filters and this module knows the architecture."""
-    machine = MACHINES.get(platform.machine())
-    if machine is None:
+    if (machine := MACHINES.get(platform.machine())) is None:
         return False
     try:
         system_call(machine.seccomp, _IS_ACTION_AVAILABLE, 0, ctypes.byref(ctypes.c_uint32(_REFUSE & 0xFFFF0000)))

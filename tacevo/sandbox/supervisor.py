@@ -19,9 +19,7 @@ from tacevo.sandbox.processes import cpu_seconds, descendants, end_own_descendan
 from tacevo.sandbox.protocol import CHILD, Channel, Message, Sort, Splitter, TooMuchError, describe, one_line
 
 _TICK = 0.025  # seconds between two checks of time and memory
-
 _PIPE_SIZE = 2**20  # bytes; the most that an unprivileged process can make a pipe hold
-
 _LONGEST_REASON = 2**16  # bytes that are read of a child's last message, of which `one_line` keeps fewer
 
 
@@ -83,7 +81,7 @@ class _Watch:
 
     def __init__(self, pid: int, pipe: int, channel: Channel, limits: Limits, *, prepared: bool, equips: bool) -> None:
         self.frames: list[Message] = []
-        #: What `confine` put in force; None until the child is confined. No code of the candidate runs before that.
+        #: What `confine` put in force; None before, when no code of the candidate has run.
         self.measures: Json = None
         self._pid, self._pipe, self._channel, self._limits = pid, pipe, channel, limits
         self._prepared, self._equips = prepared, equips

@@ -33,7 +33,7 @@ def main(descriptor: int) -> None:
     try:
         try:
             entries, equip = _prepare(search.receive().read_header())
-        finally:  # the search, which sends them when it has them, reads no answer before
+        finally:  # the search, which sends the files when it has them, reads no answer before
             files = search.receive().read_header()
         arrays = {name: np.load(Path(path), mmap_mode="r") for name, path in files.items()}
     except Exception as error:
@@ -57,9 +57,8 @@ def _prepare(setup: Header) -> tuple[dict[str, Entry], Equip | None]:
         importlib.import_module(name)
     threads = len(os.listdir("/proc/self/task"))
     if threads > 1:
-        raise SandboxError(
-            f"{threads} threads", expected="one thread in the zygote", remedy="set OMP_NUM_THREADS=1 for it"
-        )
+        expected, remedy = "one thread in the zygote", "set OMP_NUM_THREADS=1 for it"
+        raise SandboxError(f"{threads} threads", expected=expected, remedy=remedy)
     gc.collect()
     gc.enable()
     gc.freeze()  # so that no garbage collection in a child writes to these shared pages

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import StringConstraints
 
 from tacevo.choices import Device
-from tacevo.records import Contract, Loss, Reason, Record, Rejection, Stage, Training
+from tacevo.records import Contract, Reason, Record, Rejection, Stage, Training
 from tacevo.sandbox.client import AnswerError, Died, Finished, Frame
 from tacevo.sandbox.protocol import one_line
 from tacevo.training.losses import validation_loss
@@ -47,63 +47,55 @@ class _End(Record):
     rejection: _Failure | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Answer:
-    """A trainer's whole answer, well formed and finite."""
+def judge(
+    outcome: Finished | Died,
+    contract: Contract,
+    targets: NDArray[Any],
+    *,
+    epochs: int,
+    steps: int,
+    rows: int,
+    device: Device = Device.cpu,
+) -> tuple[Training, tuple[NDArray[np.float32], ...]] | Rejection:
+    """Read a child's answer, of which nothing is trusted, and compute the validation losses.
 
-    #: Of each epoch, as the child reported them.
-    train_losses: tuple[float, ...]
-    #: Of each epoch, float32, shape (rows, K).
-    predictions: tuple[NDArray[np.float32], ...]
-    #: As the child reported it.
-    weights_sha256: str
-    #: See `Training`.
-    not_deterministic: tuple[str, ...]
+    After each epoch it predicts so many rows, first the validation images, whose targets are as in
+    `training.evaluation.Examples`. Each epoch must have the given number of optimiser steps. The child counts them, so
+    this sees a candidate that has the trainer take more, and not one that resets the count. On a CPU no operation may
+    lack a deterministic form.
 
-
-def read_answer(
-    outcome: Finished | Died, contract: Contract, *, epochs: int, steps: int, rows: int, device: Device = Device.cpu
-) -> Answer | Rejection:
-    """Read a child's answer, of which nothing is trusted: predictions for a number of rows after each epoch.
-
-    Each epoch must have the given number of optimiser steps. The child counts them, so this sees a candidate that has
-    the trainer take more, and not one that resets the count. On a CPU no operation may lack a deterministic form.
+    Returns:
+        The training, and the predictions of each epoch: float32, shape (rows, K), finite.
     """
     if isinstance(outcome, Died):
         return _rejection(outcome.reason, outcome.detail)
     try:
-        answer = _read(outcome.frames, (rows, contract.outputs), epochs, steps, device)
+        end, losses, predictions = _read(outcome.frames, (rows, contract.outputs), epochs, steps, device)
     except AnswerError:  # its text quotes the candidate, who may have written the frame
         return _rejection(Reason.bad_output, "expected a trainer's frames; got another frame")
     except ValueError as error:
         return _rejection(Reason.bad_output, str(error))
-    if isinstance(answer, Rejection):
-        return answer
-    for epoch, values in enumerate(answer.predictions, start=1):
+    if end.rejection is not None:
+        return _rejection(end.rejection.reason, end.rejection.detail)
+    for epoch, values in enumerate(predictions, start=1):
         if not np.isfinite(values).all():
             return _rejection(Reason.not_finite, f"the predictions after epoch {epoch} are not all finite")
-    return answer
-
-
-def training_of(answer: Answer, loss: Loss, targets: NDArray[Any]) -> Training:
-    """Compute the validation losses of an answer whose first predictions are those of the validation images.
-
-    The targets are those of `training.evaluation.Examples`.
-    """
-    count = len(targets)
-    return Training(
-        train_losses=answer.train_losses,
-        validation_losses=tuple(validation_loss(loss, values[:count], targets) for values in answer.predictions),
-        predictions_sha256=hashlib.sha256(b"".join(values.tobytes() for values in answer.predictions)).hexdigest(),
-        weights_sha256=answer.weights_sha256,
-        not_deterministic=answer.not_deterministic,
+    training = Training(
+        train_losses=losses,
+        validation_losses=tuple(
+            validation_loss(contract.loss, values[: len(targets)], targets) for values in predictions
+        ),
+        predictions_sha256=hashlib.sha256(b"".join(values.tobytes() for values in predictions)).hexdigest(),
+        weights_sha256=end.weights_sha256,
+        not_deterministic=end.not_deterministic,
     )
+    return training, predictions
 
 
 def _read(
     frames: Sequence[Frame], shape: tuple[int, int], epochs: int, steps: int, device: Device
-) -> Answer | Rejection:
-    """Read a trainer's frames, each but the last with predictions of this shape and the steps so far.
+) -> tuple[_End, tuple[float, ...], tuple[NDArray[np.float32], ...]]:
+    """Read a trainer's frames: the last, and the losses and predictions of each epoch; none where it was rejected.
 
     Raises:
         AnswerError, ValueError: they are not such frames.
@@ -113,7 +105,7 @@ def _read(
     *progress, last = frames
     end = last.read(_End)
     if end.rejection is not None:
-        return _rejection(end.rejection.reason, end.rejection.detail)
+        return end, (), ()
     operations = end.not_deterministic
     if list(operations) != sorted(set(operations)) or (operations and device is Device.cpu):
         raise ValueError("expected distinct operations in the order of their names, and none on a CPU; got others")
@@ -123,12 +115,8 @@ def _read(
     counts, expected = [report.steps for report in reports], [number * steps for number in range(1, epochs + 1)]
     if counts != expected:
         raise ValueError(f"expected {steps} optimiser steps an epoch; got {counts} up to each epoch")
-    return Answer(
-        train_losses=tuple(report.train_loss for report in reports),
-        predictions=tuple(np.frombuffer(frame.payload, np.float32).reshape(shape) for frame in progress),
-        weights_sha256=end.weights_sha256,
-        not_deterministic=operations,
-    )
+    predictions = tuple(np.frombuffer(frame.payload, np.float32).reshape(shape) for frame in progress)
+    return end, tuple(report.train_loss for report in reports), predictions
 
 
 def _rejection(reason: Reason, detail: str) -> Rejection:

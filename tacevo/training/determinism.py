@@ -13,7 +13,6 @@ from typing import Any
 import torch
 
 _WITHOUT_FORM = re.compile(r"(\S+) does not have a deterministic implementation")
-
 #: What a name does not contain: the search accepts names only, not free text.
 _FOREIGN = re.compile(r"[^\w:.]+", re.ASCII)
 
@@ -25,21 +24,16 @@ def noting_nondeterminism(device: torch.device) -> Iterator[set[str]]:
     Raises:
         RuntimeError: from within, on a CPU: the operation has no deterministic form.
     """
-    torch.set_deterministic_debug_mode("error" if device.type == "cpu" else "warn")
     noted: set[str] = set()
+
+    def note(message: Warning | str, *_: Any, **__: Any) -> None:
+        if "deterministic" in str(message):
+            operation = _WITHOUT_FORM.match(str(message))
+            noted.add(_FOREIGN.sub("_", operation[1] if operation else str(message))[:100])
+
+    torch.set_deterministic_debug_mode("error" if device.type == "cpu" else "warn")
     with warnings.catch_warnings():
         if device.type != "cpu":
-            note_warnings(noted)
+            warnings.simplefilter("always")
+            warnings.showwarning = note
         yield noted
-
-
-def note_warnings(noted: set[str]) -> None:
-    """Collect the operations that torch warns of from now on, until the caller's `catch_warnings` ends."""
-
-    def show(message: Warning | str, *_: Any, **__: Any) -> None:
-        if "deterministic" in str(message):
-            found = _WITHOUT_FORM.match(str(message))
-            noted.add(_FOREIGN.sub("_", found[1] if found else str(message))[:100])
-
-    warnings.simplefilter("always")
-    warnings.showwarning = show

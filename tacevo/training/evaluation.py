@@ -18,18 +18,14 @@ from tacevo.records import Contract, Json, Recipe, Rejection, Training, to_json,
 from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
-from tacevo.training.answers import read_answer, training_of
+from tacevo.training.answers import judge
 
 #: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
-
 #: What it needs besides, on a GPU.
 EQUIP = "tacevo.training.gpu:equip"
 
-_LOAD = "load the data set to train it"
-
 Data = TypeVar("Data")
-
 Result = TypeVar("Result")
 
 
@@ -92,10 +88,7 @@ class Setting:
         """
         if examples.fingerprint != self.fingerprint:
             raise ValueError(f"expected examples with the fingerprint {self.fingerprint}; got {examples.fingerprint}")
-        # Sent only where there are several groups, so that the message of a search, which has one, stays as it was.
-        sizes = [len(rows) for rows in predicted]
-        groups = {"groups": sizes} if len(sizes) > 1 else {}
-        rows = np.concatenate(predicted)
+        sizes, rows = [len(group) for group in predicted], np.concatenate(predicted)
         header: dict[str, Json] = {
             "source": source,
             "contract": to_json(self.contract),
@@ -105,16 +98,22 @@ class Setting:
             "deviation": list(examples.deviation),
             "train": len(examples.train),
             "validation": len(rows),
-            **groups,
+            # Sent only where they say something, so that the message of a search stays as it was.
+            **({"groups": sizes} if len(sizes) > 1 else {}),
             **self._sent_device(),
             **({"contiguous": True} if self.contiguous else {}),
         }
         payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
         return run("train", header, payload, self.recipe.limits)
 
-    def steps(self, examples: Examples) -> int:
-        """Return how many optimiser steps an epoch has."""
-        return max(1, len(examples.train) // self.recipe.batch_size)
+    def judge(
+        self, outcome: Finished | Died, examples: Examples, rows: int
+    ) -> tuple[Training, tuple[NDArray[np.float32], ...]] | Rejection:
+        """Judge the answer of such a training, which predicted so many rows, as `training.answers.judge` does."""
+        recipe, device = self.recipe, self.device
+        steps = max(1, len(examples.train) // recipe.batch_size)
+        targets = examples.validation_targets
+        return judge(outcome, self.contract, targets, epochs=recipe.epochs, steps=steps, rows=rows, device=device)
 
     def _sent_device(self) -> dict[str, str]:
         # Left out on a CPU, so that older keys and messages stay as they were.
@@ -164,12 +163,8 @@ class TrainingStore(ABC, Generic[Data, Result]):
             SandboxError: the sandbox is broken.
         """
         if self._examples is None:
-            raise DataError(
-                "no entry in the store",
-                place=f"training {self.key(source, seed)[:12]}",
-                expected="a recorded answer",
-                remedy=_LOAD,
-            )
+            place, remedy = f"training {self.key(source, seed)[:12]}", "load the data set to train it"
+            raise DataError("no entry in the store", place=place, expected="a recorded answer", remedy=remedy)
         return self._train(self._examples, source, seed)
 
     def _request(self, source: str, seed: int) -> Json:
@@ -186,22 +181,6 @@ class Evaluator(TrainingStore[Examples, Training]):
     _result, _name = Training, "training"
 
     def _train(self, data: Examples, source: str, seed: int) -> Training | Rejection:
-        setting = self._setting
-        outcome = setting.train(self._run, source, seed, examples=data, predicted=[data.validation])
-        epochs, steps = setting.recipe.epochs, setting.steps(data)
-        targets, device = data.validation_targets, setting.device
-        return judge(outcome, setting.contract, targets, epochs=epochs, steps=steps, device=device)
-
-
-def judge(
-    outcome: Finished | Died,
-    contract: Contract,
-    targets: NDArray[Any],
-    *,
-    epochs: int,
-    steps: int,
-    device: Device = Device.cpu,
-) -> Training | Rejection:
-    """Check a child's answer, as `read_answer` does, and compute the losses on these validation targets."""
-    answer = read_answer(outcome, contract, epochs=epochs, steps=steps, rows=len(targets), device=device)
-    return answer if isinstance(answer, Rejection) else training_of(answer, contract.loss, targets)
+        outcome = self._setting.train(self._run, source, seed, examples=data, predicted=[data.validation])
+        verdict = self._setting.judge(outcome, data, rows=len(data.validation))
+        return verdict if isinstance(verdict, Rejection) else verdict[0]

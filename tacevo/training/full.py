@@ -23,7 +23,6 @@ from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.text import listed
-from tacevo.training.answers import read_answer, training_of
 from tacevo.training.evaluation import Examples, Setting, TrainingStore
 from tacevo.training.metrics import (
     Confusion,
@@ -122,10 +121,10 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         examples, held_out = data
         predicted = [examples.validation, held_out.rows]
         outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted)
-        found = assess(outcome, self._setting, examples, held_out)
-        if isinstance(found, Rejection):
-            return found
-        training, predictions = found
+        verdict = assess(outcome, self._setting, examples, held_out)
+        if isinstance(verdict, Rejection):
+            return verdict
+        training, predictions = verdict
         assert self._arrays is not None  # as whoever trains must have them
         self._arrays.keep(held_out.targets)  # before the training is, so that it never names what is not there
         self._arrays.keep(predictions)
@@ -164,12 +163,8 @@ def _check_counts(verdict: FullTraining, facts: DataFacts, place: str) -> None:
         return
     rows, images = verdict.confusion or (), facts.counts[2]
     counts = [count for row in rows for count in row]
-    if (
-        [len(row) for row in rows] != [facts.outputs] * facts.outputs
-        or sum(counts) != images
-        or min(counts) < 0
-        or not images
-    ):
+    is_square = [len(row) for row in rows] == [facts.outputs] * facts.outputs
+    if not (is_square and images and sum(counts) == images and min(counts) >= 0):
         expected = f"{facts.outputs} rows of as many counts, {images} images in all"
         raise DivergenceError(f"{rows}", place=f"{place}, confusion", expected=expected)
     _compare(verdict.metrics, {**verdict.metrics, **counted_metrics(rows)}, place, "the confusion")
@@ -193,16 +188,14 @@ def assess(
     Returns:
         The training, and its predictions for the test images, shape (t, K).
     """
-    contract, count = setting.contract, len(examples.validation_targets)
-    rows, epochs = count + len(held_out.rows), setting.recipe.epochs
-    steps = setting.steps(examples)
-    answer = read_answer(outcome, contract, epochs=epochs, steps=steps, rows=rows, device=setting.device)
-    if isinstance(answer, Rejection):
-        return answer
-    training = training_of(answer, contract.loss, examples.validation_targets)
-    best = min(range(epochs), key=training.validation_losses.__getitem__)
-    predictions = answer.predictions[best][count:]
-    metrics, counts = score(contract.kind, predictions, held_out.targets, names=held_out.names, scale=held_out.scale)
+    count = len(examples.validation)
+    verdict = setting.judge(outcome, examples, rows=count + len(held_out.rows))
+    if isinstance(verdict, Rejection):
+        return verdict
+    training, of_epochs = verdict
+    best = training.validation_losses.index(min(training.validation_losses))
+    predictions, kind = of_epochs[best][count:], setting.contract.kind
+    metrics, counts = score(kind, predictions, held_out.targets, names=held_out.names, scale=held_out.scale)
     full = FullTraining(
         training=training,
         epoch=best + 1,
@@ -214,12 +207,7 @@ def assess(
 
 
 def read_kept(arrays: ArrayStore, kept: Kept, facts: DataFacts) -> tuple[NDArray[np.float32], NDArray[Any]]:
-    """Read the test predictions of a training, and the labels of the test images.
-
-    Args:
-        arrays: where they are.
-        kept: of the training.
-        facts: of the data set, which say how many images and outputs there are.
+    """Read the test predictions of a training, and the labels of the test images of its data set.
 
     Returns:
         Predictions, shape (t, K), finite; labels as in `HeldOut`, finite, or each in [0, K).

@@ -19,7 +19,6 @@ from tacevo.sandbox.protocol import Header
 
 #: Memory that a process takes of a GPU beside its tensors, for context and kernels, in MiB. Allowed for, not measured.
 CONTEXT_MIB = 1024
-
 #: Rows that are copied to the device at once.
 _BLOCK = 256
 
@@ -84,11 +83,8 @@ def _check_device(gpu: Gpu, cuda: Any, per_gpu: int) -> None:
     if needed > total:
         raise SandboxError(f"{total} MiB", expected=f"a GPU with {needed} MiB for {per_gpu} candidates", remedy=remedy)
     if gpu.memory_mib > free:
-        raise SandboxError(
-            f"{free} MiB",
-            expected=f"{gpu.memory_mib} MiB free on the GPU",
-            remedy=f"end what else uses it, or {remedy}",
-        )
+        expected, remedy = f"{gpu.memory_mib} MiB free on the GPU", f"end what else uses it, or {remedy}"
+        raise SandboxError(f"{free} MiB", expected=expected, remedy=remedy)
 
 
 def _limit_memory(gpu: Gpu, cuda: Any) -> None:

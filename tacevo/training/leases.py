@@ -59,9 +59,8 @@ class Leases:
     @contextmanager
     def _lease(self) -> Iterator[str]:
         if not self._lent:
-            raise SandboxError(
-                "a machine without one", expected="a GPU for a training", remedy="name some in CUDA_VISIBLE_DEVICES"
-            )
+            expected, remedy = "a GPU for a training", "name some in CUDA_VISIBLE_DEVICES"
+            raise SandboxError("a machine without one", expected=expected, remedy=remedy)
         with self._changed:
             self._changed.wait_for(lambda: min(self._lent.values()) < self._per_gpu)
             gpu = min(self._lent, key=lambda name: self._lent[name])  # of equal ones the first that was named

@@ -44,14 +44,14 @@ def regression_metrics(
         `mae` are means over all values, `rmse` is the root of `mse`, and `r2` the plain mean of the outputs' R².
     """
     errors = predictions.astype(np.float64) - targets.astype(np.float64)
-    found = {"mse": _mean(errors * errors), "mae": _mean(np.abs(errors)), "rmse": math.sqrt(_mean(errors * errors))}
+    metrics = {"mse": _mean(errors * errors), "mae": _mean(np.abs(errors)), "rmse": math.sqrt(_mean(errors * errors))}
     apart = [r_squared(column, truth) for column, truth in zip(errors.T, targets.T.astype(np.float64), strict=True)]
-    found["r2"] = math.fsum(apart) / len(apart)
+    metrics["r2"] = math.fsum(apart) / len(apart)
     for name, column, r2, unit in zip(names, errors.T, apart, scale, strict=True):
         mse, mae = _mean(column * column), _mean(np.abs(column))
-        found |= {f"mse_{name}": mse, f"mae_{name}": mae, f"rmse_{name}": math.sqrt(mse), f"r2_{name}": r2}
-        found |= {f"recorded_mae_{name}": unit * mae, f"recorded_rmse_{name}": unit * math.sqrt(mse)}
-    return _rounded(found)
+        metrics |= {f"mse_{name}": mse, f"mae_{name}": mae, f"rmse_{name}": math.sqrt(mse), f"r2_{name}": r2}
+        metrics |= {f"recorded_mae_{name}": unit * mae, f"recorded_rmse_{name}": unit * math.sqrt(mse)}
+    return _rounded(metrics)
 
 
 def r_squared(errors: NDArray[np.float64], targets: NDArray[np.float64]) -> float:
@@ -70,10 +70,8 @@ def r_squared(errors: NDArray[np.float64], targets: NDArray[np.float64]) -> floa
 
 def classification_metrics(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> dict[str, float]:
     """Compute `accuracy`, `macro_f1` and `cross_entropy` (in nats); arguments are those of `confusion`."""
-    return {
-        **counted_metrics(confusion(logits, classes)),
-        **_rounded({"cross_entropy": cross_entropy(logits, classes)}),
-    }
+    counts = confusion(logits, classes)
+    return counted_metrics(counts) | _rounded({"cross_entropy": cross_entropy(logits, classes)})
 
 
 def counted_metrics(counts: Confusion) -> dict[str, float]:
@@ -91,16 +89,13 @@ def confusion(logits: NDArray[np.float32], classes: NDArray[np.int64]) -> Confus
     """
     counts = np.zeros((logits.shape[1],) * 2, np.int64)
     np.add.at(counts, (classes, logits.argmax(axis=1)), 1)
-    return tuple(tuple(row) for row in counts.tolist())
+    return tuple(map(tuple, counts.tolist()))
 
 
 def macro_f1(counts: Confusion) -> float:
     """Average the F1 of the classes, without classes that are neither true nor predicted anywhere."""
-    scores = []
-    for number, row in enumerate(counts):
-        true, predicted = sum(row), sum(other[number] for other in counts)
-        if true + predicted:
-            scores.append(2 * row[number] / (true + predicted))
+    totals = [sum(row) + sum(column) for row, column in zip(counts, zip(*counts, strict=True), strict=True)]
+    scores = [2 * counts[number][number] / total for number, total in enumerate(totals) if total]
     return math.fsum(scores) / len(scores)
 
 
@@ -108,5 +103,5 @@ def _mean(values: NDArray[Any]) -> float:
     return math.fsum(values.ravel().tolist()) / values.size
 
 
-def _rounded(found: Mapping[str, float]) -> dict[str, float]:
-    return {name: rounded(value) for name, value in found.items()}
+def _rounded(metrics: Mapping[str, float]) -> dict[str, float]:
+    return {name: rounded(value) for name, value in metrics.items()}

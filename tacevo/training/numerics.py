@@ -11,18 +11,11 @@ from tacevo.errors import ConfigError
 
 #: One thread: sums depend on the number of threads, and a zygote with threads cannot fork safely.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-
 #: Otherwise each of these libraries chooses its kernels by the CPU.
-_ONE_INSTRUCTION_SET = {
-    "ATEN_CPU_CAPABILITY": "avx2",
-    "ONEDNN_MAX_CPU_ISA": "AVX2",
-    "MKL_CBWR": "COMPATIBLE",
-}
-
+_ONE_INSTRUCTION_SET = {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"}
 #: In bytes: below these glibc's malloc keeps what is freed. Otherwise every step returns its tensors' pages, and the
 #: kernel zeroes them again, which took a tenth of a training's time (the baseline's, at 32 pixels).
 _KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 30), "MALLOC_TRIM_THRESHOLD_": str(1 << 30)}
-
 #: Without a workspace of fixed size, the order of cuBLAS's sums may change between runs.
 _CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
 
@@ -43,7 +36,7 @@ def check_machine(numerics: Numerics, device: Device = Device.cpu, model: str | 
     table = Path("/proc/cpuinfo")
     check_cpu(numerics, platform.machine(), table.read_text(errors="replace") if table.exists() else "")
     if device is Device.cuda:
-        torch = find_spec("torch")  # found, not imported: only the sandbox needs it
+        torch = find_spec("torch")  # not imported: only the sandbox needs it
         library = Path(torch.origin if torch and torch.origin else "").parent / "lib" / "libtorch_cuda.so"
         for needed in (Path("/dev/nvidiactl"), library):
             if not needed.exists():

@@ -88,7 +88,6 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
 
 
 def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
-    """Read a job from header and payload."""
     contract = Contract.from_json(header["contract"])
     device = torch.device(header.get("device", "cpu"))
     count, split = header["train"], header["train"] + header["validation"]
@@ -167,10 +166,8 @@ def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int
 def _epoch(job: _Job, model: nn.Module, listed: list[nn.Parameter], optimiser: Adam, epoch: int) -> list[float]:
     """Train on every batch of one epoch; return their losses."""
     switch(model, training=True)
-    return [
-        _step(job, model, listed, optimiser, positions)
-        for positions in batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
-    ]
+    order = batches(len(job.train), job.recipe.batch_size, job.seed, epoch)
+    return [_step(job, model, listed, optimiser, positions) for positions in order]
 
 
 def _step(
@@ -198,12 +195,9 @@ def _predict(job: _Job, model: nn.Module) -> list[torch.Tensor]:
     """
     switch(model, training=False)
     size = job.recipe.batch_size
+    parts = (rows[i : i + size] for rows in job.predicted for i in range(0, len(rows), size))
     with torch.no_grad():
-        return [
-            _forward(job, model, rows[i : i + size]).clone()
-            for rows in job.predicted
-            for i in range(0, len(rows), size)
-        ]
+        return [_forward(job, model, rows).clone() for rows in parts]
 
 
 def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:

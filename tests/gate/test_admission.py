@@ -3,6 +3,7 @@
 Some tests pass a fake sandbox in; those on real answers and attacks go through the real one.
 """
 
+import json
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import astuple, replace
@@ -18,7 +19,7 @@ from tacevo.errors import CacheMissError, SandboxError, StoreError
 from tacevo.evolution.descriptors import describe
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.profile import Admitted, Graph, Node, Profile, Step
-from tacevo.records import Contract, Limits, Mode, Reason, Rejection, Stage, to_json
+from tacevo.records import Limits, Mode, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.storage.store import Store, check_entry
@@ -50,8 +51,8 @@ Run = Callable[[str, Any, bytes, Limits], Finished | Died]
 class FakeSandbox:
     """Gives every job the same outcome and keeps what it was asked."""
 
-    def __init__(self, outcome: Finished | Died | Exception) -> None:
-        self.outcome = outcome
+    def __init__(self, outcome: Finished | Died | Exception | None = None) -> None:
+        self.outcome = outcome or sent(ANSWER)
         self.headers: list[Any] = []
 
     def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
@@ -68,29 +69,24 @@ def sent(*headers: Any) -> Finished:
     return Finished(tuple(Frame(header, b"") for header in headers))
 
 
-def gate(
-    run: Run,
-    root: Path,
-    *,
-    task: Contract | None = None,
-    mode: Mode = Mode.record,
-    limits: GateLimits = LIMITS,
-    probe_limits: Limits = PROBE_LIMITS,
-    numerics: Numerics = Numerics.portable,
-    source_bytes: int = 100_000,
-) -> Gate:
-    """Make a gate, by default that of the force task."""
-    return Gate(
+def gate(run: Run, root: Path, *, mode: Mode = Mode.record, **changes: Any) -> Gate:
+    """Make the gate of the force task, with some fields changed."""
+    usual = Gate(
         run=run,
         store=Store(root, "probes", mode),
         answers=Store(root, "answers", mode),
-        contract=task or contract(),
-        limits=limits,
-        probe_limits=probe_limits,
-        numerics=numerics,
-        source_bytes=source_bytes,
+        contract=contract(),
+        limits=LIMITS,
+        probe_limits=PROBE_LIMITS,
+        numerics=Numerics.portable,
         rules=CURRENT,
     )
+    return replace(usual, **changes)
+
+
+def reason_of(verdict: Admitted | Rejection) -> Reason | None:
+    """Return why a candidate was rejected; None where it was admitted."""
+    return verdict.reason if isinstance(verdict, Rejection) else None
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +99,7 @@ def sandbox() -> Iterator[Sandbox]:
 
 def test_each_stage_rejects_in_its_turn(tmp_path: Path) -> None:
     """An answer that fails early never reaches the sandbox."""
-    fake = FakeSandbox(sent(ANSWER))
+    fake = FakeSandbox()
     found = [gate(fake.run, tmp_path).admit(completion(text)) for text in ("", "import os\n" + VALID)]
     assert [(it.stage, it.reason) for it in found if isinstance(it, Rejection)] == [
         (Stage.extract, Reason.empty),
@@ -115,15 +111,14 @@ def test_each_stage_rejects_in_its_turn(tmp_path: Path) -> None:
 def test_admitted_source_that_this_python_cannot_parse_is_measured_in_a_replay(tmp_path: Path) -> None:
     """Whoever recorded it had another version, whose policy admitted it."""
     source = f"{VALID}\nnot of this version ("
-    gate(FakeSandbox(sent(ANSWER)).run, tmp_path).measure(source)
+    gate(FakeSandbox().run, tmp_path).measure(source)
     nothing = FakeSandbox(SandboxError("a replay needs none"))
-    found = gate(nothing.run, tmp_path, mode=Mode.replay).measure(source)
-    assert found == Admitted(source=source, profile=PROFILE)
+    assert gate(nothing.run, tmp_path, mode=Mode.replay).measure(source) == Admitted(source=source, profile=PROFILE)
 
 
 def test_checked_text_is_the_text_that_runs(tmp_path: Path) -> None:
     """The sandbox and the caller get the very text that the policy saw."""
-    fake = FakeSandbox(sent(ANSWER))
+    fake = FakeSandbox()
     found = gate(fake.run, tmp_path).admit(completion(f"Here:\n```python\n{VALID}```"))
     assert found == Admitted(source=VALID, profile=PROFILE)
     assert [header["source"] for header in fake.headers] == [VALID]
@@ -143,28 +138,21 @@ def test_equal_sources_are_probed_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"task": contract(image_size=64)},
+        {"contract": contract(image_size=64)},
         {"limits": replace(LIMITS, parameters=7)},
         {"limits": replace(LIMITS, flops=7)},
         {"limits": replace(LIMITS, modules=7)},
         {"probe_limits": replace(PROBE_LIMITS, seconds=90.0)},
         {"numerics": Numerics.fast},
+        {"source_bytes": 5_000},
     ],
 )
 def test_everything_that_can_change_a_verdict_enters_its_key(tmp_path: Path, change: dict[str, Any]) -> None:
-    """A probe under one setting does not answer for another."""
-    fake = FakeSandbox(sent(ANSWER))
+    """A probe under one setting does not answer for another; the limit on raw text says nothing of a probe."""
+    fake = FakeSandbox()
     gate(fake.run, tmp_path).inspect(VALID)
     gate(fake.run, tmp_path, **change).inspect(VALID)
-    assert len(fake.headers) == 2
-
-
-def test_size_of_the_answer_does_not_enter_the_key(tmp_path: Path) -> None:
-    """The limit on raw text says nothing about the probe of a source that passed it."""
-    fake = FakeSandbox(sent(ANSWER))
-    gate(fake.run, tmp_path).inspect(VALID)
-    gate(fake.run, tmp_path, source_bytes=5_000).inspect(VALID)
-    assert len(fake.headers) == 1
+    assert len(fake.headers) == (1 if "source_bytes" in change else 2)
 
 
 def test_dead_child_is_a_rejection(tmp_path: Path) -> None:
@@ -179,39 +167,35 @@ def test_broken_sandbox_is_no_verdict(tmp_path: Path) -> None:
     """The error passes through, nothing is stored, and a repaired sandbox is asked again."""
     with pytest.raises(SandboxError, match="zygote died"):
         gate(FakeSandbox(SandboxError("zygote died")).run, tmp_path).inspect(VALID)
-    assert isinstance(gate(FakeSandbox(sent(ANSWER)).run, tmp_path).inspect(VALID), Admitted)
+    assert isinstance(gate(FakeSandbox().run, tmp_path).inspect(VALID), Admitted)
 
 
-def test_replay_never_probes(tmp_path: Path) -> None:
-    """A source without a recorded probe is an error in replay."""
-    fake = FakeSandbox(sent(ANSWER))
+def test_replay_asks_no_sandbox_and_reads_no_unknown_answer(tmp_path: Path) -> None:
+    """A source without a recorded probe is an error, and so is an answer without a verdict."""
+    fake = FakeSandbox()
     with refused(CacheMissError, got="no recorded answer for probes request"):
         gate(fake.run, tmp_path, mode=Mode.replay).inspect(VALID)
     assert fake.headers == []
+    gate(fake.run, tmp_path).inspect(VALID)
+    with refused(CacheMissError, got="no recorded answer for answers request"):
+        gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(VALID))
 
 
-def _with_profile(**changes: Any) -> Any:
-    return {"profile": {**ANSWER["profile"], **changes}}
-
-
-def _with_graph(**changes: Any) -> Any:
-    return _with_profile(graph={**ANSWER["profile"]["graph"], **changes})
-
-
-def _with_node(**changes: Any) -> Any:
-    first, second = ANSWER["profile"]["graph"]["nodes"]
-    return _with_graph(nodes=[{**first, **changes}, second])
-
-
-def _with_step(**changes: Any) -> Any:
-    first, second = ANSWER["profile"]["steps"]
-    return _with_profile(steps=[first, {**second, **changes}])
+def forged(place: str, value: Any) -> Any:
+    """Put another value into the answer at a place such as `graph.nodes.0.op`."""
+    answer = json.loads(json.dumps(ANSWER["profile"]))
+    *path, last = [int(part) if part.isdecimal() else part for part in place.split(".")]
+    inner = answer
+    for part in path:
+        inner = inner[part]
+    inner[last] = value
+    return {"profile": answer}
 
 
 def test_answer_is_read_once(tmp_path: Path) -> None:
     """The second gate recalls the verdict of extraction and policy, for a source and for a rejection."""
     for text in (VALID, "import os\n" + VALID, "no class"):
-        fake = FakeSandbox(sent(ANSWER))
+        fake = FakeSandbox()
         found = gate(fake.run, tmp_path).admit(completion(text))
         assert gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text)) == found
     assert len(list(Store(tmp_path, "answers").entries())) == 3
@@ -227,7 +211,7 @@ def test_replay_takes_the_recorded_verdict_on_an_answer(tmp_path: Path) -> None:
         "contract": to_json(contract()),
         "limit": 100_000,
     }
-    fake = FakeSandbox(sent(ANSWER))
+    fake = FakeSandbox()
     assert isinstance(gate(fake.run, tmp_path).inspect(VALID), Admitted)
     Store(tmp_path, "answers").write(request, {"source": VALID})
     found = gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text))
@@ -236,11 +220,11 @@ def test_replay_takes_the_recorded_verdict_on_an_answer(tmp_path: Path) -> None:
 
 def test_everything_that_can_change_the_reading_enters_its_key(tmp_path: Path) -> None:
     """Another text, stop reason, contract or limit is another question."""
-    fake = FakeSandbox(sent(ANSWER))
+    fake = FakeSandbox()
     gate(fake.run, tmp_path).admit(completion(VALID))
     gate(fake.run, tmp_path).admit(completion(VALID + "\n"))
     gate(fake.run, tmp_path).admit(completion(VALID, "max_tokens"))
-    gate(fake.run, tmp_path, task=contract(image_size=64)).admit(completion(VALID))
+    gate(fake.run, tmp_path, contract=contract(image_size=64)).admit(completion(VALID))
     gate(fake.run, tmp_path, source_bytes=5_000).admit(completion(VALID))
     assert len(list(Store(tmp_path, "answers").entries())) == 5
 
@@ -250,10 +234,8 @@ def test_given_network_that_is_repeated_before_other_code_is_no_answer(tmp_path:
     text = f"You gave:\n```python\n{VALID}```\nI'd have:\n```python\ndef forward(self, x):\n    return 2 * x\n```"
     asked = f"Change it:\n{VALID.replace('4, 3)', '4,  3)  # small')}"
     for mode in (Mode.live, Mode.replay):
-        judge = gate(FakeSandbox(sent(ANSWER)).run, tmp_path, mode=mode)
-        found = judge.admit(completion(text), asked)
-        assert isinstance(found, Rejection)
-        assert found.reason is Reason.no_class
+        judge = gate(FakeSandbox().run, tmp_path, mode=mode)
+        assert reason_of(judge.admit(completion(text), asked)) is Reason.no_class
         assert judge.admit(completion(text), "Make one.") == Admitted(source=VALID, profile=PROFILE)
         assert judge.admit(completion(VALID), asked) == Admitted(source=VALID, profile=PROFILE)
 
@@ -261,16 +243,8 @@ def test_given_network_that_is_repeated_before_other_code_is_no_answer(tmp_path:
 def test_rules_of_older_runs_admit_it(tmp_path: Path) -> None:
     """A replay of a run under them asks for no verdict that was not recorded."""
     text = f"```python\n{VALID}```\n```python\ndef forward(self, x):\n    return 2 * x\n```"
-    judge = replace(gate(FakeSandbox(sent(ANSWER)).run, tmp_path), rules=replace(CURRENT, static=2))
+    judge = gate(FakeSandbox().run, tmp_path, rules=replace(CURRENT, static=2))
     assert isinstance(judge.admit(completion(text), VALID), Admitted)
-
-
-def test_replay_never_reads_an_unknown_answer(tmp_path: Path) -> None:
-    """An answer without a recorded verdict is an error in replay, even where its source was probed."""
-    fake = FakeSandbox(sent(ANSWER))
-    gate(fake.run, tmp_path).inspect(VALID)
-    with refused(CacheMissError, got="no recorded answer for answers request"):
-        gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(VALID))
 
 
 @pytest.mark.parametrize(
@@ -281,10 +255,35 @@ def test_replay_never_reads_an_unknown_answer(tmp_path: Path) -> None:
 def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, reason: Reason) -> None:
     """A huge answer would fill the disk and a lone surrogate cannot be written; a replay judges them again."""
     for mode in (Mode.record, Mode.replay):
-        found = gate(FakeSandbox(sent(ANSWER)).run, tmp_path, mode=mode).admit(completion(text))
+        found = gate(FakeSandbox().run, tmp_path, mode=mode).admit(completion(text))
         assert isinstance(found, Rejection)
         assert (found.stage, found.reason) == (Stage.extract, reason)
     assert list(Store(tmp_path, "answers").entries()) == []
+
+
+NODES, STEPS = ANSWER["profile"]["graph"]["nodes"], ANSWER["profile"]["steps"]
+
+#: What no probe sends, with the place of the answer where it stands.
+FORGED = [
+    *(("parameters", value) for value in ("many", 0, True, 20_000_001)),
+    *(("flops", value) for value in (-1, 10**400)),
+    ("modules", 1_001),
+    *(("not_portable", value) for value in (["everything"], ["sqrt", "sqrt"])),
+    ("graph.nodes", NODES * 501),
+    *(("graph.edges", value) for value in ([[1, 0]], [[0, 9]], [[0, 1], [0, 1]])),
+    *(("graph.channels", value) for value in ([-4], [10**400], [4] * 3)),
+    *(("graph.kernels", value) for value in ([float("nan")], [1e308, 1e308])),
+    ("graph.nodes.0.op", "x" * 101),
+    ("graph.nodes.0.width", 10**400),
+    ("steps", STEPS[:1] * 5_001),
+    *(("output", value) for value in ([2], [1, 0])),
+    *(("steps.1.sources", value) for value in ([[1]], [[0, 0]], [[0], [0]])),
+    ("steps.1", {**STEPS[1], "sources": [[0]] * 17, "operands": [[1]] * 17}),
+    ("steps.1.shape", [10**400]),
+    ("steps.1.stride", [-1]),
+    ("steps.1.rate", 1.5),
+    ("steps.1.op", "x" * 101),
+]
 
 
 @pytest.mark.parametrize(
@@ -295,37 +294,7 @@ def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, rea
         pytest.param([None], id="null"),
         pytest.param([{"rejection": {"stage": "probe", "reason": "bored", "detail": ""}}], id="unknown reason"),
         pytest.param([{"rejection": {"stage": "train", "reason": "crashed", "detail": ""}}], id="other stage"),
-        pytest.param([_with_profile(parameters="many")], id="text for a number"),
-        pytest.param([_with_profile(parameters=0)], id="no parameters"),
-        pytest.param([_with_profile(parameters=True)], id="truth value for a number"),
-        pytest.param([_with_profile(parameters=20_000_001)], id="parameters over the limit"),
-        pytest.param([_with_profile(flops=-1)], id="negative"),
-        pytest.param([_with_profile(flops=10**400)], id="FLOPs beyond every float"),
-        pytest.param([_with_profile(modules=1_001)], id="modules over the limit"),
-        pytest.param([_with_profile(not_portable=["everything"])], id="operation that is not a portability flag"),
-        pytest.param([_with_profile(not_portable=["sqrt", "sqrt"])], id="flag twice"),
-        pytest.param([_with_graph(nodes=ANSWER["profile"]["graph"]["nodes"] * 501)], id="nodes over the limit"),
-        pytest.param([_with_graph(edges=[[1, 0]])], id="edge backwards"),
-        pytest.param([_with_graph(edges=[[0, 9]])], id="edge to nowhere"),
-        pytest.param([_with_graph(edges=[[0, 1], [0, 1]])], id="edge twice"),
-        pytest.param([_with_graph(channels=[-4])], id="negative channels"),
-        pytest.param([_with_graph(channels=[10**400])], id="channels beyond every float"),
-        pytest.param([_with_graph(channels=[4, 4], hidden=[4])], id="more layers than nodes"),
-        pytest.param([_with_graph(kernels=[float("nan")])], id="kernel not a number"),
-        pytest.param([_with_graph(kernels=[1e308, 1e308])], id="kernels of infinite spread"),
-        pytest.param([_with_node(op="x" * 101)], id="operation with a long name"),
-        pytest.param([_with_node(width=10**400)], id="width beyond every float"),
-        pytest.param([_with_profile(steps=ANSWER["profile"]["steps"][:1] * 5_001)], id="too many steps"),
-        pytest.param([_with_profile(output=[2])], id="output of no step"),
-        pytest.param([_with_profile(output=[1, 0])], id="output out of order"),
-        pytest.param([_with_step(sources=[[1]])], id="step from itself"),
-        pytest.param([_with_step(sources=[[0, 0]])], id="source twice"),
-        pytest.param([_with_step(sources=[[0], [0]])], id="operand without a shape"),
-        pytest.param([_with_step(sources=[[0]] * 17, operands=[[1]] * 17)], id="too many operands"),
-        pytest.param([_with_step(shape=[10**400])], id="step beyond every float"),
-        pytest.param([_with_step(stride=[-1])], id="negative stride"),
-        pytest.param([_with_step(rate=1.5)], id="rate above one"),
-        pytest.param([_with_step(op="x" * 101)], id="step with a long name"),
+        *(pytest.param([forged(*change)], id=f"{change[0]} {str(change[1])[:20]}") for change in FORGED),
     ],
 )
 def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Any]) -> None:
@@ -335,13 +304,13 @@ def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Any]) -> None:
     assert (found.stage, found.reason) == (Stage.probe, Reason.crashed)
 
 
-@pytest.mark.parametrize("forged", [_with_profile(output=[2]), _with_step(sources=[[1]]), _with_graph(edges=[[0, 9]])])
-def test_forged_entry_of_a_store_is_refused(tmp_path: Path, forged: dict[str, Any]) -> None:
+@pytest.mark.parametrize("change", [("output", [2]), ("steps.1.sources", [[1]]), ("graph.edges", [[0, 9]])])
+def test_forged_entry_of_a_store_is_refused(tmp_path: Path, change: tuple[str, Any]) -> None:
     """A published store may hold indices that lead nowhere; readers of the profile would fail on them much later."""
-    gate(FakeSandbox(sent(ANSWER)).run, tmp_path).inspect(VALID)
+    gate(FakeSandbox().run, tmp_path).inspect(VALID)
     (path,) = (tmp_path / "probes").rglob("*.json")
     entry = check_entry(path, path.read_bytes(), "probes", path.stem)
-    Store(tmp_path, "probes").write(entry.request, forged)
+    Store(tmp_path, "probes").write(entry.request, forged(*change))
     with refused(StoreError, place="profile"):
         gate(FakeSandbox(SandboxError("no probe is wanted")).run, tmp_path).inspect(VALID)
 
@@ -351,17 +320,17 @@ def test_every_admitted_profile_has_finite_descriptors(tmp_path: Path) -> None:
     top = 2**53 - 1
     nodes = (Node(op="a", weighted=True, width=top), Node(op="b", weighted=True, width=0))
     graph = Graph(nodes=nodes, edges=((0, 1),), channels=(0, top), kernels=(5e-324, top), hidden=())
-    forged = Profile(parameters=1, flops=top, modules=0, graph=graph)
+    huge = Profile(parameters=1, flops=top, modules=0, graph=graph)
     unlimited = GateLimits(parameters=top, flops=top, modules=top)
-    found = gate(FakeSandbox(sent({"profile": to_json(forged)})).run, tmp_path, limits=unlimited).inspect(VALID)
+    found = gate(FakeSandbox(sent({"profile": to_json(huge)})).run, tmp_path, limits=unlimited).inspect(VALID)
     assert isinstance(found, Admitted)
     assert all(math.isfinite(value) and value >= 0 for value in astuple(describe(found.profile)))
 
 
 def test_forged_detail_is_cut_to_one_line(tmp_path: Path) -> None:
     """A rejection's text is shown to a person; control characters and further lines would speak to the terminal."""
-    forged = {"stage": "probe", "reason": "crashed", "detail": "\x1b[2Jgone\n" + "x" * 1_000}
-    found = gate(FakeSandbox(sent({"rejection": forged})).run, tmp_path).inspect(VALID)
+    loud = {"stage": "probe", "reason": "crashed", "detail": "\x1b[2Jgone\n" + "x" * 1_000}
+    found = gate(FakeSandbox(sent({"rejection": loud})).run, tmp_path).inspect(VALID)
     assert found == Rejection(stage=Stage.probe, reason=Reason.crashed, detail="?[2Jgone")
 
 
@@ -379,9 +348,8 @@ def test_layer_of_width_zero_is_admitted_and_described(tmp_path: Path, sandbox: 
 def test_candidate_over_its_time_is_rejected(tmp_path: Path, sandbox: Sandbox) -> None:
     """An endless constructor costs no more than the limit."""
     source = candidate("return x", "while True: pass")
-    found = gate(sandbox.run, tmp_path, probe_limits=Limits(seconds=2.0, memory_mib=1_000)).inspect(source)
-    assert isinstance(found, Rejection)
-    assert found.reason is Reason.out_of_time
+    judge = gate(sandbox.run, tmp_path, probe_limits=Limits(seconds=2.0, memory_mib=1_000))
+    assert reason_of(judge.inspect(source)) is Reason.out_of_time
 
 
 def test_seed_of_the_machine_is_told_in_our_words(tmp_path: Path, sandbox: Sandbox) -> None:
@@ -400,7 +368,7 @@ def test_seed_of_the_machine_is_told_in_our_words(tmp_path: Path, sandbox: Sandb
 def test_real_answer_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example: Any, image_size: int) -> None:
     """What trains in a plain process is admitted, with as many parameters; the rest is rejected."""
     task = contract(example["task"], image_size)
-    found = gate(sandbox.run, tmp_path, task=task).admit(completion(example["response"], example["stop_reason"]))
+    found = gate(sandbox.run, tmp_path, contract=task).admit(completion(example["response"], example["stop_reason"]))
     assert isinstance(found, Admitted) == example["trains_at"][str(image_size)]
     if isinstance(found, Admitted):
         assert found.profile.parameters == example["parameters"]

@@ -6,7 +6,7 @@ from textwrap import indent
 
 import pytest
 from checkout import SHARED
-from gate_cases import VALID, completion, contract, examples, extracted, needs_shared, refusal_of, source_of
+from gate_cases import VALID, completion, contract, examples, extracted, fenced, needs_shared, refusal_of, source_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -53,23 +53,23 @@ def test_imports_helpers_and_constants_are_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", [f"```python\n{HELPER}```\nand\n```python\n{USING}```", f"```\n{USING}```\n```\n{HELPER}```"]
+    "text",
+    [
+        f"```python\n{HELPER}```\nand\n```python\n{USING}```",
+        f"```\n{USING}```\n```\n{HELPER}```",
+        f"{USING}\nIt needs a helper, that's this one:\n\n{HELPER}",
+    ],
 )
-def test_helper_in_another_fence_is_joined(text: str) -> None:
+def test_helper_in_another_block_is_joined(text: str) -> None:
     """A block that defines a missing name goes before the class, wherever the answer put it."""
     assert source_of(text) == f"{HELPER.rstrip()}\n\n{USING}"
-
-
-def test_helper_after_prose_is_joined() -> None:
-    """The same without fences."""
-    assert source_of(f"{USING}\nIt needs a helper, that's this one:\n\n{HELPER}") == f"{HELPER.rstrip()}\n\n{USING}"
 
 
 def test_helper_of_a_helper_is_joined() -> None:
     """Missing names are looked up until none is left."""
     block = HELPER.replace("return x", "return rescale(x)")
     function = "def rescale(x):\n    return 2 * x\n"
-    text = "\n".join(f"```python\n{code}```" for code in (block, USING, function))
+    text = "\n".join(map(fenced, (block, USING, function)))
     assert source_of(text) == f"{block.rstrip()}\n\n{function.rstrip()}\n\n{USING}"
 
 
@@ -77,12 +77,6 @@ def test_last_of_several_versions_counts() -> None:
     """A model that shows two versions in two blocks means the later one."""
     assert source_of(f"First:\n```python\n{VALID}```\nBetter:\n```python\n{OTHER}```") == OTHER
     assert source_of(f"First:\n\n{VALID}\nBut this is better:\n\n{OTHER}") == OTHER
-
-
-def test_excerpt_is_no_version() -> None:
-    """A later block that shows only what changed does not replace the class."""
-    excerpt = "class ImageRegressionCNN(nn.Module):\n    def __init__(self):\n        ...\n"
-    assert source_of(f"```python\n{VALID}```\nThe change:\n```python\n{excerpt}```") == VALID
 
 
 @pytest.mark.parametrize(
@@ -104,17 +98,11 @@ def test_two_definitions_in_one_text_are_ambiguous(again: str) -> None:
     assert "got 2, on lines 1, " in rejection.detail
 
 
-def test_size_is_checked_first() -> None:
-    """Nothing else is done with a huge answer, and the limit itself still passes."""
-    assert first_look(completion(VALID), limit=len(VALID)) is None
-    rejection = first_look(completion(VALID, "refusal"), limit=len(VALID) - 1)
-    assert isinstance(rejection, Rejection)
-    assert rejection.reason is Reason.too_long
-
-
-def test_size_is_in_bytes() -> None:
-    """A sign beyond ASCII counts as what it takes in UTF-8."""
-    rejection = first_look(completion(VALID + "# é\n"), limit=len(VALID) + 4)
+@pytest.mark.parametrize(("text", "excess"), [(VALID, -1), (VALID + "# é\n", 4)])
+def test_size_in_bytes_is_checked_first(text: str, excess: int) -> None:
+    """Nothing else is done with a huge answer; a sign beyond ASCII counts as what it takes in UTF-8."""
+    assert first_look(completion(text), limit=len(text.encode())) is None
+    rejection = first_look(completion(text, "refusal"), limit=len(VALID) + excess)
     assert isinstance(rejection, Rejection)
     assert rejection.reason is Reason.too_long
 
@@ -140,18 +128,16 @@ def test_answer_without_code_has_its_own_reason(text: str, stop_reason: str, rea
     assert refusal_of(text, stop_reason).reason is reason
 
 
-def test_other_class_is_named() -> None:
-    """The message says what was expected and what came."""
-    rejection = refusal_of("# ImageRegressionCNN, second generation\n" + VALID.replace("ImageRegressionCNN", "Net"))
-    assert rejection.reason is Reason.no_class
-    assert rejection.detail == "expected a class ImageRegressionCNN; got Net"
-
-
-def test_class_without_forward_is_no_class() -> None:
-    """An excerpt alone cannot be run."""
-    rejection = refusal_of(VALID.split("    def forward")[0])
-    assert rejection.reason is Reason.no_class
-    assert "a forward method; got it without one" in rejection.detail
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# ImageRegressionCNN, second generation\n" + VALID.replace("ImageRegressionCNN", "Net"),
+        VALID.split("    def forward", maxsplit=1)[0],  # an excerpt alone cannot be run
+    ],
+)
+def test_other_class_and_class_without_forward_are_no_class(text: str) -> None:
+    """Neither is the network that was asked for."""
+    assert refusal_of(text).reason is Reason.no_class
 
 
 @pytest.mark.parametrize("wrap", ["{}", "```python\n{}```", "It's here:\n\n{}\nDone."])
@@ -170,9 +156,12 @@ def test_mixed_tabs_are_a_syntax_error() -> None:
 
 
 def test_deep_nesting_is_a_clean_rejection() -> None:
-    """The parser's stack ends before the text does."""
+    """The parser's stack ends before the text does; and what is compared with a later version may be too deep, too."""
     rejection = refusal_of(VALID.replace("4, 3)", "4, " + "-" * 20_000 + "3)"))
     assert rejection.reason in (Reason.too_complex, Reason.syntax)
+    deep = VALID.replace("4, 3)", "4, 3" + " + 0" * 2_500 + ")")
+    assert source_of(fenced(deep)) == deep
+    assert refusal_of(f"{fenced(deep)}\nSo ImageRegressionCNN is done.").reason is Reason.too_complex
 
 
 @pytest.mark.parametrize("wrap", ["{}", "```python\n{}", "Here:\n\n{}"])
@@ -227,13 +216,6 @@ def test_any_lines_get_an_answer(lines: list[str]) -> None:
     found = extract(completion("\n".join(lines)), CONTRACT)
     if isinstance(found, str):
         assert extract(completion(found), CONTRACT) == found
-
-
-@given(st.sampled_from(["{}", "```\n{}```", "Here you are:\n\n{}\nIt's done."]))
-def test_extraction_is_idempotent(wrap: str) -> None:
-    """A source extracts to itself, so stored sources stay what they are."""
-    source = source_of(wrap.format(VALID))
-    assert source_of(source) == source
 
 
 @needs_shared

@@ -24,40 +24,76 @@ def rejected(source: str) -> Rejection:
     return rejection
 
 
+#: Lines before a class with which it passes.
+PREAMBLES = [
+    "",
+    "# -*- coding: utf-8 -*-\nfrom __future__ import annotations",
+    "import torch\nimport torch.nn as nn\nimport torch.nn.functional as F\nfrom torch import Tensor, nn",
+    "import math, typing as t, itertools\nfrom collections import OrderedDict\nfrom collections.abc import Sized",
+    "from torch.nn.init import xavier_uniform_\nfrom torch.nn.utils import spectral_norm\nimport torch.nn",
+    "from torch.nn import functional as fn\n\n\ndef act(x):\n    return fn.gelu(x)",
+    "from functools import partial\nfrom dataclasses import dataclass\nNorm = partial(nn.GroupNorm, 4)",
+    "import functools\ndef twice(f):\n    @functools.wraps(f)\n    def g(x):\n        return f(f(x))\n    return g",
+    "from typing import Callable, Dict, List, Optional, Tuple, Union, cast",
+    "def pick(kind, input):\n    match kind:\n        case 'a' | 'b':\n            return getattr(input, 'shape')",
+    "class Block(nn.Module):\n    def __init__(self):\n        nn.Module.__init__(self)\n        self.__hidden = 1",
+    "class Net(nn.Module):\n    def __repr__(self):\n        return self.__class__.__name__",
+    "def init(m):\n    if isinstance(m, nn.Conv2d) and hasattr(m, 'bias'):\n        nn.init.zeros_(m.bias)",
+    "DEVICE = torch.device('cuda' if torch.cuda.is_available() else 'cpu')",
+    "def weigh(x):\n    return torch.fft.rfft2(x).abs() + torch.linalg.norm(x) + torch.special.expit(x)",
+    "def f(id):\n    return id",
+    "set = [1]\nx = set[0]",
+    "A = {'a': nn.ReLU}",
+    "A = {i: i for i in range(3)}",
+    "A = hash('name') % 2",
+    "class A(nn.Module):\n    def id(self):\n        return self.set",
+    '# torch.load, naïve\n"""import os; é"""',
+]
+
+#: Lines of a constructor with which a class passes: looking up in a set needs no order, conversions are not called, and
+#: private names of its own are a text's.
+CONSTRUCTORS = [
+    "kind = 'relu'\nif kind not in {'relu', 'gelu'}:\n    raise ValueError(kind)",
+    "kinds = {'relu', 'gelu'}\nassert 'relu' in kinds and 'tanh' not in kinds",
+    "self.kinds = {1, 2}\nassert 1 in self.kinds",
+    "wide = [c for c in (8, 16) if c in {16, 32}]",
+    "self.half = 8\nself.double, self.type = 2, 'same'",
+    "self._width = 8\nself.width = self._width",
+    "for i in range(2):\n    setattr(self, f'_conv{i}', nn.Conv2d(3, 3, 1))\nself._conv0(torch.zeros(1, 3, 4, 4))",
+    "self._modules['head'].bias.requires_grad",
+    "self.conv._conv_forward(torch.zeros(1, 3, 4, 4), self.conv.weight, self.conv.bias)",
+    "self.register_buffer(name='_mask', tensor=torch.ones(3))\nself._mask.sum()",
+    "self.norm = nn.BatchNorm2d(3)\nself.norm._check_input_dim(torch.zeros(1, 3, 4, 4))",
+]
+
+#: Lines of a forward pass with which a class passes: a name that was set to something else is that.
+FORWARDS = [
+    "w = self.conv.weight\nw = w - w.mean()\nw /= 2",
+    "w = self.conv.weight\nfor _ in range(2):\n    w = w - w.mean()\n    w /= 2",
+    "for layer in [self.conv]:\n    w = layer.weight\n    w = w - w.mean()\n    w.mul_(2)",
+    "w = self.conv.weight\nwith torch.no_grad():\n    w = w * 1\nw += 1",
+    "w = self.conv.weight\nw = w.clone()\nif self.training:\n    w += 1",
+]
+
+
 @pytest.mark.parametrize(
-    "preamble",
+    "source",
     [
-        "",
-        "# -*- coding: utf-8 -*-\nfrom __future__ import annotations",
-        "import torch\nimport torch.nn as nn\nimport torch.nn.functional as F\nfrom torch import Tensor, nn",
-        "import math, typing as t, itertools\nfrom collections import OrderedDict\nfrom collections.abc import Sized",
-        "from torch.nn.init import xavier_uniform_\nfrom torch.nn.utils import spectral_norm\nimport torch.nn",
-        "from torch.nn import functional as fn\n\n\ndef act(x):\n    return fn.gelu(x)",
-        "from functools import partial\nfrom dataclasses import dataclass\nNorm = partial(nn.GroupNorm, 4)",
-        "import functools\ndef twice(f):\n    @functools.wraps(f)\n    def g(x):\n        return f(f(x))\n    return g",
-        "from typing import Callable, Dict, List, Optional, Tuple, Union, cast",
-        "def pick(kind, input):\n    match kind:\n        case 'a' | 'b':\n            return getattr(input, 'shape')",
-        "class Block(nn.Module):\n    def __init__(self):\n        nn.Module.__init__(self)\n        self.__hidden = 1",
-        "class Net(nn.Module):\n    def __repr__(self):\n        return self.__class__.__name__",
-        "def init(m):\n    if isinstance(m, nn.Conv2d) and hasattr(m, 'bias'):\n        nn.init.zeros_(m.bias)",
-        "DEVICE = torch.device('cuda' if torch.cuda.is_available() else 'cpu')",
-        "def weigh(x):\n    return torch.fft.rfft2(x).abs() + torch.linalg.norm(x) + torch.special.expit(x)",
+        *(f"{preamble}\n\n\n{VALID}" for preamble in PREAMBLES),
+        *(candidate("return self.head(self.conv(x).mean((2, 3)))", lines) for lines in CONSTRUCTORS),
+        *(candidate(f"{forward}\nreturn x") for forward in FORWARDS),
+        f'{VALID}\n\nif __name__ == "__main__":\n    print(ImageRegressionCNN()(torch.randn(2, 3, 64, 64)).shape)\n',
     ],
 )
-def test_network_passes(preamble: str) -> None:
-    """What networks are made of is allowed."""
-    assert rejection_of(f"{preamble}\n\n\n{VALID}", CONTRACT) is None
+def test_network_passes(source: str) -> None:
+    """What networks are made of is allowed, with an example of use below it; only code is judged."""
+    assert rejection_of(source, CONTRACT) is None
 
 
-def test_usage_below_the_class_passes() -> None:
-    """Models like to show how the class is called; the sandbox does not run that part."""
-    usage = 'if __name__ == "__main__":\n    print(ImageRegressionCNN()(torch.randn(2, 3, 64, 64)).shape)\n'
-    assert rejection_of(f"{VALID}\n\n{usage}", CONTRACT) is None
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
+#: What is refused before a class, by its reason. Anything not listed is refused, also inside a function, in decorators,
+#: defaults, annotations, bases, comprehensions, patterns and statements; every form that stores or deletes is seen.
+BEFORE = {
+    Reason.forbidden_import: [
         "import os",
         "import numpy as np",
         "import torch.utils.cpp_extension",
@@ -75,12 +111,69 @@ def test_usage_below_the_class_passes() -> None:
         "from typing import get_type_hints",
         "from typing import _eval_type",
     ],
-)
-def test_import_off_the_list_is_refused(line: str) -> None:
-    """Anything not listed is refused, also inside a function, and the message says what is listed."""
-    rejection = rejected(f"{line}\n\n\n{VALID}")
-    assert rejection.reason is Reason.forbidden_import
-    assert "may not be imported; allowed is what networks need from abc, collections" in rejection.detail
+    Reason.forbidden_name: [
+        "@torch.jit.script\ndef f(x):\n    return x",
+        "def f(x=torch.load):\n    return x",
+        "def f(x: torch.hub):\n    return x",
+        "class A(torch.utils.data.Dataset):\n    pass",
+        "A = [torch.load for _ in range(3)]",
+        "A = lambda: torch.load",
+        "match 1:\n    case torch.load:\n        pass",
+        "with torch.profiler.profile():\n    pass",
+        "assert torch.load",
+        "A: torch.load = 1",
+    ],
+    Reason.forbidden_construct: [
+        # changes of what was imported
+        "torch.Tensor.item = None",
+        "F.mse_loss: object = None",
+        "del torch.load",
+        "F.relu += 1",
+        "for F.mse_loss in [1]:\n    pass",
+        "[0 for F.mse_loss in [1]]",
+        "with a as nn.Module.forward:\n    pass",
+        "(nn.MSELoss.forward, b) = 1, 2",
+        "from torch import Tensor\nTensor.item = None",
+        "from collections import deque\ndeque.x = 1",
+        "setattr(nn.MSELoss, 'forward', None)",
+        "delattr(F.relu, 'x')",
+        # a name that means two things
+        "torch = nn.Module",
+        "def f(nn):\n    return nn",
+        "class F:\n    pass",
+        "match 1:\n    case math:\n        pass",
+        "match [1]:\n    case [*math]:\n        pass",
+        "match {}:\n    case {**math}:\n        pass",
+        "import math as torch",
+        "import torch.nn as torch",
+        "from math import pi as nn",
+        # what Python calls or reads by itself
+        "class A:\n    def __del__(self):\n        pass",
+        "class A:\n    def __set_name__(self, owner, name):\n        pass",
+        "class A(torch.Tensor):\n    def __torch_function__(self):\n        pass",
+        "class A(metaclass=type):\n    pass",
+        "match 1:\n    case object(real=x):\n        pass",
+        "async def f():\n    pass",
+        # wraps reads and writes attributes that are named in strings
+        "from functools import wraps\nwraps(F.relu)(nn.Linear)",
+        "from functools import wraps as w\n@w(F.relu, assigned=('__code__',))\ndef f():\n    pass",
+        "import functools\n@functools.wraps(F.relu, ('a',))\ndef f():\n    pass",
+        "import functools\nmark = functools.wraps",
+        "from functools import wraps\n@wraps(*(F.relu, ('__globals__',), ()))\ndef f():\n    pass",
+        "from functools import wraps\n@(lambda f: wraps(F.relu, updated=())(f))\ndef f():\n    pass",
+        # tools that read the file would see other code than the gate
+        "# -*- coding: utf-7 -*-",
+        "\n# vim: set fileencoding=latin-1 :",
+    ],
+}
+
+
+@pytest.mark.parametrize(("reason", "code"), [(reason, code) for reason, codes in BEFORE.items() for code in codes])
+def test_breach_before_a_class_is_refused(reason: Reason, code: str) -> None:
+    """Wherever it stands, and its line is named."""
+    rejection = rejected(f"{code}\n\n\n{VALID}")
+    assert rejection.reason is reason
+    assert int(rejection.detail.removeprefix("line ").partition(":")[0]) <= code.count("\n") + 1
 
 
 #: What is not on the list, by each way to reach it.
@@ -95,9 +188,9 @@ NAMES = """
 """
 
 
-@pytest.mark.parametrize(
-    "expression",
-    [
+#: What is refused in a forward pass, by its reason.
+WITHIN = {
+    Reason.forbidden_name: [
         *NAMES.split(),
         "F.torch.load('x')",
         "().__class__.__bases__",
@@ -136,98 +229,8 @@ NAMES = """
         "f'{torch.seed()}'",
         "'{0.__init__.__globals__}'.format(x)",
     ],
-)
-def test_name_off_the_list_is_refused(expression: str) -> None:
-    """Wherever a forbidden name is read, its line is named."""
-    rejection = rejected(candidate(f"{expression}\nreturn x"))
-    assert rejection.reason is Reason.forbidden_name
-    assert rejection.detail.startswith("line 10: ")
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        "@torch.jit.script\ndef f(x):\n    return x",
-        "def f(x=torch.load):\n    return x",
-        "def f(x: torch.hub):\n    return x",
-        "class A(torch.utils.data.Dataset):\n    pass",
-        "A = [torch.load for _ in range(3)]",
-        "A = lambda: torch.load",
-        "match 1:\n    case torch.load:\n        pass",
-        "with torch.profiler.profile():\n    pass",
-        "assert torch.load",
-        "A: torch.load = 1",
-    ],
-)
-def test_forbidden_name_is_found_in_every_construct(code: str) -> None:
-    """Decorators, defaults, annotations, bases, comprehensions, patterns and statements are all searched."""
-    assert rejected(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_name
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        "torch.Tensor.item = None",
-        "F.mse_loss: object = None",
-        "del torch.load",
-        "F.relu += 1",
-        "for F.mse_loss in [1]:\n    pass",
-        "[0 for F.mse_loss in [1]]",
-        "with a as nn.Module.forward:\n    pass",
-        "(nn.MSELoss.forward, b) = 1, 2",
-        "from torch import Tensor\nTensor.item = None",
-        "from collections import deque\ndeque.x = 1",
-        "setattr(nn.MSELoss, 'forward', None)",
-        "delattr(F.relu, 'x')",
-    ],
-)
-def test_change_to_what_was_imported_is_refused(code: str) -> None:
-    """Every form that stores or deletes is seen: assignment, loop, comprehension, with, unpacking, del."""
-    rejection = rejected(f"{code}\n\n\n{VALID}")
-    assert rejection.reason in (Reason.forbidden_construct, Reason.forbidden_name)
-    assert rejection.detail.startswith(("line 1: ", "line 2: "))
-
-
-@pytest.mark.parametrize(
-    ("code", "message"),
-    [
-        ("torch = nn.Module", "torch is the module torch; choose another name"),
-        ("def f(nn):\n    return nn", "nn is the module torch.nn"),
-        ("class F:\n    pass", "F is the module torch.nn.functional"),
-        ("match 1:\n    case math:\n        pass", "math is the module math"),
-        ("match [1]:\n    case [*math]:\n        pass", "math is the module math"),
-        ("match {}:\n    case {**math}:\n        pass", "math is the module math"),
-        ("import math as torch", "torch already means torch; import math under another name"),
-        ("import torch.nn as torch", "torch already means torch; import torch.nn under another name"),
-        ("from math import pi as nn", "nn already means torch.nn; import math.pi under another name"),
-    ],
-)
-def test_module_keeps_its_name(code: str, message: str) -> None:
-    """A name that meant two things would make the allow-list meaningless."""
-    rejection = rejected(f"{code}\n\n\n{VALID}")
-    assert rejection.reason is Reason.forbidden_construct
-    assert message in rejection.detail
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        "class A:\n    def __del__(self):\n        pass",
-        "class A:\n    def __set_name__(self, owner, name):\n        pass",
-        "class A(torch.Tensor):\n    def __torch_function__(self):\n        pass",
-        "class A(metaclass=type):\n    pass",
-        "match 1:\n    case object(real=x):\n        pass",
-        "async def f():\n    pass",
-    ],
-)
-def test_construct_that_runs_unseen_is_refused(code: str) -> None:
-    """Methods and patterns that Python calls or reads by itself have no place in a network."""
-    assert rejected(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_construct
-
-
-@pytest.mark.parametrize(
-    "expression",
-    [
+    Reason.forbidden_construct: [
+        # the order of a set of classes follows memory addresses, so an equal source would build another network
         "[kind() for kind in {nn.ReLU, nn.GELU}]",
         "list({layer for layer in self.children()})",
         "tuple(set(self.children()))",
@@ -239,55 +242,13 @@ def test_construct_that_runs_unseen_is_refused(code: str) -> None:
         "self.kinds = {1, 2}\n[kind for kind in self.kinds]",
         "{1, 2} in [{1, 2}]",
         "x if x in {1} | {2} else x",
+        "id(x) % 2",
+        "sorted([nn.ReLU, nn.GELU], key=id)",
+        # Python folds an italic letter to a plain one, so the text would not say what it does
+        "\N{MATHEMATICAL ITALIC SMALL P}rint(x)",
     ],
-)
-def test_set_is_refused(expression: str) -> None:
-    """The order of a set of classes follows memory addresses, so an equal source would build another network."""
-    rejection = rejected(candidate(f"{expression}\nreturn x"))
-    assert rejection.reason is Reason.forbidden_construct
-    assert rejection.detail.startswith("line 1")
-    assert "the order of sets differs between processes; use a list, a tuple or a dict" in rejection.detail
-
-
-@pytest.mark.parametrize(
-    "lines",
-    [
-        "kind = 'relu'\nif kind not in {'relu', 'gelu'}:\n    raise ValueError(kind)",
-        "kinds = {'relu', 'gelu'}\nassert 'relu' in kinds and 'tanh' not in kinds",
-        "self.kinds = {1, 2}\nassert 1 in self.kinds",
-        "wide = [c for c in (8, 16) if c in {16, 32}]",
-        "self.half = 8\nself.double, self.type = 2, 'same'",
-        "self._width = 8\nself.width = self._width",
-        "for i in range(2):\n    setattr(self, f'_conv{i}', nn.Conv2d(3, 3, 1))\nself._conv0(torch.zeros(1, 3, 4, 4))",
-        "self._modules['head'].bias.requires_grad",
-        "self.conv._conv_forward(torch.zeros(1, 3, 4, 4), self.conv.weight, self.conv.bias)",
-        "self.register_buffer(name='_mask', tensor=torch.ones(3))\nself._mask.sum()",
-        "self.norm = nn.BatchNorm2d(3)\nself.norm._check_input_dim(torch.zeros(1, 3, 4, 4))",
-    ],
-)
-def test_what_honest_constructors_do_passes(lines: str) -> None:
-    """Looking up in a set needs no order; conversions are not called; private names of its own are a text's."""
-    assert rejection_of(candidate("return self.head(self.conv(x).mean((2, 3)))", lines), CONTRACT) is None
-
-
-@pytest.mark.parametrize(
-    "forward",
-    [
-        "w = self.conv.weight\nw = w - w.mean()\nw /= 2",
-        "w = self.conv.weight\nfor _ in range(2):\n    w = w - w.mean()\n    w /= 2",
-        "for layer in [self.conv]:\n    w = layer.weight\n    w = w - w.mean()\n    w.mul_(2)",
-        "w = self.conv.weight\nwith torch.no_grad():\n    w = w * 1\nw += 1",
-        "w = self.conv.weight\nw = w.clone()\nif self.training:\n    w += 1",
-    ],
-)
-def test_copy_of_a_weight_may_be_changed(forward: str) -> None:
-    """A name that was set to something else is that, wherever it is changed behind."""
-    assert rejection_of(candidate(f"{forward}\nreturn x"), CONTRACT) is None
-
-
-@pytest.mark.parametrize(
-    "forward",
-    [
+    Reason.changes_its_weights: [
+        # behind a branch, in a loop that comes around, under a second name
         "w = self.conv.weight\nif self.training:\n    w = w * 1\nw += 1",
         "w = x\nfor _ in range(2):\n    w += 1\n    w = self.conv.weight",
         "w = x\nwhile True:\n    w += 1\n    if self.training:\n        w = self.conv.weight",
@@ -295,57 +256,15 @@ def test_copy_of_a_weight_may_be_changed(forward: str) -> None:
         "w = self.conv.weight\nv = w\nv += 1",
         "try:\n    w = self.conv.weight\nexcept ValueError:\n    w = x\nw += 1",
     ],
-)
-def test_name_that_may_still_be_a_weight_may_not_be_changed(forward: str) -> None:
-    """Behind a branch, in a loop that comes around, under a second name."""
-    assert rejected(candidate(f"{forward}\nreturn x")).reason is Reason.changes_its_weights
+}
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "from functools import wraps\nwraps(F.relu)(nn.Linear)",
-        "from functools import wraps as w\n@w(F.relu, assigned=('__code__',))\ndef f():\n    pass",
-        "import functools\n@functools.wraps(F.relu, ('a',))\ndef f():\n    pass",
-        "import functools\nmark = functools.wraps",
-        "from functools import wraps\n@wraps(*(F.relu, ('__globals__',), ()))\ndef f():\n    pass",
-        "from functools import wraps\n@(lambda f: wraps(F.relu, updated=())(f))\ndef f():\n    pass",
-    ],
-)
-def test_wraps_is_a_decorator_only(code: str) -> None:
-    """It reads and writes attributes that are named in strings."""
-    assert rejected(f"{code}\n\n\n{VALID}").reason is Reason.forbidden_construct
-
-
-@pytest.mark.parametrize("expression", ["id(x) % 2", "sorted([nn.ReLU, nn.GELU], key=id)"])
-def test_memory_address_is_refused(expression: str) -> None:
-    """No two processes agree on it."""
-    rejection = rejected(candidate(f"{expression}\nreturn x"))
-    assert rejection.reason is Reason.forbidden_construct
-    assert rejection.detail == "line 10: id may not be used: memory addresses differ between processes"
-
-
-@pytest.mark.parametrize(
-    "code",
-    [
-        "def f(id):\n    return id",
-        "set = [1]\nx = set[0]",
-        "A = {'a': nn.ReLU}",
-        "A = {i: i for i in range(3)}",
-        "A = hash('name') % 2",
-        "class A(nn.Module):\n    def id(self):\n        return self.set",
-    ],
-)
-def test_ordered_container_and_own_name_pass(code: str) -> None:
-    """Dictionaries keep their order, the hash of a text is fixed, and a text may call its own things as it likes."""
-    assert rejection_of(f"{code}\n\n\n{VALID}", CONTRACT) is None
-
-
-def test_identifier_must_be_ascii() -> None:
-    """Python folds an italic letter to a plain one, so the text would not say what it does."""
-    rejection = rejected(candidate("\N{MATHEMATICAL ITALIC SMALL P}rint(x)\nreturn x"))
-    assert rejection.reason is Reason.forbidden_construct
-    assert rejection.detail == "line 10: expected identifiers in ASCII; got '\N{MATHEMATICAL ITALIC SMALL P}rint'"
+@pytest.mark.parametrize(("reason", "line"), [(reason, line) for reason, lines in WITHIN.items() for line in lines])
+def test_breach_within_a_forward_pass_is_refused(reason: Reason, line: str) -> None:
+    """Its line is named."""
+    rejection = rejected(candidate(f"{line}\nreturn x"))
+    assert rejection.reason is reason
+    assert 10 <= int(rejection.detail.removeprefix("line ").partition(":")[0]) <= 10 + line.count("\n")
 
 
 def test_no_allowed_name_is_another_module() -> None:
@@ -354,17 +273,6 @@ def test_no_allowed_name_is_another_module() -> None:
         for name, value in vars(sys.modules[path]).items():
             if allowed.is_allowed(path, name):
                 assert not isinstance(value, ModuleType), f"{path}.{name}"
-
-
-def test_words_in_strings_and_comments_are_free() -> None:
-    """Only code is judged."""
-    assert rejection_of(f'# torch.load, naïve\n"""import os; é"""\n{VALID}', CONTRACT) is None
-
-
-@pytest.mark.parametrize("line", ["# -*- coding: utf-7 -*-", "\n# vim: set fileencoding=latin-1 :"])
-def test_other_encoding_is_refused(line: str) -> None:
-    """Tools that read the file would see other code than the gate."""
-    assert rejected(f"{line}\n{VALID}").reason is Reason.forbidden_construct
 
 
 def test_deep_expression_is_too_complex() -> None:
@@ -381,9 +289,7 @@ def test_first_breach_is_named() -> None:
 
 def test_class_must_be_there() -> None:
     """A task's own baseline with a wrong name is refused without a sandbox."""
-    rejection = rejected(VALID.replace("ImageRegressionCNN", "Net"))
-    assert rejection.reason is Reason.no_class
-    assert "ImageRegressionCNN" in rejection.detail
+    assert rejected(VALID.replace("ImageRegressionCNN", "Net")).reason is Reason.no_class
 
 
 MADE = "self.w = nn.Parameter(torch.ones(4, 4))"
@@ -413,8 +319,7 @@ def test_weight_is_known_however_it_was_made_and_is_called(init: str, forward: s
 )
 def test_name_of_a_module_is_bound_in_no_way(binding: str) -> None:
     """Also by an error that is caught, and by a pattern."""
-    rejection = rejected(f"{VALID}\nclass Block(nn.Module):\n    {binding}\n")
-    assert rejection.reason is Reason.redefines_module
+    assert rejected(f"{VALID}\nclass Block(nn.Module):\n    {binding}\n").reason is Reason.redefines_module
 
 
 @pytest.mark.parametrize("ending", ["x = '\ud800'\n", "\\\r\n"])

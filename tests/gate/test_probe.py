@@ -178,12 +178,6 @@ def test_failure_has_its_reason(reason: Reason, source: str) -> None:
     assert "\n" not in rejection.detail
 
 
-def test_detail_names_what_was_expected_and_what_came() -> None:
-    """A wrong shape is reported with both shapes."""
-    rejection = rejection_of(candidate("return self.conv(x).mean((2, 3))"))
-    assert rejection.detail == "expected shape (2, 3); got (2, 4)"
-
-
 @pytest.mark.parametrize(
     "source",
     [
@@ -271,21 +265,21 @@ def test_prediction_depends_on_its_own_image_only(expression: str, init: str) ->
 
 
 @pytest.mark.parametrize(
-    ("expression", "init"),
+    "expression",
     [
-        ("self.conv(x) + 0.1 * torch.randn_like(self.conv(x))", ""),
-        ("F.dropout(self.conv(x), 0.5)", ""),
-        ("self.d[0](self.conv(x))", "self.d = [nn.Dropout(0.5)]"),
-        ("self.conv(x) * (torch.rand(1) > 0.5)", ""),
-        ("torch.bernoulli(self.conv(x).sigmoid())", ""),
-        ("self.conv(x)[:, torch.randperm(4)]", ""),
-        ("self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator())", ""),
-        ("self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator().manual_seed(3))", ""),
+        "self.conv(x) + 0.1 * torch.randn_like(self.conv(x))",
+        "F.dropout(self.conv(x), 0.5)",
+        "[nn.Dropout(0.5)][0](self.conv(x))",
+        "self.conv(x) * (torch.rand(1) > 0.5)",
+        "torch.bernoulli(self.conv(x).sigmoid())",
+        "self.conv(x)[:, torch.randperm(4)]",
+        "self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator())",
+        "self.conv(x) + torch.randn(self.conv(x).shape, generator=torch.Generator().manual_seed(3))",
     ],
 )
-def test_evaluation_leaves_nothing_to_chance(expression: str, init: str) -> None:
+def test_evaluation_leaves_nothing_to_chance(expression: str) -> None:
     """A prediction that is drawn cannot be repeated from the weights."""
-    assert rejection_of(features(expression, init)).reason is Reason.random_in_evaluation
+    assert rejection_of(features(expression)).reason is Reason.random_in_evaluation
 
 
 @pytest.mark.parametrize(
@@ -427,44 +421,37 @@ def test_products_with_vectors_are_counted() -> None:
     assert profile_of(source).flops == profile_of(VALID).flops + 2 * 9 + 2 * 9 + 2 * 3 * 4 * 4
 
 
-def test_parameter_of_integers_is_told_what_to_do() -> None:
-    """The hint about real and imaginary parts is for complex ones only."""
-    init = "self.w = nn.Parameter(torch.ones(3, dtype=torch.int64), requires_grad=False)"
+@pytest.mark.parametrize(("kind", "hint"), [("int64", "buffer"), ("complex64", "imaginary parts")])
+def test_parameter_that_no_gradient_can_change_is_told_what_to_do(kind: str, hint: str) -> None:
+    """In our words: torch's optimiser would speak of its own fused form."""
+    init = f"self.w = nn.Parameter(torch.ones(3, dtype=torch.{kind}), requires_grad=False)"
     rejection = rejection_of(candidate(f"return {GOOD}", init))
     assert rejection.reason is Reason.construction_failed
-    assert "int64" in rejection.detail
-    assert "buffer" in rejection.detail
-    assert "imaginary" not in rejection.detail
-
-
-def test_complex_parameter_is_told_in_our_words() -> None:
-    """Torch's optimiser would speak of its own fused form."""
-    rejection = rejection_of(
-        candidate(f"return {GOOD} + self.w.real", "self.w = nn.Parameter(torch.ones(3, dtype=torch.cfloat))")
-    )
-    assert rejection.reason is Reason.construction_failed
-    assert "complex64" in rejection.detail
+    assert kind in rejection.detail
+    assert hint in rejection.detail
 
 
 @pytest.mark.parametrize(
-    ("init", "forward"),
+    "source",
     [
-        ("getattr(F.relu, '__glo' + 'bals__')", ""),
-        ("setattr(self, 'fo' + 'rward_hooks'[3:], 1) or setattr(self, '_for' + 'ward_hooks', {})", ""),
-        ("setattr(nn.Linear, 'x' + 'y', 3)", ""),
-        ("hasattr(self.conv.weight, '_' + 'grad')", ""),
-        ("", "getattr(self.conv.weight, 'da' + 'ta').neg_()"),
-        ("", "setattr(self, 'train' + 'ing', True)"),
-        ("delattr(nn.Conv2d, 'for' + 'ward')", ""),
-        ("del getattr", "getattr(x, 'num' + 'py')()"),
-        ("class Name(str):\n    pass\ngetattr(self.conv, Name('weight'))", ""),
+        *(
+            candidate(f"return {GOOD}", init)
+            for init in (
+                "getattr(F.relu, '__glo' + 'bals__')",
+                "setattr(self, 'fo' + 'rward_hooks'[3:], 1) or setattr(self, '_for' + 'ward_hooks', {})",
+                "setattr(nn.Linear, 'x' + 'y', 3)",
+                "hasattr(self.conv.weight, '_' + 'grad')",
+                "delattr(nn.Conv2d, 'for' + 'ward')",
+                "class Name(str):\n    pass\ngetattr(self.conv, Name('weight'))",
+            )
+        ),
+        candidate(f"getattr(self.conv.weight, 'da' + 'ta').neg_()\nreturn {GOOD}"),
+        candidate(f"setattr(self, 'train' + 'ing', True)\nreturn {GOOD}"),
+        "getattr = None\ndel getattr\n" + candidate(f"getattr(x, 'num' + 'py')()\nreturn {GOOD}"),
     ],
 )
-def test_computed_name_is_looked_up_in_the_lists(init: str, forward: str) -> None:
+def test_computed_name_is_looked_up_in_the_lists(source: str) -> None:
     """What the policy refuses in the text, the functions that take a name refuse when they are called."""
-    source = candidate(f"{forward or '...'}\nreturn {GOOD}", init.replace("del getattr", "..."))
-    if init == "del getattr":
-        source = f"getattr = None\ndel getattr\n{source}"
     assert rejection_of(source).reason in {Reason.forbidden_name, Reason.construction_failed}
 
 

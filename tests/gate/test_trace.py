@@ -14,9 +14,6 @@ from tacevo.gate.operations import is_transparent, operation
 from tacevo.gate.trace import trace
 from tacevo.profile import Graph
 
-#: The steps of a network: an image and its one layer in, anything out.
-Forward = Callable[[Tensor, nn.Module], object]
-
 
 def graph_of(model: nn.Module) -> Graph:
     """Trace a network on one 3 x 8 x 8 image."""
@@ -28,96 +25,62 @@ def ops_of(model: nn.Module) -> list[str]:
     return [node.op for node in graph_of(model).nodes]
 
 
-class FunctionalChain(nn.Module):
-    """The chain without a single layer object."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        shapes = {"a": (4, 3, 3, 3), "b": (8, 4, 5, 5), "c": (6, 128), "d": (3, 6)}
-        self.weights = nn.ParameterDict({name: nn.Parameter(torch.ones(shape)) for name, shape in shapes.items()})
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Write every step as a function or a method."""
-        x = F.conv2d(x, self.weights["a"], padding=1).relu()
-        x = F.max_pool2d(x, 2)
-        x = F.conv2d(x, weight=self.weights["b"], padding=2).reshape(len(x), -1)
-        return F.linear(F.relu(F.linear(x, self.weights["c"])), self.weights["d"])
-
-
-class Residual(nn.Module):
-    """A skip over the second convolution."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.first = nn.Conv2d(3, 4, 3, padding=1)
-        self.second = nn.Conv2d(4, 4, 3, padding=1)
-        self.head = nn.Linear(4, 3)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Add in place, which is still an addition."""
-        h = self.first(x)
-        out = self.second(h)
-        out += h
-        out = F.adaptive_avg_pool2d(out.relu_(), 1)
-        return self.head(out.flatten(1))  # type: ignore[no-any-return]
-
-
-class Branch(nn.Module):
-    """Two convolutions of the same image."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.branches = nn.ModuleList([nn.Conv2d(3, 4, 1), nn.Conv2d(3, 8, 3, padding=1)])
-        self.head = nn.Linear(12, 3)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Loop over a list of layers and collect in a dictionary."""
-        found = {str(i): branch(x) for i, branch in enumerate(self.branches)}
-        return self.head(torch.cat(list(found.values()), dim=1).mean((2, 3)))  # type: ignore[no-any-return]
-
-
-class Shared(nn.Module):
-    """One layer called twice."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.stem = nn.Conv2d(3, 4, 3, padding=1)
-        self.block = nn.Conv2d(4, 4, 3, padding=1)
-        self.head = nn.Linear(4, 3)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Loop, as a recurrent block would."""
-        x = self.stem(x)
-        for _ in range(2):
-            x = F.relu(self.block(x))
-        return self.head(x.mean((2, 3)))  # type: ignore[no-any-return]
-
-
-class Einsum(nn.Module):
-    """A parameter used by einsum, after a change of shape."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.mixing = nn.Parameter(torch.ones(5, 3))
-        self.head = nn.Linear(5, 3)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Reshape the parameter first, which is not an operation on data."""
-        x = torch.einsum("nc,ck->nk", x.mean((2, 3)), self.mixing.t())
-        return self.head(x)  # type: ignore[no-any-return]
-
-
 class Custom(nn.Module):
-    """Any forward pass on an image, with at most one layer of its own."""
+    """Any forward pass on an image, with layers or parameters of its own."""
 
-    def __init__(self, forward: Forward, layer: nn.Module | None = None) -> None:
+    def __init__(self, forward: Callable[..., object], *parts: nn.Module | nn.Parameter) -> None:
         super().__init__()
-        self.layer = layer or nn.Identity()
-        self.steps = forward
+        self.steps, self.parts = forward, parts
+        for number, part in enumerate(parts):
+            setattr(self, f"part{number}", part)
 
     def forward(self, x: Tensor) -> object:
         """Run the steps."""
-        return self.steps(x, self.layer)
+        return self.steps(x, *self.parts)
+
+
+def functional_chain(x: Tensor, a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> Tensor:
+    """Write every step of the chain as a function or a method."""
+    x = F.max_pool2d(F.conv2d(x, a, padding=1).relu(), 2)
+    x = F.conv2d(x, weight=b, padding=2).reshape(len(x), -1)
+    return F.linear(F.relu(F.linear(x, c)), d)
+
+
+def residual(x: Tensor, first: nn.Module, second: nn.Module, head: nn.Module) -> object:
+    """Add in place, which is still an addition."""
+    h = first(x)
+    out = second(h)
+    out += h
+    return head(F.adaptive_avg_pool2d(out.relu_(), 1).flatten(1))
+
+
+def branch(x: Tensor, *layers: nn.Module) -> object:
+    """Loop over a list of layers and collect in a dictionary."""
+    seen = {str(number): layer(x) for number, layer in enumerate(layers[:-1])}
+    return layers[-1](torch.cat(list(seen.values()), dim=1).mean((2, 3)))
+
+
+def shared(x: Tensor, stem: nn.Module, block: nn.Module, head: nn.Module) -> object:
+    """Loop, as a recurrent block would."""
+    x = stem(x)
+    for _ in range(2):
+        x = F.relu(block(x))
+    return head(x.mean((2, 3)))
+
+
+def einsum(x: Tensor, mixing: Tensor, head: nn.Module) -> object:
+    """Reshape the parameter first, which is not an operation on data."""
+    return head(torch.einsum("nc,ck->nk", x.mean((2, 3)), mixing.t()))
+
+
+def conv(inputs: int, outputs: int, side: int = 3) -> nn.Module:
+    """Make a convolution that keeps the size of the image."""
+    return nn.Conv2d(inputs, outputs, side, padding=side // 2)
+
+
+def weights(*shape: int) -> nn.Parameter:
+    """Make a parameter."""
+    return nn.Parameter(torch.ones(shape))
 
 
 def layered_chain() -> nn.Module:
@@ -131,12 +94,16 @@ def layered_chain() -> nn.Module:
     ("model", "graph"),
     [
         pytest.param(layered_chain(), CHAIN, id="chain"),
-        pytest.param(FunctionalChain(), CHAIN, id="functional chain"),
-        pytest.param(Residual(), RESIDUAL, id="residual"),
-        pytest.param(Branch(), BRANCH, id="branch"),
-        pytest.param(Shared(), SHARED, id="shared module"),
+        pytest.param(
+            Custom(functional_chain, weights(4, 3, 3, 3), weights(8, 4, 5, 5), weights(6, 128), weights(3, 6)),
+            CHAIN,
+            id="functional chain",
+        ),
+        pytest.param(Custom(residual, conv(3, 4), conv(4, 4), nn.Linear(4, 3)), RESIDUAL, id="residual"),
+        pytest.param(Custom(branch, conv(3, 4, 1), conv(3, 8), nn.Linear(12, 3)), BRANCH, id="branch"),
+        pytest.param(Custom(shared, conv(3, 4), conv(4, 4), nn.Linear(4, 3)), SHARED, id="shared module"),
         pytest.param(nn.Sequential(nn.Flatten(), nn.Linear(192, 3)), ONE_LAYER, id="one layer only"),
-        pytest.param(Einsum(), EINSUM, id="einsum"),
+        pytest.param(Custom(einsum, weights(5, 3), nn.Linear(5, 3)), EINSUM, id="einsum"),
         pytest.param(
             nn.Sequential(
                 nn.Conv2d(3, 4, 3), nn.Conv2d(4, 12, 3), nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Linear(12, 3)
@@ -176,7 +143,7 @@ def test_graph_is_the_one_drawn_by_hand(model: nn.Module, graph: Graph) -> None:
 )
 def test_layer_and_its_function_spell_the_same(layer: nn.Module, function: Callable[[Tensor], Tensor]) -> None:
     """One node each, of the same type."""
-    assert ops_of(layer) == ops_of(Custom(lambda x, _: function(x)))
+    assert ops_of(layer) == ops_of(Custom(function))
     assert len(ops_of(layer)) == 1
 
 
@@ -195,7 +162,7 @@ def test_activation_is_no_node(layer: type[nn.Module]) -> None:
 def test_change_of_shape_is_no_node() -> None:
     """Data flows through any chain of reshapes, slices and casts."""
 
-    def steps(x: Tensor, layer: nn.Module) -> Tensor:
+    def steps(x: Tensor) -> Tensor:
         a, b = x.permute(0, 2, 3, 1).contiguous().view(1, 64, 3).transpose(1, 2).unsqueeze(0).double().chunk(2, dim=-1)
         return (a[0, ..., :4].float() + b[0, ..., :4].float()).expand(1, 3, 4).flatten(1)
 
@@ -205,7 +172,7 @@ def test_change_of_shape_is_no_node() -> None:
 def test_operator_and_method_spell_the_same() -> None:
     """Operators, reflected operators, methods and in-place forms of one operation are one type."""
 
-    def steps(x: Tensor, layer: nn.Module) -> Tensor:
+    def steps(x: Tensor) -> Tensor:
         x = 1 - (2 * x + 1)
         x = x.mul(2).add_(1)
         x -= 1
@@ -226,14 +193,14 @@ def test_dropout_does_not_hide_a_skip() -> None:
 
 def test_factory_starts_no_flow() -> None:
     """What takes only shape and type from its argument is not an operation on data."""
-    model = Custom(lambda x, _: x.new_zeros(1, 3) + torch.ones_like(x).mean((2, 3)))
+    model = Custom(lambda x: x.new_zeros(1, 3) + torch.ones_like(x).mean((2, 3)))
     assert ops_of(model) == []
 
 
 def test_constant_is_no_node() -> None:
     """Coordinates are computed from sizes alone; joining them to the image is the one operation."""
 
-    def steps(x: Tensor, layer: nn.Module) -> Tensor:
+    def steps(x: Tensor) -> Tensor:
         rows = torch.linspace(0, 1, x.size(2)).pow(2).view(1, 1, -1, 1).expand(1, 1, 8, 8)
         return torch.cat([x, rows], dim=1)
 
@@ -243,7 +210,7 @@ def test_constant_is_no_node() -> None:
 def test_assignment_to_a_slice_carries_data() -> None:
     """A buffer that is filled piece by piece leads from the pieces to whoever reads it."""
 
-    def steps(x: Tensor, layer: nn.Module) -> Tensor:
+    def steps(x: Tensor) -> Tensor:
         buffer = torch.zeros(1, 2)
         buffer[:, 0] = x.mean((1, 2, 3))
         buffer[:, 1] = x.amax((1, 2, 3))
@@ -281,11 +248,10 @@ def test_transformer_block_is_opened() -> None:
 def test_custom_module_with_parameters_is_its_operations() -> None:
     """A generalised-mean pooling is seen as the powers and the mean that it computes."""
 
-    def steps(x: Tensor, layer: nn.Module) -> Tensor:
-        power = layer.get_parameter("weight")
+    def steps(x: Tensor, power: Tensor) -> Tensor:
         return x.clamp(min=1e-6).pow(power).mean((2, 3)).pow(1 / power)
 
-    assert ops_of(Custom(steps, nn.PReLU())) == ["clamp", "pow", "mean", "pow"]
+    assert ops_of(Custom(steps, weights(1))) == ["clamp", "pow", "mean", "pow"]
 
 
 def test_subclass_of_a_layer_is_that_layer() -> None:
@@ -308,7 +274,7 @@ def test_reparametrised_layer_is_that_layer() -> None:
 
 def test_weight_made_from_the_input_is_not_weighted() -> None:
     """A dynamic convolution holds no weight of its own, so it adds neither depth nor channels."""
-    graph = graph_of(Custom(lambda x, _: F.conv2d(x, x[:, :, :3, :3])))
+    graph = graph_of(Custom(lambda x: F.conv2d(x, x[:, :, :3, :3])))
     assert graph.nodes[0].op == "conv2d"
     assert not graph.nodes[0].weighted
     assert graph.channels == ()
@@ -323,12 +289,10 @@ def test_transposed_convolution_counts_output_channels() -> None:
 def test_last_linear_called_is_no_hidden_layer() -> None:
     """The output layer is the one called last, in whatever order layers were made."""
 
-    def steps(x: Tensor, layer: nn.Module) -> object:
-        assert isinstance(layer, nn.ModuleList)
-        return layer[0](layer[1](x.flatten(1)))
+    def steps(x: Tensor, first: nn.Module, last: nn.Module) -> object:
+        return first(last(x.flatten(1)))
 
-    layers = nn.ModuleList([nn.Linear(9, 3), nn.Linear(192, 9)])
-    assert graph_of(Custom(steps, layers)).hidden == (9,)
+    assert graph_of(Custom(steps, nn.Linear(9, 3), nn.Linear(192, 9))).hidden == (9,)
 
 
 def test_tracing_leaves_no_hook_behind() -> None:
@@ -350,14 +314,13 @@ def test_tracing_leaves_no_hook_behind() -> None:
 def test_caught_error_does_not_blind_the_tracer(bad: nn.Module) -> None:
     """A network that catches the error of a layer and continues is recorded on; a failed call is not a node."""
 
-    def steps(x: Tensor, layer: nn.Module) -> object:
-        assert isinstance(layer, nn.ModuleList)
+    def steps(x: Tensor, first: nn.Module, last: nn.Module) -> object:
         for _ in range(2):
             with suppress(RuntimeError, TypeError):
-                layer[0](x.flatten(1))
-        return layer[1](x.flatten(1))
+                first(x.flatten(1))
+        return last(x.flatten(1))
 
-    assert graph_of(Custom(steps, nn.ModuleList([bad, nn.Linear(192, 3)]))) == ONE_LAYER
+    assert graph_of(Custom(steps, bad, nn.Linear(192, 3))) == ONE_LAYER
 
 
 def test_error_of_a_hook_does_not_blind_the_tracer() -> None:
@@ -366,15 +329,14 @@ def test_error_of_a_hook_does_not_blind_the_tracer() -> None:
     def refuse(layer: nn.Module, args: object) -> None:
         raise RuntimeError("not today")
 
-    def steps(x: Tensor, layer: nn.Module) -> object:
-        assert isinstance(layer, nn.ModuleList)
+    def steps(x: Tensor, first: nn.Module, last: nn.Module) -> object:
         with suppress(RuntimeError):
-            layer[0](x.flatten(1))
-        return layer[1](x.flatten(1))
+            first(x.flatten(1))
+        return last(x.flatten(1))
 
     bad = nn.Linear(192, 3)
     bad.register_forward_pre_hook(refuse)
-    assert graph_of(Custom(steps, nn.ModuleList([bad, nn.Linear(192, 3)]))) == ONE_LAYER
+    assert graph_of(Custom(steps, bad, nn.Linear(192, 3))) == ONE_LAYER
 
 
 def test_operation_knows_class_names() -> None:

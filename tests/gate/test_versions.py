@@ -176,9 +176,9 @@ def test_given_network_before_other_code_is_no_answer(behind: str) -> None:
     """Of a network that the model was given, the rest of the answer says whether it meant to return it."""
     text = f"{fenced(VALID)}\n{behind}"
     assert source_of(text) == VALID
-    found = extract(completion(text), contract(), own=False)
-    assert isinstance(found, Rejection)
-    assert found.reason is Reason.no_class
+    verdict = extract(completion(text), contract(), own=False)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.no_class
     alone = f"{fenced(VALID)}\nUse it so:\n{fenced('net = ImageRegressionCNN()' + chr(10))}"
     assert extract(completion(alone), contract(), own=False) == VALID
     helped = f"{fenced(VALID.replace('F.relu', 'act'))}\n{fenced('def act(x):' + chr(10) + '    return x' + chr(10))}"

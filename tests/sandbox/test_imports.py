@@ -2,19 +2,20 @@
 
 import os
 from collections.abc import Iterator
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from checkout import LIBRARY
+from hostile_runs import Harness, examples
 
 from tacevo.choices import Confinement, Numerics
-from tacevo.cli.inspect import task_without_data
-from tacevo.records import Json, Limits, Reason, Task, to_json
-from tacevo.runs.wiring import ENTRIES, recipe_of
+from tacevo.profile import Admitted
+from tacevo.records import Limits, Reason, Training
+from tacevo.runs.wiring import ENTRIES
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.processes import children
 from tacevo.sandbox.protocol import Message, Sort
-from tacevo.training.evaluation import Examples, Setting
 from tacevo.training.numerics import environment
 
 LIMITS = Limits(seconds=60, memory_mib=1000)
@@ -24,7 +25,7 @@ LIMITS = Limits(seconds=60, memory_mib=1000)
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
     """Open a sandbox with the real entries and two attacks."""
     images = tmp_path_factory.mktemp("images") / "images.npy"
-    np.save(images, np.zeros((12, 3, 32, 32), np.uint8))
+    np.save(images, examples()[0])
     attacks = {name: f"attacks:{name}" for name in ("import_modules", "write_raw")}
     with Sandbox(
         entries={**ENTRIES, **attacks},
@@ -35,42 +36,14 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
-@pytest.fixture(scope="module")
-def force() -> Task:
-    """Return the task of the forces, at 32 pixels."""
-    return task_without_data("force", 32)[1]
-
-
-def probed(sandbox: Sandbox, source: str, task: Task) -> Finished | Died:
-    """Probe a source that no policy has seen."""
-    sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
-    header: Json = {"source": source, "contract": to_json(task.contract), "limits": sizes}
-    return sandbox.run("probe", header, b"", LIMITS)
-
-
-def test_probe_and_training_need_no_compiler(sandbox: Sandbox, force: Task) -> None:
+def test_probe_and_training_need_no_compiler(sandbox: Sandbox, tmp_path: Path) -> None:
     """An honest network is probed and trained below one zygote, which has not imported torch's compiler."""
-    config, _ = task_without_data("force", 32)
-    telling = f"{force.baseline}\nimport sys\nif 'torch._dynamo' in sys.modules:\n    raise RuntimeError('imported')\n"
+    baseline = (LIBRARY / "force" / "baseline.py").read_text(encoding="utf-8")
+    telling = f"{baseline}\nimport sys\nif 'torch._dynamo' in sys.modules:\n    raise RuntimeError('imported')\n"
     before = len(children(os.getpid()))
-    judged = probed(sandbox, telling, force)
-    assert isinstance(judged, Finished)
-    assert "profile" in str(judged.frames[0].header)
-    rows = np.arange(12)
-    examples = Examples(
-        train=rows[:8],
-        validation=rows[8:],
-        train_targets=np.zeros((8, 3), np.float32),
-        validation_targets=np.zeros((4, 3), np.float32),
-        mean=(0.0,) * 3,
-        deviation=(1.0,) * 3,
-        fingerprint="",
-    )
-    recipe = replace(recipe_of(config), epochs=1, batch_size=4)
-    setting = Setting(contract=force.contract, fingerprint="", recipe=recipe, numerics=Numerics.portable)
-    trained = setting.train(sandbox.run, telling, 0, examples=examples, predicted=[examples.validation])
-    assert isinstance(trained, Finished)
-    assert "weights_sha256" in str(trained.frames[-1].header)
+    harness = Harness(sandbox, examples()[1], tmp_path, LIMITS)
+    assert isinstance(harness.probed(telling), Admitted)
+    assert isinstance(harness.trained(telling), Training)
     assert len(children(os.getpid())) == before + 1
 
 

@@ -77,18 +77,12 @@ class _Liar(nn.Linear):
         return {"_parameters": {}, "_modules": {}}
 
 
-def test_class_with_its_own_dictionary_is_not_asked() -> None:
-    """The dictionary is read by torch's own descriptor."""
-    layer = nn.Linear(2, 2)
+def test_network_is_not_asked() -> None:
+    """Its dictionary is read by torch's own descriptor, and the entries by the built-in method."""
+    layer, other = nn.Linear(2, 2), nn.Linear(2, 2)
     layer.__class__ = _Liar
-    assert len(parameters(layer)) == 2
-
-
-def test_dictionary_with_its_own_items_is_not_asked() -> None:
-    """Entries are read by the built-in method."""
-    layer = nn.Linear(2, 2)
-    layer._parameters = _Lies(layer._parameters)
-    assert len(parameters(layer)) == 2
+    other._parameters = _Lies(other._parameters)
+    assert [len(parameters(layer)), len(parameters(other))] == [2, 2]
 
 
 def test_parameter_of_another_class_is_refused() -> None:

@@ -47,20 +47,15 @@ def test_running_process_is_not_ending() -> None:
     assert memory(os.getpid()).anonymous > 0
 
 
-def test_zombie_is_ending() -> None:
-    """A process that waits to be reaped is on its way, and holds nothing."""
+def test_zombie_is_ending_and_what_was_reaped_is_gone() -> None:
+    """A process that waits to be reaped is on its way; neither holds anything."""
     with subprocess.Popen(["true"]) as process:
         assert eventually(lambda: _state(process.pid) == "Z")
-        assert is_ending(process.pid)
-        assert memory(process.pid).peak == 0
-
-
-def test_process_that_is_gone_is_ending() -> None:
-    """What was reaped has ended, and holds nothing."""
-    with subprocess.Popen(["true"]) as process:
-        process.wait()
-        assert is_ending(process.pid)
-        assert memory(process.pid).peak == 0
+        for reap in (False, True):
+            if reap:
+                process.wait()
+            assert is_ending(process.pid)
+            assert memory(process.pid).peak == 0
 
 
 def test_process_without_its_first_thread_is_not_ending(leaderless: int) -> None:

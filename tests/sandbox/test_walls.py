@@ -7,17 +7,15 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import attacks
-import numpy as np
 import pytest
-import wall_attacks
+from sandboxes import ENTRIES, LIMITS, answer, open_sandbox
 from waiting import eventually
 
 from tacevo.choices import Confinement
-from tacevo.records import Limits, Reason
+from tacevo.records import Reason
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.confinement import available, in_force
 from tacevo.sandbox.processes import descendants
@@ -27,27 +25,11 @@ pytestmark = [
     pytest.mark.skipif(available() is not Confinement.kernel, reason="the kernel has no Landlock or no seccomp"),
 ]
 
-LIMITS = Limits(seconds=5, memory_mib=300)
-SHORT = Limits(seconds=1, memory_mib=300)
-PATIENT = Limits(seconds=50, memory_mib=300)
-ENTRIES = {
-    name: f"{module.__name__}:{name}"
-    for module in (attacks, wall_attacks)
-    for name, value in vars(module).items()
-    if callable(value) and getattr(value, "__module__", None) == module.__name__
-}
+SHORT, PATIENT = replace(LIMITS, seconds=1), replace(LIMITS, seconds=50)
 
 #: Calls that newer kernels let pass every filter (uretprobe, uprobe); made by other code than the kernel's own, they
 #: kill the process.
 PROBES = {"x86_64": (335, 336)}
-
-
-def open_sandbox(folder: Path, strongest: Confinement) -> Sandbox:
-    """Open a sandbox with every attack and 12 bytes of images."""
-    images = folder / "images.npy"
-    np.save(images, np.ones((12,), np.uint8))
-    settings = {"OMP_NUM_THREADS": "1"}
-    return Sandbox(entries=ENTRIES, environment=settings, arrays={"images": images}, strongest=strongest)
 
 
 @pytest.fixture(scope="module")
@@ -62,14 +44,6 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
     """Open one sandbox without them."""
     with open_sandbox(tmp_path_factory.mktemp("plain"), Confinement.process) as opened:
         yield opened
-
-
-def answer(sandbox: Sandbox, entry: str, header: Any = None) -> Any:
-    """Run an attack that must answer with one frame; give its header."""
-    finished = sandbox.run(entry, header, b"", LIMITS)
-    assert isinstance(finished, Finished), finished
-    (frame,) = finished.frames
-    return frame.header
 
 
 def folder_with_files(folder: Path) -> Path:

@@ -1,17 +1,15 @@
 """Promise: an operation without a deterministic form is refused on a CPU, named on a GPU, never passed in silence."""
 
 import contextlib
-import hashlib
 import os
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
 from refusals import refused
-from training_jobs import RECIPE, examples, header_of, payload_of
+from training_jobs import RECIPE, examples, header_of, payload_of, trained
 
 from tacevo.choices import Precision
 from tacevo.config.compose import compose
@@ -20,12 +18,11 @@ from tacevo.errors import ConfigError
 from tacevo.records import Gpu, written
 from tacevo.runs.wiring import recipe_of
 from tacevo.storage.canonical import value_at
-from tacevo.training.determinism import note_warnings, noting_nondeterminism
+from tacevo.training.determinism import noting_nondeterminism
 from tacevo.training.gpu import equip
 from tacevo.training.numerics import check_gpus
-from tacevo.training.trainer import run
 
-CPU = torch.device("cpu")
+pytestmark = pytest.mark.usefixtures("torch_settings")
 
 #: Adaptive pooling has no deterministic backward pass on a GPU; the rest of it has.
 POOLING = """
@@ -41,15 +38,6 @@ class Net(nn.Module):
 PLAIN = POOLING.replace("F.adaptive_avg_pool2d(self.conv(x), 2)", "F.avg_pool2d(self.conv(x), 2)")
 
 
-@pytest.fixture(autouse=True)
-def _torch_settings() -> Iterator[None]:
-    """Undo what a training sets for the whole process, because here it does not end with it."""
-    before = torch.get_deterministic_debug_mode()
-    with torch.random.fork_rng(devices=[]):
-        yield
-    torch.set_deterministic_debug_mode(before)
-
-
 def unpool() -> torch.Tensor:
     """Call what has no deterministic form on a CPU either."""
     values, places = torch.nn.functional.max_pool2d(torch.ones(1, 1, 4, 4), 2, return_indices=True)
@@ -58,68 +46,36 @@ def unpool() -> torch.Tensor:
 
 def test_cpu_refuses() -> None:
     """No record is needed of what cannot happen."""
-    with noting_nondeterminism(CPU), pytest.raises(RuntimeError, match="does not have a deterministic implementation"):
+    with (
+        noting_nondeterminism(torch.device("cpu")),
+        pytest.raises(RuntimeError, match="does not have a deterministic implementation"),
+    ):
         unpool()
-
-
-def test_what_torch_warns_of_is_noted_by_name_once() -> None:
-    """As a GPU does it: the operation runs, and its name is kept however often it ran."""
-    noted: set[str] = set()
-    torch.set_deterministic_debug_mode("warn")
-    with warnings.catch_warnings():
-        note_warnings(noted)
-        unpool()
-        unpool()
-        warnings.warn("something else", stacklevel=1)
-    assert noted == {"max_unpooling2d_forward_out"}
 
 
 def test_gpu_notes_what_it_cannot_do_deterministically() -> None:
-    """Without a GPU here: what torch warns of within is noted."""
+    """By name, once however often it ran; the search takes names alone, so what torch words otherwise becomes one."""
     with noting_nondeterminism(torch.device("cuda")) as noted:
-        warnings.warn("pooling does not have a deterministic implementation", stacklevel=1)
-    assert noted == {"pooling"}
-
-
-def test_warning_without_a_name_becomes_one() -> None:
-    """Torch words some warnings otherwise; the search takes names alone, so what it says is written as one."""
-    noted = set[str]()
-    with warnings.catch_warnings():
-        note_warnings(noted)
+        unpool()
+        unpool()
         warnings.warn("Flash (v2) defaults to a non-deterministic algorithm. " + "x" * 100, stacklevel=1)
-    (name,) = noted
-    assert name.startswith("Flash_v2_defaults_to_a_non_deterministic_algorithm._xxx")
-    assert len(name) == 100
+        warnings.warn("something else", stacklevel=1)
+    name = "Flash_v2_defaults_to_a_non_deterministic_algorithm._" + "x" * 100
+    assert noted == {"max_unpooling2d_forward_out", name[:100]}
 
 
 @pytest.mark.parametrize(
     ("overrides", "place", "expected", "got"),
     [
-        (
-            ["sandbox.require=process", "numerics=fast", "training.gpu=X"],
-            "sandbox.require",
-            "none with training.device=cuda",
-            '"process"',
-        ),
-        (
-            ["sandbox.require=none", "numerics=portable", "training.gpu=X"],
-            "numerics.kind",
-            "fast with training.device=cuda",
-            '"portable"',
-        ),
-        (
-            ["sandbox.require=none", "numerics=fast"],
-            "training.gpu",
-            "the GPU's model, e.g. 'NVIDIA H200', with training.device=cuda",
-            "null",
-        ),
+        ("sandbox.require=process numerics=fast training.gpu=X", "sandbox.require", "none", '"process"'),
+        ("sandbox.require=none numerics=portable training.gpu=X", "numerics.kind", "fast", '"portable"'),
+        ("sandbox.require=none numerics=fast", "training.gpu", "the GPU's model", "null"),
     ],
 )
-def test_cuda_promises_no_more_than_it_keeps(overrides: list[str], place: str, expected: str, got: str) -> None:
+def test_cuda_promises_no_more_than_it_keeps(overrides: str, place: str, expected: str, got: str) -> None:
     """A run on a GPU says itself that its candidates are not behind walls and its bits not portable."""
-    with refused(ConfigError, place=place, expected=expected) as caught:
-        compose(["training.device=cuda", *overrides])
-    assert (caught.value.got, caught.value.remedy) == (got, "")
+    with refused(ConfigError, place=place, expected=expected, got=got):
+        compose(["training.device=cuda", *overrides.split()])
 
 
 def test_device_enters_the_identity_only_where_it_is_set() -> None:
@@ -135,6 +91,7 @@ def test_device_enters_the_identity_only_where_it_is_set() -> None:
         assert identity(replace(gpu, training=replace(gpu.training, **change))) != identity(gpu)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("key", "value"), [("gpu", "NVIDIA H200"), ("precision", "tf32"), ("gpu_memory_mib", "4096")])
 def test_settings_of_a_gpu_are_refused_on_a_cpu(key: str, value: str) -> None:
     """They would look as if they had an effect."""
@@ -154,21 +111,14 @@ def test_run_is_told_before_it_starts_that_its_gpu_is_not_here(model: str, fits:
     check_gpus(model, [])
 
 
-def trained_on_gpu(source: str, precision: Precision = Precision.float32) -> list[tuple[Any, str]]:
-    """Train on a GPU in this process; give each frame with the hash of its bytes."""
+def trained_on_gpu(source: str, precision: Precision = Precision.float32) -> list[tuple[Any, bytes]]:
+    """Train on a GPU in this process; return the frames."""
     data = examples()
-    frames: list[tuple[Any, str]] = []
     gpu = Gpu(model=torch.cuda.get_device_name(0), precision=precision, memory_mib=1024)
     lease = {"visible": os.environ.get("CUDA_VISIBLE_DEVICES", "0"), "per_gpu": 1}
     changes = {"device": "cuda", "recipe": written(replace(RECIPE, gpu=gpu)), "lease": lease}
     header = {**header_of(source, data), **changes}
-    arrays = equip(header, payload_of(data), {"images": data.images})
-
-    def keep(head: Any, payload: bytes) -> None:
-        frames.append((head, hashlib.sha256(payload).hexdigest()))
-
-    run(header, payload_of(data), arrays, keep)
-    return frames
+    return trained(header, data, equip(header, payload_of(data), {"images": data.images})["images"])
 
 
 @pytest.mark.gpu

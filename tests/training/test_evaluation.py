@@ -17,11 +17,12 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
-from tacevo.records import Gpu, Limits, Loss, Mode, Reason, Rejection, Stage, Training
+from tacevo.records import Contract, Gpu, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.storage.store import Store
-from tacevo.training.evaluation import ENTRIES, Evaluator, Setting, judge
+from tacevo.training.answers import judge
+from tacevo.training.evaluation import ENTRIES, Evaluator, Setting
 from tacevo.training.numerics import check_cpu, check_machine, environment
 
 pytestmark = pytest.mark.timeout(120)
@@ -76,6 +77,27 @@ def good_answer(predictions: np.ndarray[Any, Any]) -> Finished:
 
 
 PERFECT = good_answer(EXAMPLES.validation_targets)
+GOOD = PERFECT.frames
+
+
+def judged(outcome: Finished, *, device: Device = Device.cpu, contract: Contract = CONTRACT) -> Training | Rejection:
+    """Judge an answer; the labels of a classification are all 0."""
+    targets = EXAMPLES.validation_targets if contract is CONTRACT else np.zeros(8, np.int64)
+    steps: Any = {"epochs": RECIPE.epochs, "steps": STEPS, "rows": 8}
+    verdict = judge(outcome, contract, targets, **steps, device=device)
+    return verdict if isinstance(verdict, Rejection) else verdict[0]
+
+
+def reason_of(outcome: Finished, device: Device = Device.cpu) -> Reason | None:
+    """Return why an answer is refused; None where it is not."""
+    verdict = judged(outcome, device=device)
+    return verdict.reason if isinstance(verdict, Rejection) else None
+
+
+def naming(not_deterministic: Any) -> Finished:
+    """Write an answer that is good, and names operations without a deterministic form."""
+    last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": not_deterministic}, b"")
+    return Finished((*GOOD[:-1], last))
 
 
 def test_trivial_target_is_learnt(sandbox: Sandbox, tmp_path: Path) -> None:
@@ -86,20 +108,13 @@ def test_trivial_target_is_learnt(sandbox: Sandbox, tmp_path: Path) -> None:
     assert len(verdict.train_losses) == len(verdict.validation_losses) == RECIPE.epochs
 
 
-def test_two_sandboxes_give_equal_bits(sandbox: Sandbox, tmp_path: Path) -> None:
-    """Nothing of a process enters a training."""
-    first = evaluator(sandbox.run, tmp_path / "a").evaluate(SOURCE, 0)
-    with open_sandbox(tmp_path) as other:
-        assert evaluator(other.run, tmp_path / "b").evaluate(SOURCE, 0) == first
-
-
 def test_threads_give_what_one_by_one_gives(sandbox: Sandbox, tmp_path: Path) -> None:
     """The number of trainings at once changes no bit, and each seed gives its own."""
-    serial = [evaluator(sandbox.run, tmp_path / "a").evaluate(SOURCE, seed) for seed in range(4)]
+    serial = [evaluator(sandbox.run, tmp_path / "a").evaluate(SOURCE, seed) for seed in range(3)]
     together = evaluator(sandbox.run, tmp_path / "b")
-    with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(lambda seed: together.evaluate(SOURCE, seed), range(4))) == serial
-    assert len({verdict.weights_sha256 for verdict in serial if isinstance(verdict, Training)}) == 4
+    with ThreadPoolExecutor(3) as pool:
+        assert list(pool.map(lambda seed: together.evaluate(SOURCE, seed), range(3))) == serial
+    assert len({verdict.weights_sha256 for verdict in serial if isinstance(verdict, Training)}) == 3
 
 
 def look(sandbox: Sandbox) -> Any:
@@ -109,20 +124,23 @@ def look(sandbox: Sandbox) -> Any:
     return finished.frames[0].header
 
 
-def test_addresses_are_not_randomised(sandbox: Sandbox, tmp_path: Path) -> None:
-    """Two sandboxes agree on where the mapped libraries lie; what is made on the heap may still move."""
-    if not can_fix_addresses():
-        pytest.skip("the kernel refuses personality(ADDR_NO_RANDOMIZE)")
+def test_two_sandboxes_give_equal_bits(sandbox: Sandbox, tmp_path: Path) -> None:
+    """Nothing of a process enters a training; the mapped libraries lie alike, what is made on the heap may move."""
+    first = evaluator(sandbox.run, tmp_path / "a").evaluate(SOURCE, 0)
     with open_sandbox(tmp_path) as other:
+        assert evaluator(other.run, tmp_path / "b").evaluate(SOURCE, 0) == first
         mapped = [[place for place in look(one)["addresses"] if place > 0x7000_0000_0000] for one in (other, sandbox)]
     assert mapped[0]
-    assert mapped[0] == mapped[1]
+    assert mapped[0] == mapped[1] or not can_fix_addresses()
 
 
 def test_portable_child_computes_with_avx2_in_one_thread(sandbox: Sandbox) -> None:
-    """The variables reach torch before it chooses its kernels, however much more the CPU can do."""
+    """The variables reach torch before it chooses its kernels; oneDNN and MKL, which do not say it, get theirs."""
     seen = look(sandbox)
     assert (seen["capability"], seen["threads"]) == ("AVX2", 1)
+    portable, fast = environment(Numerics.portable), environment(Numerics.fast)
+    others = {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"}
+    assert portable == fast | others != fast
 
 
 @pytest.mark.slow
@@ -140,9 +158,7 @@ def test_fast_child_computes_with_all_that_the_cpu_has() -> None:
     [
         ("while True: pass", Reason.out_of_time),
         ("raise SystemExit(0)", Reason.crashed),
-        ("import os; os._exit(0)", Reason.crashed),
         ("self.huge = torch.ones(2**27)", Reason.out_of_memory),
-        ("self.huge = nn.Linear(10**6, 10**6)", Reason.out_of_memory),
         ("raise ValueError('\\x1b no')", Reason.construction_failed),
     ],
 )
@@ -193,44 +209,18 @@ def test_question_of_a_search_stays_what_it_was(tmp_path: Path) -> None:
     assert sent == "0feb1811df050dce7212799bfd1b84d53702245ceb01a50362347b0bec0608e9"
 
 
-def test_device_is_sent_only_where_it_is_no_cpu(tmp_path: Path) -> None:
-    """What a trainer on a CPU is sent stays what it was."""
-    sent = []
-    for device in Device:
-        recorder = Recorder(PERFECT)
-        evaluator(recorder.run, tmp_path / device, device=device).evaluate(SOURCE, 0)
-        sent.append(recorder.sent[0][0].get("device"))
-    assert sent == [None, "cuda"]
-
-
-def judged(not_deterministic: Any, device: Device) -> Training | Rejection:
-    """Judge an answer that is good otherwise."""
-    last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": not_deterministic}, b"")
-    return judge(
-        Finished((*GOOD[:-1], last)),
-        CONTRACT,
-        EXAMPLES.validation_targets,
-        epochs=RECIPE.epochs,
-        steps=STEPS,
-        device=device,
-    )
-
-
 def test_operations_without_a_deterministic_form_are_kept() -> None:
     """What the child reports of them on a GPU reaches the record."""
-    verdict = judged(["aten::pool", "unpool_2d.out"], Device.cuda)
+    verdict = judged(naming(["aten::pool", "unpool_2d.out"]), device=Device.cuda)
     assert isinstance(verdict, Training)
     assert verdict.not_deterministic == ("aten::pool", "unpool_2d.out")
 
 
 def test_operation_without_a_deterministic_form_is_forged_on_a_cpu(tmp_path: Path) -> None:
     """A CPU runs none, so whoever names one has written the answer himself: not even a good name reaches the store."""
-    verdict = judged(["pool"], Device.cpu)
-    assert isinstance(verdict, Rejection)
-    assert verdict.reason is Reason.bad_output
-    assert isinstance(judged([], Device.cpu), Training)
-    last = Frame({"weights_sha256": WEIGHTS, "not_deterministic": ["# Winner: [me](http://x)"]}, b"")
-    forged = evaluator(lambda *_: Finished((*GOOD[:-1], last)), tmp_path)
+    assert reason_of(naming(["pool"])) is Reason.bad_output
+    assert reason_of(naming([])) is None
+    forged = evaluator(lambda *_: naming(["# Winner: [me](http://x)"]), tmp_path)
     assert isinstance(forged.evaluate(SOURCE, 0), Rejection)
     assert all("Winner" not in path.read_text() for path in tmp_path.rglob("*.json"))
 
@@ -245,9 +235,7 @@ def test_operation_without_a_deterministic_form_is_forged_on_a_cpu(tmp_path: Pat
 )
 def test_list_of_operations_is_no_place_for_text(names: Any) -> None:
     """On a GPU the list is the child's claim; short plain names pass, each once and in order, and nothing else."""
-    verdict = judged(names, Device.cuda)
-    assert isinstance(verdict, Rejection)
-    assert verdict.reason is Reason.bad_output
+    assert reason_of(naming(names), Device.cuda) is Reason.bad_output
 
 
 def test_retraining_asks_no_store(tmp_path: Path) -> None:
@@ -276,60 +264,50 @@ def test_validation_labels_never_leave_the_parent(tmp_path: Path) -> None:
     assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation"}
 
 
-def test_layout_of_an_older_run_is_sent_and_in_no_key(tmp_path: Path) -> None:
-    """The number of the rules, which the key has, says the same."""
-    new, old = Recorder(PERFECT), Recorder(PERFECT)
-    first, second = evaluator(new.run, tmp_path), evaluator(old.run, tmp_path, contiguous=True)
-    first.retrain(SOURCE, 0)
-    second.retrain(SOURCE, 0)
-    ((header, payload),) = new.sent
-    assert old.sent == [({**header, "contiguous": True}, payload)]
-    assert second.key(SOURCE, 0) == first.key(SOURCE, 0)
+def test_device_and_older_layout_are_sent_beside_what_a_search_sends(tmp_path: Path) -> None:
+    """The layout is in no key, because the number of the rules, which the key has, says the same."""
+    recorder = Recorder(PERFECT)
+    new, old, gpu = (
+        evaluator(recorder.run, tmp_path, **change) for change in ({}, {"contiguous": True}, {"device": Device.cuda})
+    )
+    for one in (new, old, gpu):
+        one.retrain(SOURCE, 0)
+    (header, payload), *others = recorder.sent
+    assert others == [({**header, "contiguous": True}, payload), ({**header, "device": "cuda"}, payload)]
+    assert old.key(SOURCE, 0) == new.key(SOURCE, 0)
 
 
-def test_broken_sandbox_is_never_stored(tmp_path: Path) -> None:
-    """No verdict follows from a sandbox that failed."""
-    with pytest.raises(SandboxError, match="nothing may be trained here"):
-        evaluator(never, tmp_path).evaluate(SOURCE, 0)
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        pytest.param({}, SandboxError, id="broken sandbox"),
+        pytest.param({"examples": None, "mode": Mode.replay}, CacheMissError, id="miss in a replay"),
+        pytest.param({"examples": None}, DataError, id="no data"),
+        pytest.param({"fingerprint": "other"}, ValueError, id="a key that names other data"),
+    ],
+)
+def test_what_cannot_be_trained_is_an_error_and_never_stored(
+    changes: dict[str, Any], error: type[Exception], tmp_path: Path
+) -> None:
+    """No verdict follows from it."""
+    with pytest.raises(error):
+        evaluator(never, tmp_path, **changes).evaluate(SOURCE, 0)
     assert list(tmp_path.rglob("*.json")) == []
 
 
-def test_miss_in_replay_is_an_error(tmp_path: Path) -> None:
-    """Replay trains nothing."""
-    with refused(CacheMissError, got="no recorded answer for evaluations request"):
-        evaluator(never, tmp_path, examples=None, mode=Mode.replay).evaluate(SOURCE, 0)
+def test_loss_comes_from_the_labels_of_the_parent() -> None:
+    """Perfect predictions have none; equal logits over two classes cost log 2, in nine digits."""
+    perfect = judged(PERFECT)
+    assert isinstance(perfect, Training)
+    assert perfect.validation_losses == (0.0,) * RECIPE.epochs
+    undecided = good_answer(np.zeros((8, 2), np.float32))
+    classified = judged(undecided, contract=replace(CONTRACT, loss=Loss.cross_entropy))
+    assert isinstance(classified, Training)
+    assert classified.fitness == 0.693147181
 
 
-def test_training_without_data_is_an_error(tmp_path: Path) -> None:
-    """Recording needs the data set."""
-    with refused(DataError, place="training", expected="a recorded answer", remedy="load the data set"):
-        evaluator(never, tmp_path, examples=None).evaluate(SOURCE, 0)
-
-
-def test_fingerprint_of_other_data_is_refused(tmp_path: Path) -> None:
-    """A key never names other data than what is trained on."""
-    with pytest.raises(ValueError, match="expected examples with the fingerprint other; got abc"):
-        evaluator(never, tmp_path, fingerprint="other").evaluate(SOURCE, 0)
-
-
-def test_perfect_predictions_have_no_loss() -> None:
-    """The loss comes from the parent's labels."""
-    verdict = judge(PERFECT, CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
-    assert isinstance(verdict, Training)
-    assert verdict.validation_losses == (0.0,) * RECIPE.epochs
-
-
-def test_classification_is_judged_by_cross_entropy() -> None:
-    """Equal logits over two classes cost log 2, in nine digits."""
-    contract = replace(CONTRACT, loss=Loss.cross_entropy)
-    verdict = judge(
-        good_answer(np.zeros((8, 2), np.float32)), contract, np.zeros(8, np.int64), epochs=RECIPE.epochs, steps=STEPS
-    )
-    assert isinstance(verdict, Training)
-    assert verdict.fitness == 0.693147181
-
-
-GOOD = PERFECT.frames
+FIRST = {"epoch": 0, "train_loss": 0.5, "steps": STEPS}
+PREDICTED = GOOD[0].payload
 
 
 @pytest.mark.parametrize(
@@ -339,13 +317,13 @@ GOOD = PERFECT.frames
         GOOD[:-1],
         GOOD[1:],
         (*GOOD, GOOD[-1]),
-        (Frame({"epoch": 0, "train_loss": 0.5, "steps": STEPS}, b"123"), *GOOD[1:]),
-        (Frame({"epoch": 0, "train_loss": 0.5, "steps": STEPS}, bytes(1000)), *GOOD[1:]),
-        (Frame({"epoch": 0, "train_loss": "low", "steps": STEPS}, GOOD[0].payload), *GOOD[1:]),
-        (Frame({"epoch": 0, "train_loss": 0.5, "steps": STEPS + 1}, GOOD[0].payload), *GOOD[1:]),
-        (Frame({"epoch": 0, "train_loss": 0.5}, GOOD[0].payload), *GOOD[1:]),
-        (Frame([], GOOD[0].payload), *GOOD[1:]),
-        (Frame(None, GOOD[0].payload), *GOOD[1:]),
+        (Frame(FIRST, b"123"), *GOOD[1:]),
+        (Frame(FIRST, bytes(1000)), *GOOD[1:]),
+        (Frame({**FIRST, "train_loss": "low"}, PREDICTED), *GOOD[1:]),
+        (Frame({**FIRST, "steps": STEPS + 1}, PREDICTED), *GOOD[1:]),
+        (Frame({"epoch": 0, "train_loss": 0.5}, PREDICTED), *GOOD[1:]),
+        (Frame([], PREDICTED), *GOOD[1:]),
+        (Frame(None, PREDICTED), *GOOD[1:]),
         (*GOOD[:-1], Frame({"weights_sha256": "zz"}, b"")),
         (*GOOD[:-1], Frame(3, b"")),
         (Frame({"rejection": {"reason": "no such reason", "detail": ""}}, b""),),
@@ -355,9 +333,7 @@ GOOD = PERFECT.frames
 )
 def test_malformed_answer_is_a_bad_output(frames: tuple[Frame, ...]) -> None:
     """Frames that a trainer would not send are the candidate's, and count against it."""
-    verdict = judge(Finished(frames), CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
-    assert isinstance(verdict, Rejection)
-    assert verdict.reason is Reason.bad_output
+    assert reason_of(Finished(frames)) is Reason.bad_output
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -365,28 +341,15 @@ def test_predictions_that_are_not_finite_are_rejected(value: float) -> None:
     """One bad number after any epoch is enough."""
     predictions = EXAMPLES.validation_targets.copy()
     predictions[3, 1] = value
-    verdict = judge(good_answer(predictions), CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
-    assert isinstance(verdict, Rejection)
-    assert verdict.reason is Reason.not_finite
+    assert reason_of(good_answer(predictions)) is Reason.not_finite
 
 
 def test_detail_of_a_child_is_cleaned() -> None:
     """Text that a candidate forged cannot speak to a terminal or break a store."""
-    forged = Finished((Frame({"rejection": {"reason": "crashed", "detail": "\x1b[2J" + "x" * 10_000}}, b""),))
-    verdict = judge(forged, CONTRACT, EXAMPLES.validation_targets, epochs=RECIPE.epochs, steps=STEPS)
+    verdict = judged(Finished((Frame({"rejection": {"reason": "crashed", "detail": "\x1b[2J" + "x" * 10_000}}, b""),)))
     assert isinstance(verdict, Rejection)
     assert verdict.detail.isprintable()
     assert len(verdict.detail) == 300
-
-
-def test_portable_numerics_close_every_door() -> None:
-    """The variables that were measured to change bits are all set; fast leaves the instruction set to the CPU."""
-    portable, fast = environment(Numerics.portable), environment(Numerics.fast)
-    assert portable["ATEN_CPU_CAPABILITY"] == "avx2"
-    assert portable["ONEDNN_MAX_CPU_ISA"] == "AVX2"
-    assert portable["MKL_CBWR"] == "COMPATIBLE"
-    assert portable["OMP_NUM_THREADS"] == fast["OMP_NUM_THREADS"] == "1"
-    assert json.dumps(fast).count("ISA") == 0
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, DivergenceError, StoreError
 from tacevo.records import DataFacts, Json, Kind, Loss, Mode, Reason, Rejection, to_json
 from tacevo.rules import STUDY
-from tacevo.sandbox.client import Finished, Frame, Run
-from tacevo.storage.arrays import ArrayStore
+from tacevo.sandbox.client import Finished, Frame
+from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
 from tacevo.training.evaluation import Evaluator, Examples, Setting
@@ -56,27 +56,30 @@ ANSWER = answer([0.5, 0.25, 0.25, 1.0])
 
 
 def evaluator(
-    run: Run,
-    root: Path,
-    *,
-    setting: Setting = SETTING,
-    mode: Mode = Mode.record,
-    data: tuple[Examples, HeldOut] | None = (EXAMPLES, HELD_OUT),
-    rules: int = STUDY,
-    facts: DataFacts = FACTS,
-    predictions: bool = True,
+    root: Path, *, outcome: Finished = ANSWER, mode: Mode = Mode.record, predictions: bool = True, **changes: Any
 ) -> FullEvaluator:
-    """Make an evaluator of the tiny task."""
-    return FullEvaluator(
-        run=run,
-        store=Store(root, "studies", mode),
-        setting=setting,
-        examples=data,
-        rules=rules,
-        arrays=ArrayStore(Store(root, "arrays", mode)) if predictions else None,
-        facts=facts,
-        scale=HELD_OUT.scale,
-    )
+    """Make an evaluator of the tiny task, with some arguments changed; in a replay it has no data."""
+    usual = {
+        "run": Recorder(outcome).run,
+        "setting": SETTING,
+        "examples": (EXAMPLES, HELD_OUT) if mode is Mode.record else None,
+        "rules": STUDY,
+        "facts": FACTS,
+        "scale": HELD_OUT.scale,
+    }
+    arrays = ArrayStore(Store(root, "arrays", mode)) if predictions else None
+    return FullEvaluator(store=Store(root, "studies", mode), arrays=arrays, **{**usual, **changes})
+
+
+def replayed(root: Path, **changes: Any) -> FullTraining | Rejection:
+    """Recall the training of a store, without data."""
+    return evaluator(root, mode=Mode.replay, **changes).evaluate(SOURCE, 0)
+
+
+def forget_predictions(root: Path) -> None:
+    """Remove the arrays of a store."""
+    for path in (root / "arrays").glob("*/*"):
+        path.unlink()
 
 
 def judged(outcome: Finished) -> FullTraining:
@@ -94,6 +97,9 @@ def test_epoch_of_the_lowest_validation_loss_is_tested() -> None:
     assert verdict.metrics["mse"] == pytest.approx(0.0625)
 
 
+METRICS = {"accuracy": 0.666666667, "macro_f1": 0.4, "cross_entropy": 0.693147181}
+
+
 def test_classification_is_tested_by_class() -> None:
     """Equal logits cost log 2 in every epoch, and the first class wins: two of three test images are of it."""
     outcome, setting, _, (chosen_on, held_out) = classified()
@@ -101,7 +107,7 @@ def test_classification_is_tested_by_class() -> None:
     assert not isinstance(found, Rejection)
     verdict, _ = found
     assert (verdict.epoch, verdict.validation_loss) == (1, 0.693147181)
-    assert verdict.metrics == {"accuracy": 0.666666667, "macro_f1": 0.4, "cross_entropy": 0.693147181}
+    assert verdict.metrics == METRICS
     assert verdict.confusion == ((2, 0), (1, 0))
 
 
@@ -114,15 +120,15 @@ def test_test_images_do_not_choose_the_epoch() -> None:
 
 def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> None:
     """What is sent does not change with the labels of validation and test images, and does not contain them."""
-    first, second = Recorder(ANSWER), Recorder(ANSWER)
-    evaluator(first.run, tmp_path / "a").evaluate(SOURCE, 0)
     others = (
         replace(EXAMPLES, validation_targets=1 - EXAMPLES.validation_targets),
         replace(HELD_OUT, targets=1 - HELD_OUT.targets),
     )
-    evaluator(second.run, tmp_path / "b", data=others).evaluate(SOURCE, 0)
-    ((header, payload),) = first.sent
-    assert first.sent == second.sent
+    recorder = Recorder(ANSWER)
+    for place, data in (("a", (EXAMPLES, HELD_OUT)), ("b", others)):
+        evaluator(tmp_path / place, run=recorder.run, examples=data).evaluate(SOURCE, 0)
+    (header, payload), second = recorder.sent
+    assert second == (header, payload)
     assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation", "groups"}
     assert (header["validation"], header["groups"]) == (8, [5, 3])
     labels: NDArray[np.float32] = np.concatenate([EXAMPLES.validation_targets, HELD_OUT.targets])
@@ -143,8 +149,8 @@ def test_job_of_a_search_has_no_test_row(tmp_path: Path) -> None:
 
 def test_recorded_training_is_recalled(tmp_path: Path) -> None:
     """A replay needs neither data nor sandbox, and reads a confusion matrix too."""
-    first = evaluator(Recorder(ANSWER).run, tmp_path).evaluate(SOURCE, 0)
-    assert evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0) == first
+    first = evaluator(tmp_path).evaluate(SOURCE, 0)
+    assert replayed(tmp_path) == first
     classified = replace(judged(answer([0.5, 0.25, 0.3, 1.0])), confusion=((1, 2), (0, 3)))
     assert read_verdict(FullTraining, "full", {"full": to_json(classified)}, place="entry") == classified
 
@@ -162,13 +168,13 @@ def test_predictions_that_are_not_finite_are_refused() -> None:
 
 def test_keys_stay_what_they_are(tmp_path: Path) -> None:
     """A change of the question would train every recorded study again; make one on purpose only."""
-    key = evaluator(Recorder(ANSWER).run, tmp_path, data=None, rules=2).key("class Net: pass\n", 7)
+    key = evaluator(tmp_path, rules=2).key("class Net: pass\n", 7)
     assert key == "040c3cd39797dff9f802a27573b999ba2ef2acb58e0c601934ac7bf762e295ba"
 
 
 def test_kept_predictions_are_those_of_the_chosen_epoch(tmp_path: Path) -> None:
     """Bit for bit, for the test images alone, with their labels; an older training has none."""
-    verdict = evaluator(Recorder(ANSWER).run, tmp_path).evaluate(SOURCE, 0)
+    verdict = evaluator(tmp_path).evaluate(SOURCE, 0)
     assert isinstance(verdict, FullTraining)
     assert verdict.kept is not None
     predictions, labels = read_kept(ArrayStore(Store(tmp_path, "arrays", Mode.replay)), verdict.kept, FACTS)
@@ -179,28 +185,27 @@ def test_kept_predictions_are_those_of_the_chosen_epoch(tmp_path: Path) -> None:
     assert read_verdict(FullTraining, "full", {"full": older}, place="entry") == replace(verdict, kept=None)
 
 
-@pytest.mark.parametrize("forged", [{"mse": 0.0}, {"accuracy": 1.0}, {"recorded_mae_b": 0.0}])
-def test_metrics_that_the_predictions_do_not_give_are_found(forged: dict[str, float], tmp_path: Path) -> None:
-    """However well the entry is sealed: a recalled training is measured again, also where the store only reads."""
-    forge(tmp_path, lambda full: {**full, "metrics": {**full["metrics"], **forged}})
-    for data, mode in (((EXAMPLES, HELD_OUT), Mode.record), (None, Mode.replay)):
-        with refused(DivergenceError, place=f"metrics.{next(iter(forged))}", expected="by the test predictions"):
-            evaluator(Recorder(ANSWER).run, tmp_path, data=data, mode=mode).evaluate(SOURCE, 0)
+#: The digest of better test predictions, which are the labels themselves.
+BETTER = digest_of(HELD_OUT.targets)
 
 
-def test_confusion_that_the_predictions_do_not_give_is_found(tmp_path: Path) -> None:
-    """A regression has none."""
-    forge(tmp_path, lambda full: {**full, "confusion": [[1, 0], [0, 1]]})
-    with refused(DivergenceError, place="confusion", expected=", by the test predictions", got="((1, 0), (0, 1))"):
-        evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0)
-
-
-def test_better_predictions_do_not_give_the_metrics(tmp_path: Path) -> None:
-    """Exchanged together with their digest, they are found by the metrics."""
-    better = ArrayStore(Store(tmp_path, "arrays")).keep(HELD_OUT.targets)
-    forge(tmp_path, lambda full: {**full, "kept": {**full["kept"], "predictions": better}})
-    with refused(DivergenceError, place="metrics.", got="0."):
-        evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay).evaluate(SOURCE, 0)
+@pytest.mark.parametrize(
+    ("field", "forged", "place"),
+    [
+        ("metrics", {"mse": 0.0}, "metrics.mse"),
+        ("metrics", {"accuracy": 1.0}, "metrics.accuracy"),
+        ("metrics", {"recorded_mae_b": 0.0}, "metrics.recorded_mae_b"),
+        ("confusion", [[1, 0], [0, 1]], "confusion"),
+        ("kept", {"predictions": BETTER}, "metrics."),
+    ],
+)
+def test_entry_that_its_predictions_do_not_give_is_found(field: str, forged: Any, place: str, tmp_path: Path) -> None:
+    """However well it is sealed: a recalled training is measured again, also where the store only reads."""
+    ArrayStore(Store(tmp_path, "arrays")).keep(HELD_OUT.targets)
+    forge(tmp_path, lambda full: {**full, field: {**full[field], **forged} if isinstance(forged, dict) else forged})
+    for mode in (Mode.record, Mode.replay):
+        with refused(DivergenceError, place=place, expected="by the test predictions"):
+            evaluator(tmp_path, mode=mode).evaluate(SOURCE, 0)
 
 
 def test_other_labels_are_found_where_the_data_are(tmp_path: Path) -> None:
@@ -208,32 +213,27 @@ def test_other_labels_are_found_where_the_data_are(tmp_path: Path) -> None:
     other = ArrayStore(Store(tmp_path, "arrays")).keep(HELD_OUT.targets + 1)
     forge(tmp_path, lambda full: {**full, "kept": {**full["kept"], "labels": other}})
     with refused(DivergenceError, place="kept.labels", got=other[:12]):
-        evaluator(Recorder(ANSWER).run, tmp_path).evaluate(SOURCE, 0)
+        evaluator(tmp_path).evaluate(SOURCE, 0)
 
 
 def test_training_without_its_predictions_is_refused(tmp_path: Path) -> None:
-    """Not named under rules that keep them, or named and missing."""
-    one, other = tmp_path / "one", tmp_path / "other"
-    forge(one, lambda full: {**full, "kept": None})
-    with refused(DivergenceError, expected="test predictions, which these rules keep"):
-        evaluator(Recorder(ANSWER).run, one, mode=Mode.replay).evaluate(SOURCE, 0)
-    forge(other, lambda full: full)
-    for path in (other / "arrays").glob("*/*"):
-        path.unlink()
+    """Named and missing, or not named under rules that keep them."""
+    forge(tmp_path, lambda full: full)
+    forget_predictions(tmp_path)
     with refused(CacheMissError, place="full training", remedy="study again"):
-        evaluator(Recorder(ANSWER).run, other, mode=Mode.replay).evaluate(SOURCE, 0)
+        replayed(tmp_path)
+    rewrite(tmp_path, lambda full: {**full, "kept": None})
+    for predictions in (True, False):
+        with refused(DivergenceError, expected="test predictions, which these rules keep"):
+            replayed(tmp_path, predictions=predictions)
 
 
 @pytest.mark.parametrize(
     ("forged", "place", "words"),
     [
-        (
-            {"metrics": {"accuracy": 1.0, "macro_f1": 0.4, "cross_entropy": 0.693147181}},
-            "metrics.accuracy",
-            "0.666666667",
-        ),
+        ({"metrics": {**METRICS, "accuracy": 1.0}}, "metrics.accuracy", "0.666666667"),
         ({"metrics": {"accuracy": 0.666666667, "macro_f1": 0.4}}, "metrics", "accuracy, cross_entropy, macro_f1"),
-        ({"metrics": {"accuracy": 0.666666667, "macro_f1": 0.4, "mse": 0.0}}, "metrics", "cross_entropy"),
+        ({"metrics": {**METRICS, "mse": 0.0}}, "metrics", "cross_entropy"),
         ({"confusion": [[5, -1], [-1, 0]]}, "confusion", "3 images in all"),
         ({"confusion": [[2, 0], [0, 1]]}, "metrics.accuracy", "1.0"),
         ({"confusion": [[2, 0], [0, 2]]}, "confusion", "2 rows of as many counts, 3 images in all"),
@@ -246,36 +246,21 @@ def test_classification_without_its_predictions_is_compared_with_its_confusion(
 ) -> None:
     """What a sweep's bundle can still tell; the cross-entropy does not follow from counts."""
     outcome, setting, facts, data = classified()
-    run = Recorder(outcome).run
-    evaluator(run, tmp_path, setting=setting, facts=facts, data=data).evaluate(SOURCE, 0)
-
-    def again() -> object:
-        recalled = evaluator(
-            run, tmp_path, setting=setting, facts=facts, data=None, mode=Mode.replay, predictions=False
-        )
-        return recalled.evaluate(SOURCE, 0)
-
-    for path in (tmp_path / "arrays").glob("*/*"):
-        path.unlink()
-    assert isinstance(again(), FullTraining)
+    evaluator(tmp_path, outcome=outcome, setting=setting, facts=facts, examples=data).evaluate(SOURCE, 0)
+    without: Any = {"setting": setting, "facts": facts, "predictions": False}
+    assert isinstance(replayed(tmp_path, **without), FullTraining)
     rewrite(tmp_path, lambda full: {**full, **forged})
     with refused(DivergenceError, place=place, expected=words):
-        again()
+        replayed(tmp_path, **without)
 
 
 def test_regression_without_its_predictions_is_taken_as_recorded(tmp_path: Path) -> None:
-    """Nothing else of it says what the metrics are; it must name them, and its predictions, all the same."""
+    """Nothing else of it says what the metrics are; it must name them all the same."""
     forge(tmp_path, lambda full: full)
-    for path in (tmp_path / "arrays").glob("*/*"):
-        path.unlink()
-    recalled = evaluator(Recorder(ANSWER).run, tmp_path, data=None, mode=Mode.replay, predictions=False)
-    assert isinstance(recalled.evaluate(SOURCE, 0), FullTraining)
+    assert isinstance(replayed(tmp_path, predictions=False), FullTraining)
     rewrite(tmp_path, lambda full: {**full, "metrics": {"mse": 0.0}})
     with refused(DivergenceError, place="metrics", expected="mae", got="mse"):
-        recalled.evaluate(SOURCE, 0)
-    rewrite(tmp_path, lambda full: {**full, "kept": None})
-    with refused(DivergenceError, expected="test predictions, which these rules keep"):
-        recalled.evaluate(SOURCE, 0)
+        replayed(tmp_path, predictions=False)
 
 
 @pytest.mark.parametrize("classes", [[0, 1, 2], [0, -1, 1]])
@@ -291,7 +276,7 @@ def test_worker_cannot_report_metrics(tmp_path: Path) -> None:
     """A frame that holds any is not a trainer's; metrics follow from predictions alone."""
     first, *others = ANSWER.frames
     boasting = Frame({"epoch": 0, "train_loss": 0.5, "steps": 8, "mse": 0.0}, first.payload)
-    verdict = evaluator(Recorder(Finished((boasting, *others))).run, tmp_path).evaluate(SOURCE, 0)
+    verdict = evaluator(tmp_path, outcome=Finished((boasting, *others))).evaluate(SOURCE, 0)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.bad_output
     assert not list((tmp_path / "arrays").glob("*/*"))
@@ -310,7 +295,7 @@ def classified() -> tuple[Finished, Setting, DataFacts, tuple[Examples, HeldOut]
 
 def forge(root: Path, change: Callable[[Any], Json]) -> None:
     """Train, and put a changed answer into the store, sealed as it should be."""
-    evaluator(Recorder(ANSWER).run, root).evaluate(SOURCE, 0)
+    evaluator(root).evaluate(SOURCE, 0)
     rewrite(root, change)
 
 

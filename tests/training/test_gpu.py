@@ -16,14 +16,13 @@ import numpy as np
 import pytest
 import torch
 from refusals import refused
-from training_jobs import RECIPE, SOURCE, examples, header_of, payload_of
+from training_jobs import RECIPE, SOURCE, examples, header_of, payload_of, trained
 
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Gpu, Reason, Recipe, to_json, written
 from tacevo.training.gpu import CONTEXT_MIB, Resident, equip, multiply_in
 from tacevo.training.numerics import check_machine
-from tacevo.training.trainer import run
 from tacevo.typed import convert
 
 MIB = 2**20
@@ -82,13 +81,6 @@ def equipped(header: Any, cuda: Cuda | None = None) -> Any:
     return equip(header, payload_of(DATA), {"images": DATA.images}, cuda=cuda or Cuda(), device="cpu")
 
 
-def trained(header: Any, images: Any) -> list[tuple[Any, bytes]]:
-    """Train in this process; return the frames."""
-    frames: list[tuple[Any, bytes]] = []
-    run(header, payload_of(DATA), {"images": images}, lambda head, payload: frames.append((head, payload)))
-    return frames
-
-
 def test_resident_images_train_to_the_same_bits() -> None:
     """The images on the device are those of the file, whatever rows are asked for in which order."""
     header = header_on(GPU)
@@ -97,7 +89,7 @@ def test_resident_images_train_to_the_same_bits() -> None:
     rows = DATA.train[[7, 3, 3, 100]]
     assert resident[rows].dtype is torch.uint8
     assert np.array_equal(resident[rows].numpy(), DATA.images[rows])
-    assert trained(header, resident) == trained(header_of(SOURCE, DATA), DATA.images)
+    assert trained(header, DATA, resident) == trained(header_of(SOURCE, DATA), DATA)
 
 
 def test_only_rows_that_a_training_uses_are_copied() -> None:
@@ -158,19 +150,19 @@ def test_bf16_computes_otherwise_and_answers_in_float32() -> None:
         "return self.head(self.body(x))", "self.seen = self.body(x).dtype\n        return self.head(self.body(x))"
     )
     header = header_on(replace(GPU, precision=Precision.bf16), source=telling)
-    cast, plain = trained(header, DATA.images), trained(header_on(GPU), DATA.images)
+    cast, plain = trained(header, DATA), trained(header_on(GPU), DATA)
     assert cast[0][1] != plain[0][1]
     values = np.frombuffer(cast[-2][1], np.float32)
     assert values.shape == np.frombuffer(plain[-2][1], np.float32).shape
     assert np.isfinite(values).all()
     asserting = telling.replace("return self", "assert self.seen is torch.bfloat16\n        return self")
-    assert "weights_sha256" in trained({**header, "source": asserting}, DATA.images)[-1][0]
+    assert "weights_sha256" in trained({**header, "source": asserting}, DATA)[-1][0]
 
 
 def test_bf16_is_no_excuse_for_another_type() -> None:
     """A candidate that answers in bfloat16 by itself is told so where nothing was cast."""
     own = SOURCE.replace("return self.head(self.body(x))", "return self.head(self.body(x)).to(torch.bfloat16)")
-    ((end, _),) = trained(header_on(GPU, source=own), DATA.images)
+    ((end, _),) = trained(header_on(GPU, source=own), DATA)
     assert end["rejection"]["reason"] == Reason.bad_output
 
 
@@ -179,7 +171,7 @@ def test_device_that_is_full_is_a_verdict() -> None:
     full = SOURCE.replace(
         "return self.head", "raise torch.OutOfMemoryError('CUDA out of memory. Tried to')\n        return"
     )
-    ((end, _),) = trained(header_on(GPU, source=full), DATA.images)
+    ((end, _),) = trained(header_on(GPU, source=full), DATA)
     assert end["rejection"]["reason"] == Reason.out_of_memory
 
 

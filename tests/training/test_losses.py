@@ -8,6 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 from torch.nn import functional
 
 from tacevo.records import Loss
@@ -33,26 +34,24 @@ def test_cross_entropy_by_hand() -> None:
 
 
 @given(targets=VALUES, constant=st.lists(st.floats(-50, 50, width=32), min_size=3, max_size=3))
-def test_no_constant_is_better_than_the_trivial_loss(
-    targets: np.ndarray[tuple[int, int], np.dtype[np.float32]], constant: list[float]
-) -> None:
+def test_no_constant_is_better_than_the_trivial_loss(targets: NDArray[np.float32], constant: list[float]) -> None:
     """The mean of the targets has it, and every other value, the same for every image, has more."""
-    found = trivial_loss(Loss.mse, targets)
-    assert found == pytest.approx(targets.astype(np.float64).var(axis=0).mean(), rel=1e-6, abs=1e-9)
+    lowest = trivial_loss(Loss.mse, targets)
+    assert lowest == pytest.approx(targets.astype(np.float64).var(axis=0).mean(), rel=1e-6, abs=1e-9)
     same = np.tile(np.array(constant, np.float32), (len(targets), 1))
-    assert validation_loss(Loss.mse, same, targets) >= found * (1 - 1e-6)
+    assert validation_loss(Loss.mse, same, targets) >= lowest * (1 - 1e-6)
 
 
 @given(classes=CLASSES, logits=arrays(np.float32, (3,), elements=st.floats(-9, 9, width=32)))
 def test_no_constant_guess_is_better_than_the_trivial_loss(
-    classes: np.ndarray[tuple[int], np.dtype[np.int64]], logits: np.ndarray[tuple[int], np.dtype[np.float32]]
+    classes: NDArray[np.int64], logits: NDArray[np.float32]
 ) -> None:
     """The class frequencies have it; a class that no image has costs nothing."""
-    found = trivial_loss(Loss.cross_entropy, classes)
+    lowest = trivial_loss(Loss.cross_entropy, classes)
     shares = np.bincount(classes, minlength=3) / len(classes)
     best = np.log(np.maximum(shares, 1e-30)).astype(np.float32)
-    assert found == pytest.approx(validation_loss(Loss.cross_entropy, np.tile(best, (6, 1)), classes), abs=1e-6)
-    assert validation_loss(Loss.cross_entropy, np.tile(logits, (6, 1)), classes) >= found - 1e-6
+    assert lowest == pytest.approx(validation_loss(Loss.cross_entropy, np.tile(best, (6, 1)), classes), abs=1e-6)
+    assert validation_loss(Loss.cross_entropy, np.tile(logits, (6, 1)), classes) >= lowest - 1e-6
 
 
 def test_trivial_loss_of_equal_classes_is_the_logarithm_of_their_number() -> None:
@@ -62,29 +61,22 @@ def test_trivial_loss_of_equal_classes_is_the_logarithm_of_their_number() -> Non
     assert trivial_loss(Loss.cross_entropy, np.zeros(4, np.int64)) == 0
 
 
-@given(predictions=VALUES, targets=VALUES)
-def test_mean_squared_error_agrees_with_torch(
-    predictions: np.ndarray[tuple[int, int], np.dtype[np.float32]],
-    targets: np.ndarray[tuple[int, int], np.dtype[np.float32]],
+@given(predictions=VALUES, targets=VALUES, classes=CLASSES)
+def test_losses_agree_with_torch(
+    predictions: NDArray[np.float32], targets: NDArray[np.float32], classes: NDArray[np.int64]
 ) -> None:
     """The parent computes what the child minimises."""
-    theirs = functional.mse_loss(torch.from_numpy(predictions), torch.from_numpy(targets)).item()
-    assert mean_squared_error(predictions, targets) == pytest.approx(theirs, rel=1e-5, abs=1e-6)
-
-
-@given(logits=VALUES, classes=CLASSES)
-def test_cross_entropy_agrees_with_torch(
-    logits: np.ndarray[tuple[int, int], np.dtype[np.float32]], classes: np.ndarray[tuple[int], np.dtype[np.int64]]
-) -> None:
-    """The parent computes what the child minimises."""
-    theirs = functional.cross_entropy(torch.from_numpy(logits), torch.from_numpy(classes)).item()
-    assert cross_entropy(logits, classes) == pytest.approx(theirs, rel=1e-5, abs=1e-6)
+    outputs = torch.from_numpy(predictions)
+    squared = functional.mse_loss(outputs, torch.from_numpy(targets)).item()
+    entropy = functional.cross_entropy(outputs, torch.from_numpy(classes)).item()
+    assert mean_squared_error(predictions, targets) == pytest.approx(squared, rel=1e-5, abs=1e-6)
+    assert cross_entropy(predictions, classes) == pytest.approx(entropy, rel=1e-5, abs=1e-6)
 
 
 @given(logits=VALUES, classes=CLASSES, order=st.permutations(range(6)))
 def test_order_of_the_examples_does_not_matter(
-    logits: np.ndarray[tuple[int, int], np.dtype[np.float32]],
-    classes: np.ndarray[tuple[int], np.dtype[np.int64]],
+    logits: NDArray[np.float32],
+    classes: NDArray[np.int64],
     order: list[int],
 ) -> None:
     """Sums are exact, so a permutation changes no bit."""

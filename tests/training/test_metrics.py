@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from sklearn.metrics import (
     accuracy_score,
     confusion_matrix,
@@ -27,7 +28,7 @@ from tacevo.training.metrics import (
 NAMES = ("Fx", "Fy", "Fz")
 
 
-def values(seed: int, shape: tuple[int, ...]) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+def values(seed: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Draw float32 values."""
     return np.random.default_rng(seed).normal(0.5, 0.3, shape).astype(np.float32)
 
@@ -36,25 +37,25 @@ def values(seed: int, shape: tuple[int, ...]) -> np.ndarray[tuple[int, ...], np.
 def test_regression_agrees_with_scikit_learn(seed: int, count: int) -> None:
     """Over all outputs and of each; R² over all is the plain mean, scikit-learn's default."""
     targets, predictions = values(seed, (count, 3)), values(seed + 1, (count, 3))
-    found = regression_metrics(predictions, targets, names=NAMES, scale=(1.0, 2.0, 10.0))
+    metrics = regression_metrics(predictions, targets, names=NAMES, scale=(1.0, 2.0, 10.0))
     truth, guess = targets.astype(np.float64), predictions.astype(np.float64)
-    assert found.keys() == metric_names(Kind.regression, NAMES)
-    assert found["mse"] == pytest.approx(mean_squared_error(truth, guess), rel=1e-8)
-    assert found["mae"] == pytest.approx(mean_absolute_error(truth, guess), rel=1e-8)
-    assert found["rmse"] == pytest.approx(mean_squared_error(truth, guess) ** 0.5, rel=1e-8)
-    assert found["r2"] == pytest.approx(r2_score(truth, guess), rel=1e-7)
+    assert metrics.keys() == metric_names(Kind.regression, NAMES)
+    assert metrics["mse"] == pytest.approx(mean_squared_error(truth, guess), rel=1e-8)
+    assert metrics["mae"] == pytest.approx(mean_absolute_error(truth, guess), rel=1e-8)
+    assert metrics["rmse"] == pytest.approx(mean_squared_error(truth, guess) ** 0.5, rel=1e-8)
+    assert metrics["r2"] == pytest.approx(r2_score(truth, guess), rel=1e-7)
     for name, column, expected in zip(NAMES, truth.T, guess.T, strict=True):
-        assert found[f"mse_{name}"] == pytest.approx(mean_squared_error(column, expected), rel=1e-8)
-        assert found[f"r2_{name}"] == pytest.approx(r2_score(column, expected), rel=1e-7)
+        assert metrics[f"mse_{name}"] == pytest.approx(mean_squared_error(column, expected), rel=1e-8)
+        assert metrics[f"r2_{name}"] == pytest.approx(r2_score(column, expected), rel=1e-7)
 
 
 def test_regression_by_hand() -> None:
     """Two images of one output: errors 1 and -3, targets 0 and 4, recorded in a unit of which 2 are one of training."""
     predictions, targets = np.array([[1], [1]], np.float32), np.array([[0], [4]], np.float32)
-    found = regression_metrics(predictions, targets, names=("depth",), scale=(2.0,))
-    assert (found["mse"], found["mae"], found["rmse"]) == (5.0, 2.0, 2.23606798)
-    assert found["r2"] == found["r2_depth"] == -0.25
-    assert (found["recorded_mae_depth"], found["recorded_rmse_depth"]) == (4.0, 4.47213595)
+    metrics = regression_metrics(predictions, targets, names=("depth",), scale=(2.0,))
+    assert (metrics["mse"], metrics["mae"], metrics["rmse"]) == (5.0, 2.0, 2.23606798)
+    assert metrics["r2"] == metrics["r2_depth"] == -0.25
+    assert (metrics["recorded_mae_depth"], metrics["recorded_rmse_depth"]) == (4.0, 4.47213595)
 
 
 @pytest.mark.parametrize(("error", "expected"), [(0.0, 1.0), (0.1, 0.0)])
@@ -69,12 +70,12 @@ def test_classification_agrees_with_scikit_learn(seed: int, count: int) -> None:
     """With classes that are missing from truth, predictions or both, too."""
     logits = values(seed, (count, 5))
     classes = np.random.default_rng(seed).integers(0, 4, count)
-    found, guess = classification_metrics(logits, classes), logits.argmax(axis=1)
+    metrics, guess = classification_metrics(logits, classes), logits.argmax(axis=1)
     odds = np.exp(logits.astype(np.float64))
-    assert found["accuracy"] == pytest.approx(accuracy_score(classes, guess), rel=1e-8)
-    assert found["macro_f1"] == pytest.approx(f1_score(classes, guess, average="macro", zero_division=0), rel=1e-8)
+    assert metrics["accuracy"] == pytest.approx(accuracy_score(classes, guess), rel=1e-8)
+    assert metrics["macro_f1"] == pytest.approx(f1_score(classes, guess, average="macro", zero_division=0), rel=1e-8)
     expected = log_loss(classes, odds / odds.sum(axis=1, keepdims=True), labels=range(5))
-    assert found["cross_entropy"] == pytest.approx(expected, rel=1e-7)
+    assert metrics["cross_entropy"] == pytest.approx(expected, rel=1e-7)
     assert np.array_equal(confusion(logits, classes), confusion_matrix(classes, guess, labels=range(5)))
 
 

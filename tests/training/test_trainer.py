@@ -8,11 +8,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from training_jobs import CONTRACT, RECIPE, SOURCE, Data, examples, header_of, payload_of
+from training_jobs import CONTRACT, RECIPE, SOURCE, Data, examples, header_of, trained
 
 from tacevo.records import Kind, Loss, Reason, to_json
 from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
-from tacevo.training.trainer import batches, run
+from tacevo.training.trainer import batches
 
 
 @given(count=st.integers(1, 100), size=st.integers(1, 40), epoch=st.integers(0, 3))
@@ -26,13 +26,9 @@ def test_batches_are_full_and_disjoint(count: int, size: int, epoch: int) -> Non
 
 
 def test_batches_differ_between_epochs_and_seeds() -> None:
-    """The order is drawn again for each epoch, by name."""
+    """The order is drawn again for each epoch, by name; another one would change every result."""
     orders = {tuple(batches(20, 20, seed, epoch)[0].tolist()) for seed in range(2) for epoch in range(2)}
     assert len(orders) == 4
-
-
-def test_batch_order_is_pinned() -> None:
-    """A change of the order would change every result, so it is made on purpose only."""
     assert [batch.tolist() for batch in batches(5, 2, seed=0, epoch=0)] == [[4, 0], [2, 3]]
 
 
@@ -44,18 +40,11 @@ def test_standardise_takes_the_mean_off_and_divides() -> None:
     assert got.flatten().tolist() == [1.0, 4.0]
 
 
-FULL = """
-class Net(nn.Module):
-    def __init__(self, num_outputs, in_channels, depth=3):
-        super().__init__()
-        self.seen = (num_outputs, in_channels, depth)
-"""
-
-
 def test_build_passes_only_arguments_that_the_constructor_has() -> None:
     """A class without parameters is built without arguments, one with both gets both."""
+    full = "class Net(nn.Module):\n  def __init__(self, num_outputs, in_channels, depth=3):\n    super().__init__()\n"
     assert isinstance(build("class Net(nn.Module):\n    pass\n", CONTRACT, 0), torch.nn.Module)
-    assert build(FULL, CONTRACT, 0).seen == (2, 3, 3)
+    assert build(f"{full}    self.seen = (num_outputs, in_channels, depth)\n", CONTRACT, 0).seen == (2, 3, 3)
 
 
 @pytest.mark.parametrize("source", ["", "Net = 3", "class Net:\n    pass\n", "class Other(nn.Module):\n    pass\n"])
@@ -107,12 +96,9 @@ def test_whatever_a_candidate_raises_becomes_a_failure(error: Exception, reason:
 
 
 def sent_by(source: str, data: Data | None = None, **changes: Any) -> list[tuple[Any, bytes]]:
-    """Run the trainer in this process; return the frames that it sends."""
+    """Train in this process; return the frames that are sent."""
     data = data or examples()
-    frames: list[tuple[Any, bytes]] = []
-    header = {**header_of(source, data), **changes}
-    run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
-    return frames
+    return trained({**header_of(source, data), **changes}, data)
 
 
 def test_frames_are_epochs_and_a_digest() -> None:
@@ -195,16 +181,16 @@ def test_candidate_is_not_asked_what_it_is() -> None:
     assert sent_by(source + SILENT) == sent_by(source)
 
 
-def test_forward_finds_no_gradient() -> None:
-    """A step's gradients are gone before the next forward pass, so that no candidate can step by them itself."""
-    assert sent_by(net(forward="assert self.head.weight.grad is None; return self.head(x.flatten(1))")) == sent_by(
-        net()
-    )
-
-
-def test_gradient_that_a_forward_leaves_is_dropped() -> None:
-    """Only the loss of the task is learnt by."""
-    forward = "y = self.head(x.flatten(1)); y.requires_grad and y.sum().backward(retain_graph=True); return y"
+@pytest.mark.parametrize(
+    "forward",
+    [
+        "assert self.head.weight.grad is None; return self.head(x.flatten(1))",
+        "y = self.head(x.flatten(1)); y.requires_grad and y.sum().backward(retain_graph=True); return y",
+        "y = self.head(x.flatten(1)); return y if self.training else y.T.contiguous().T",
+    ],
+)
+def test_forward_changes_nothing_by_gradients_and_layout(forward: str) -> None:
+    """A step's gradients are gone before the next pass, those of a pass are dropped, and rows are sent one by one."""
     assert sent_by(net(forward=forward)) == sent_by(net())
 
 
@@ -224,12 +210,6 @@ def test_patched_loss_changes_no_prediction() -> None:
         assert sent_by(patched) == sent_by(SOURCE)
     finally:
         torch.nn.functional.mse_loss = original
-
-
-def test_column_major_output_is_sent_row_by_row() -> None:
-    """The layout of a tensor in memory does not reach the bytes."""
-    turned = net(forward="y = self.head(x.flatten(1)); return y if self.training else y.T.contiguous().T")
-    assert sent_by(turned) == sent_by(net())
 
 
 CONVOLUTION = """
@@ -284,10 +264,7 @@ def test_other_candidates_train_in_channels_last(capsys: pytest.CaptureFixture[s
 def test_classification_trains() -> None:
     """Classes are int64 targets of shape (n,)."""
     contract = replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy)
-    data = examples(classes=True)
-    frames: list[tuple[Any, bytes]] = []
-    header = {**header_of(SOURCE, data), "contract": to_json(contract)}
-    run(header, payload_of(data), {"images": data.images}, lambda head, payload: frames.append((head, payload)))
+    frames = sent_by(SOURCE, examples(classes=True), contract=to_json(contract))
     assert len(frames) == RECIPE.epochs + 1
 
 

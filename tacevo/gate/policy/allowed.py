@@ -9,9 +9,7 @@ from collections.abc import Mapping
 
 #: Names that a candidate may use without importing them, as the sandbox provides them.
 PROVIDED: Mapping[str, str] = {"torch": "torch", "nn": "torch.nn", "F": "torch.nn.functional", "math": "math"}
-
 _CLASS = r"[A-Z]\w*"
-
 _FUNCTION = r"[a-z]\w*"  # for modules written in C, which import no others
 
 _TORCH = """
@@ -119,12 +117,9 @@ _MODULES: Mapping[str, re.Pattern[str]] = {
 
 #: What may be imported, as a message lists it.
 IMPORTABLE = ", ".join(sorted({name.split(".")[0] for name in _MODULES} - {"__future__"}))
-
 _BUILTINS = "exec eval compile open globals locals vars __import__ breakpoint help exit quit memoryview"
-
 #: Built-in functions that run text, reach files or show the interpreter's insides.
 BUILTINS = frozenset(_BUILTINS.split())
-
 #: Built-in functions whose results follow memory addresses; a text may use the names for its own variables.
 UNSTABLE = frozenset({"set", "frozenset", "id"})
 

@@ -11,6 +11,7 @@ import tokenize
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from tacevo.gate.names import bound_by
 from tacevo.gate.policy import allowed
@@ -22,17 +23,16 @@ from tacevo.sandbox import attributes
 
 #: Deepest nesting of the syntax tree; honest networks stay below 30, and the compiler's own stack ends near 1000.
 DEEPEST = 100
-
 #: PEP 263: a comment in the first two lines that names the encoding of a file.
 _COOKIE = re.compile(r"[ \t\f]*#.*?coding[:=][ \t]*([-\w.]+)")
-
 #: A field of `str.format` that walks to a special attribute, e.g. `{0.__class__}`.
 _TEMPLATE = re.compile(r"\{[^{}]*\.__")
-
 #: Sets of classes or modules are ordered by memory addresses, so an equal source would give another network.
 _UNORDERED = "the order of sets differs between processes; use a list, a tuple or a dict"
-
 _WRAPS = "functools.wraps"
+_WRAPS_ONLY = "wraps may only decorate a function, as @wraps(f), because it writes attributes by their names"
+_name_at = partial(Problem.at, Reason.forbidden_name)
+_construct_at = partial(Problem.at, Reason.forbidden_construct)
 
 #: Syntax that is refused wherever it stands, with the message.
 _REFUSED: Mapping[type[ast.AST], str] = {
@@ -58,10 +58,10 @@ def rejection_of(source: str, contract: Contract) -> Rejection | None:
 
 def _first_problem(source: str, tree: ast.Module, contract: Contract) -> Problem | None:
     """Find the first breach in the order of the lines."""
-    found = list(_by_depth(tree))
-    if found[-1][1] > DEEPEST:
+    by_depth = list(_by_depth(tree))
+    if by_depth[-1][1] > DEEPEST:
         return Problem(Reason.too_complex, f"expected expressions nested at most {DEEPEST} deep; got more")
-    nodes = [node for node, _ in found]
+    nodes = [node for node, _ in by_depth]
     scope = _scope(nodes)
     problems = [
         *_problems_of_text(source),
@@ -90,12 +90,11 @@ def _problems_of_text(source: str) -> Iterator[Problem]:
     for number, line in enumerate(source.split("\n")[:2], start=1):
         cookie = _COOKIE.match(line)
         if cookie and cookie[1].lower().replace("_", "-") not in ("utf-8", "utf8", "ascii", "us-ascii"):
-            yield Problem.at(Reason.forbidden_construct, number, f"expected UTF-8 text; got the encoding {cookie[1]}")
+            yield _construct_at(number, f"expected UTF-8 text; got the encoding {cookie[1]}")
     try:
         for token in tokenize.generate_tokens(io.StringIO(source).readline):
             if token.type in (tokenize.NAME, tokenize.ERRORTOKEN) and not token.string.isascii():
-                detail = f"expected identifiers in ASCII; got {token.string!r}"
-                yield Problem.at(Reason.forbidden_construct, token.start[0], detail)
+                yield _construct_at(token.start[0], f"expected identifiers in ASCII; got {token.string!r}")
     except (tokenize.TokenError, SyntaxError) as error:
         yield Problem(Reason.syntax, f"the text cannot be split into tokens: {error.args[0]}")
 
@@ -132,20 +131,17 @@ def _scope(nodes: list[ast.AST]) -> _Scope:
         bases=frozenset(id(node.value) for node in nodes if isinstance(node, ast.Attribute)),
         called=frozenset(id(node.func) for node in nodes if isinstance(node, ast.Call)),
         looked_up=_looked_up(nodes),
-        decorators=frozenset(
-            id(made.func)
-            for node in nodes
-            if isinstance(node, ast.FunctionDef)
-            for made in node.decorator_list
-            if isinstance(made, ast.Call) and _has_one_argument(made)
-        ),
+        decorators=frozenset(map(id, _decorators_of_one_argument(nodes))),
         wraps=frozenset(name for name, path in bindings if path == _WRAPS),
     )
 
 
-def _has_one_argument(call: ast.Call) -> bool:
-    """Return whether a call has one argument, which is not unpacked."""
-    return len(call.args) == 1 and not isinstance(call.args[0], ast.Starred) and not call.keywords
+def _decorators_of_one_argument(nodes: list[ast.AST]) -> Iterator[ast.expr]:
+    """Yield what decorators of functions call with one argument, which is not unpacked."""
+    for decorator in (made for node in nodes if isinstance(node, ast.FunctionDef) for made in node.decorator_list):
+        match decorator:
+            case ast.Call(func=function, args=[argument], keywords=[]) if not isinstance(argument, ast.Starred):
+                yield function
 
 
 def _looked_up(nodes: list[ast.AST]) -> frozenset[int]:
@@ -155,11 +151,8 @@ def _looked_up(nodes: list[ast.AST]) -> frozenset[int]:
     for node in nodes:
         match node:
             case ast.Compare(ops=ops, comparators=operands):
-                asked |= {
-                    id(operand)
-                    for operation, operand in zip(ops, operands, strict=True)
-                    if isinstance(operation, ast.In | ast.NotIn)
-                }
+                pairs = zip(ops, operands, strict=True)
+                asked |= {id(operand) for operation, operand in pairs if isinstance(operation, ast.In | ast.NotIn)}
             case ast.Name(id=name, ctx=ast.Load()) | ast.Attribute(attr=name, ctx=ast.Load()):
                 names.setdefault(name, []).append(node)
     for node in nodes:
@@ -198,25 +191,22 @@ def _problems_of(node: ast.AST, scope: _Scope) -> Iterator[Problem]:
         case ast.Call():
             yield from _problems_of_call(node, scope)
         case ast.Constant(value=str(text)) if _TEMPLATE.search(text):
-            yield Problem.at(Reason.forbidden_name, node, "a format template may not read special attributes")
+            yield _name_at(node, "a format template may not read special attributes")
         case ast.FunctionDef(name=name):
             if attributes.is_special(name) and name not in attributes.SPECIAL_METHODS:
                 methods = ", ".join(sorted(attributes.SPECIAL_METHODS))
-                detail = f"special method {name} may not be defined; allowed are {methods}"
-                yield Problem.at(Reason.forbidden_construct, node, detail)
+                yield _construct_at(node, f"special method {name} may not be defined; allowed are {methods}")
             yield from _problems_of_binding(node, name, scope)
         case ast.ClassDef(name=name):
             if node.keywords:
-                yield Problem.at(
-                    Reason.forbidden_construct, node, f"class {name} may have base classes only; remove the keywords"
-                )
+                yield _construct_at(node, f"class {name} may have base classes only; remove the keywords")
             yield from _problems_of_binding(node, name, scope)
         case ast.arg() | ast.ExceptHandler() | ast.MatchAs() | ast.MatchStar() | ast.MatchMapping():
             yield from _problems_of_binding(node, _defined(node) or "", scope)
         case ast.Set() if id(node) not in scope.looked_up:
-            yield Problem.at(Reason.forbidden_construct, node, f"a set may be looked up in, and not used: {_UNORDERED}")
+            yield _construct_at(node, f"a set may be looked up in, and not used: {_UNORDERED}")
         case _ if type(node) in _REFUSED:
-            yield Problem.at(Reason.forbidden_construct, node, _REFUSED[type(node)])
+            yield _construct_at(node, _REFUSED[type(node)])
 
 
 def _problems_of_import(node: ast.Import | ast.ImportFrom, scope: _Scope) -> Iterator[Problem]:
@@ -229,8 +219,7 @@ def _problems_of_import(node: ast.Import | ast.ImportFrom, scope: _Scope) -> Ite
             detail = f"{wanted} may not be imported; allowed is what networks need from {allowed.IMPORTABLE}"
             yield Problem.at(Reason.forbidden_import, node, detail)
         elif scope.modules.get(name, path) != path:
-            detail = f"{name} already means {scope.modules[name]}; import {path} under another name"
-            yield Problem.at(Reason.forbidden_construct, node, detail)
+            yield _construct_at(node, f"{name} already means {scope.modules[name]}; import {path} under another name")
 
 
 def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
@@ -239,68 +228,55 @@ def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
     if not isinstance(node.ctx, ast.Load):
         yield from _problems_of_binding(node, name, scope)
     elif name in scope.wraps and id(node) not in scope.decorators:
-        yield _problem_of_wraps(node)
+        yield _construct_at(node, _WRAPS_ONLY)
     elif name in allowed.BUILTINS or (attributes.is_special(name) and name not in attributes.SPECIAL_NAMES):
-        yield Problem.at(Reason.forbidden_name, node, f"{name} may not be used in a network")
+        yield _name_at(node, f"{name} may not be used in a network")
     elif name in allowed.UNSTABLE and name not in scope.defined:
         detail = "memory addresses differ between processes" if name == "id" else _UNORDERED
-        yield Problem.at(Reason.forbidden_construct, node, f"{name} may not be used: {detail}")
+        yield _construct_at(node, f"{name} may not be used: {detail}")
     elif name in attributes.ATTRIBUTE_FUNCTIONS and id(node) not in scope.called:
-        yield Problem.at(Reason.forbidden_name, node, f"{name} may only be called, not passed as a value")
+        yield _name_at(node, f"{name} may only be called, not passed as a value")
     elif name in scope.modules and id(node) not in scope.bases:
-        yield Problem.at(Reason.forbidden_name, node, f"module {name} may not be used as a value; use {name}.NAME")
+        yield _name_at(node, f"module {name} may not be used as a value; use {name}.NAME")
 
 
 def _problems_of_binding(node: ast.AST, name: str, scope: _Scope) -> Iterator[Problem]:
     """Find names of modules that are bound to something else."""
     if name in scope.modules:
-        detail = f"{name} is the module {scope.modules[name]}; choose another name"
-        yield Problem.at(Reason.forbidden_construct, node, detail)
+        yield _construct_at(node, f"{name} is the module {scope.modules[name]}; choose another name")
 
 
 def _problems_of_attribute(node: ast.Attribute, scope: _Scope) -> Iterator[Problem]:
     """Find attributes that lead out of the network, and changes to what was imported."""
     yield from _problems_of_attribute_name(node, node.attr)
     if not isinstance(node.ctx, ast.Load) and _root(node) in scope.imported:
-        yield Problem.at(
-            Reason.forbidden_construct, node, f"{ast.unparse(node)} may not be changed, because it was imported"
-        )
+        yield _construct_at(node, f"{ast.unparse(node)} may not be changed, because it was imported")
     module = _module_of(node.value, scope)
     if module is None:
         return
     path = f"{module}.{node.attr}"
     if allowed.is_module(path):
         if id(node) not in scope.bases:
-            yield Problem.at(Reason.forbidden_name, node, f"module {path} may not be used as a value; use {path}.NAME")
+            yield _name_at(node, f"module {path} may not be used as a value; use {path}.NAME")
     elif path == _WRAPS and id(node) not in scope.decorators:
-        yield _problem_of_wraps(node)
+        yield _construct_at(node, _WRAPS_ONLY)
     elif not allowed.is_allowed(module, node.attr):
-        yield Problem.at(
-            Reason.forbidden_name, node, f"{path} may not be used; it is not on the list of allowed names in {module}"
-        )
-
-
-def _problem_of_wraps(node: ast.AST) -> Problem:
-    return Problem.at(
-        Reason.forbidden_construct,
-        node,
-        "wraps may only decorate a function, as @wraps(f), because it writes attributes by their names",
-    )
+        yield _name_at(node, f"{path} may not be used; it is not on the list of allowed names in {module}")
 
 
 def _problems_of_attribute_name(node: ast.AST, name: str) -> Iterator[Problem]:
     """Find attribute names that are forbidden on every object."""
     if attributes.is_refused(name):
-        yield Problem.at(Reason.forbidden_name, node, f"attribute {name} may not be used in a network")
+        yield _name_at(node, f"attribute {name} may not be used in a network")
 
 
 def _problems_of_call(node: ast.Call, scope: _Scope) -> Iterator[Problem]:
     """Find calls of `input`, which may be the name of an argument, and attributes that are named by a string."""
     function = node.func.id if isinstance(node.func, ast.Name) else ""
     if function == "input":
-        yield Problem.at(Reason.forbidden_name, node, "input may not be called in a network")
+        yield _name_at(node, "input may not be called in a network")
     if function in ("setattr", "delattr") and node.args and _root(node.args[0]) in scope.imported:
-        yield Problem.at(Reason.forbidden_construct, node, f"{function} may not change what was imported")
+        yield _construct_at(node, f"{function} may not change what was imported")
     match node.args:
         case [_, ast.Constant(value=str(name)), *_] if function in attributes.ATTRIBUTE_FUNCTIONS:
             yield from _problems_of_attribute_name(node, name)

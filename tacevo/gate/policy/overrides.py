@@ -6,12 +6,10 @@ A network that answers `parameters()`, `train()` or `state_dict()` itself can mi
 import ast
 from collections.abc import Iterable, Iterator
 
-from tacevo.gate.names import bound_by
+from tacevo.gate.names import Comprehension, bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
 from tacevo.sandbox import attributes
-
-_Comprehension = ast.ListComp | ast.SetComp | ast.DictComp | ast.GeneratorExp
 
 
 def overrides(node: ast.AST) -> Iterator[Problem]:
@@ -30,19 +28,15 @@ def overrides(node: ast.AST) -> Iterator[Problem]:
         case ast.Call(func=ast.Name(id="setattr" | "delattr"), args=[_, ast.Constant(value=str(name)), *_]):
             yield from _problems_of_name(node, name)
         case ast.Call(func=ast.Name(id="type"), args=[_, _, *_]):
-            yield Problem.at(
-                Reason.redefines_module, node, "type may not be called to make a class; write a class statement"
-            )
+            detail = "type may not be called to make a class; write a class statement"
+            yield Problem.at(Reason.redefines_module, node, detail)
 
 
 def _problems_of_class(part: ast.AST) -> Iterator[Problem]:
     if name := bound_by(part):
         yield from _problems_of_name(part, name)
-        if (
-            attributes.is_special(name)
-            and name not in attributes.SPECIAL_BINDINGS
-            and not isinstance(part, ast.FunctionDef)
-        ):
+        is_own = name in attributes.SPECIAL_BINDINGS or isinstance(part, ast.FunctionDef)
+        if attributes.is_special(name) and not is_own:
             yield Problem.at(Reason.forbidden_construct, part, f"special name {name} may not be assigned in a class")
 
 
@@ -63,5 +57,5 @@ def _class_scope(nodes: Iterable[ast.AST]) -> Iterator[ast.AST]:
                 yield from _class_scope([node.args])
             case ast.ClassDef():
                 yield from _class_scope([*node.decorator_list, *node.bases])
-            case _ if not isinstance(node, _Comprehension):
+            case _ if not isinstance(node, Comprehension):
                 yield from _class_scope(ast.iter_child_nodes(node))

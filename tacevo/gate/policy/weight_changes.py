@@ -25,11 +25,8 @@ _ATTRIBUTES: Mapping[str, Reason] = {
 
 #: Names of the parameters of torch's own layers.
 _LAYER_PARAMETER = re.compile(r"(in_proj_)?(weight|bias)(_(ih|hh)\w*)?")
-
 _PARAMETER_CLASSES = ("Parameter", "ParameterList", "ParameterDict")
-
 _CONSTRUCTORS = ("__init__", "__post_init__")
-
 _Function = ast.FunctionDef | ast.Lambda
 
 

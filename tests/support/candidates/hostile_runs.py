@@ -1,6 +1,6 @@
 """Hostile candidates on their three ways: through the whole gate, or past the policy into the probe or the training."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,11 +48,13 @@ class Harness:
         sandbox: with the entries of gate and training, and the array `images`.
         data: its labels.
         folder: for the stores.
+        limits: of each probe and training.
     """
 
     sandbox: Sandbox
     data: Examples
     folder: Path
+    limits: Limits = LIMITS
 
     def through_the_gate(self, text: str) -> Training | Rejection:
         """Judge an answer as a search does, and train it if it is admitted."""
@@ -66,12 +68,9 @@ class Harness:
     def trained(self, source: str) -> Training | Rejection:
         """Train a source that neither the policy nor the probe has seen."""
         store = Store(self.folder, "evaluations", Mode.live)
-        setting = Setting(
-            contract=CONTRACT, fingerprint=self.data.fingerprint, recipe=RECIPE, numerics=Numerics.portable
-        )
-        return Evaluator(run=self.sandbox.run, store=store, setting=setting, examples=self.data, rules=0).evaluate(
-            source, 0
-        )
+        recipe, data = replace(RECIPE, limits=self.limits), self.data
+        setting = Setting(contract=CONTRACT, fingerprint=data.fingerprint, recipe=recipe, numerics=Numerics.portable)
+        return Evaluator(run=self.sandbox.run, store=store, setting=setting, examples=data, rules=0).evaluate(source, 0)
 
     def good_one(self) -> Training | Rejection:
         """Train a decent candidate: what it gives must not depend on who was there before."""
@@ -84,7 +83,7 @@ class Harness:
             answers=Store(self.folder, "answers", Mode.live),
             contract=CONTRACT,
             limits=GATE_LIMITS,
-            probe_limits=LIMITS,
+            probe_limits=self.limits,
             numerics=Numerics.portable,
             rules=CURRENT,
         )

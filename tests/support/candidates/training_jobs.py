@@ -11,6 +11,7 @@ from tacevo.records import Contract, Kind, Limits, Loss, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
 from tacevo.sandbox.client import Finished
 from tacevo.training.evaluation import Examples
+from tacevo.training.trainer import run
 
 #: Not that of fakes.py, whose import starts a thread, which a zygote must not have.
 _IMAGES: Any = {"in_channels": 3, "image_size": 4, "outputs": 2, "output_argument": "num_outputs"}
@@ -81,6 +82,14 @@ def header_of(source: str, data: Data) -> Any:
 def payload_of(data: Data) -> bytes:
     """Write the payload that a trainer gets."""
     return data.train.tobytes() + data.validation.tobytes() + data.targets[data.train].tobytes()
+
+
+def trained(header: Any, data: Data, images: Any = None) -> list[tuple[Any, bytes]]:
+    """Train in this process; return the frames that are sent. The images are those of the data where none are given."""
+    frames: list[tuple[Any, bytes]] = []
+    arrays = {"images": data.images if images is None else images}
+    run(header, payload_of(data), arrays, lambda head, payload: frames.append((head, payload)))
+    return frames
 
 
 class Recorder:

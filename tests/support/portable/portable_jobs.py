@@ -38,13 +38,13 @@ from tacevo.evolution.descriptors import describe
 from tacevo.gate import probe
 from tacevo.profile import Profile
 from tacevo.randomness import stream
-from tacevo.records import Contract, Limits, Loss, Recipe, Training, to_json
+from tacevo.records import Contract, Limits, Loss, Recipe, Rejection, to_json
 from tacevo.results.summary import summarise
 from tacevo.runs.search_files import archive_files
 from tacevo.sandbox.client import Finished, Frame
 from tacevo.storage.ledger import Ledger
 from tacevo.training import trainer
-from tacevo.training.evaluation import judge
+from tacevo.training.answers import judge
 from tacevo.typed import convert
 
 NETWORKS = ROOT / "tests" / "portable"
@@ -70,10 +70,10 @@ def networks() -> None:
         show(f"{name}: probe", digest_of_json(to_json(profile)))
         show(f"{name}: descriptors", digest_of_json(to_json(describe(profile))))
         show(f"{name}: training", digest([json.dumps(frame.header).encode() + frame.payload for frame in frames]))
-        verdict = judge(Finished(frames), task, _targets(task)[16:], epochs=RECIPE.epochs, steps=2)
-        if not isinstance(verdict, Training):
+        verdict = judge(Finished(frames), task, _targets(task)[16:], epochs=RECIPE.epochs, steps=2, rows=8)
+        if isinstance(verdict, Rejection):
             raise ValueError(f"{name} should train; got {verdict}")
-        show(f"{name}: losses", digest_of_json(to_json(verdict)))
+        show(f"{name}: losses", digest_of_json(to_json(verdict[0])))
     for simulated in SensorTask:
         show(f"images and labels of {simulated}", digest(list(_simulated(simulated))))
     shape = {"niches": 25, "dimensions": 2, "samples": 2_000, "seed": 0}

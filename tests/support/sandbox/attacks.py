@@ -41,7 +41,6 @@ def look_around(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None
             "descriptors": sum(_works(partial(os.fstat, number)) for number in range(1024)),
             "streams": [os.readlink(f"/proc/self/fd/{n}") for n in range(3)],
             "hash": hash("seed"),
-            "torch": "torch" in sys.modules,
         },
         b"",
     )

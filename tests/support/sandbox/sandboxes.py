@@ -5,6 +5,7 @@ from typing import Any
 
 import attacks
 import numpy as np
+import wall_attacks
 
 from tacevo.choices import Confinement, Numerics
 from tacevo.records import Limits
@@ -15,21 +16,22 @@ LIMITS = Limits(seconds=5, memory_mib=300)
 
 #: Every attack by its name.
 ENTRIES = {
-    name: f"attacks:{name}"
-    for name, value in vars(attacks).items()
-    if callable(value) and value.__module__ == "attacks"
+    name: f"{module.__name__}:{name}"
+    for module in (attacks, wall_attacks)
+    for name, value in vars(module).items()
+    if callable(value) and getattr(value, "__module__", None) == module.__name__
 }
 
 
-def open_sandbox(folder: Path) -> Sandbox:
-    """Open a sandbox with every attack and 12 bytes of images, with the measures that need no special kernel."""
+def open_sandbox(folder: Path, strongest: Confinement = Confinement.process) -> Sandbox:
+    """Open a sandbox with every attack and 12 bytes of images; by default with measures that need no special kernel."""
     images = folder / "images.npy"
     np.save(images, np.ones((12,), np.uint8))
     return Sandbox(
         entries=ENTRIES,
         environment=environment(Numerics.portable),
         arrays={"images": images},
-        strongest=Confinement.process,
+        strongest=strongest,
     )
 
 
