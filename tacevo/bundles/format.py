@@ -9,19 +9,17 @@ import contextlib
 import hashlib
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.bundles.texts import check_papers
 from tacevo.bundles.zipfiles import LONGEST_NAME, packed, read_members
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError, TacevoError
-from tacevo.records import Record
+from tacevo.storage.canonical import value_at
 from tacevo.storage.entries import CANDIDATES, Budget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import Entry
-from tacevo.typed import convert
 
 #: The store entries (`tacevo.storage.entries`).
 STORE = "store.jsonl.xz"
@@ -70,20 +68,6 @@ _OF_A_JOB = re.compile(rf"{SWEEP}/(?P<job>{_WORD})/candidates/(?P<name>{_CANDIDA
 _INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
 _MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _File(Record):
-    """Where a candidate's file of a sweep belongs."""
-
-    file: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Text(Record):
-    """What is in it."""
-
-    text: str
 
 
 def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:
@@ -139,14 +123,14 @@ def candidate_entry(job: str, name: str, text: str) -> Entry:
 
 def _add_candidate(entry: Entry, tree: Tree, place: str) -> None:
     """Put the file that `candidate_entry` packed beside its ledger."""
-    file = convert(_File, entry.request, place=f"{place}, request", error=BundleError).file
-    match = _OF_A_JOB.fullmatch(file) if len(file) <= LONGEST_NAME else None
-    sweep = tree.get(SWEEP)
+    file = str(value_at(entry.request, ("file",)))[:LONGEST_NAME]
+    text, match, sweep = str(value_at(entry.answer, ("text",))), _OF_A_JOB.fullmatch(file), tree.get(SWEEP)
     job = sweep.get(match["job"]) if match and isinstance(sweep, dict) else None
     candidates = job.setdefault("candidates", {}) if isinstance(job, dict) else None
-    if match is None or not isinstance(candidates, dict) or match["name"] in candidates:
-        raise BundleError(repr(file[:LONGEST_NAME]), place=place, expected="files of a sweep's candidates, each once")
-    candidates[match["name"]] = convert(_Text, entry.answer, place=f"{place}, {file}", error=BundleError).text.encode()
+    is_ours = match is not None and entry == candidate_entry(match["job"], match["name"], text)
+    if match is None or not is_ours or not isinstance(candidates, dict) or match["name"] in candidates:
+        raise BundleError(repr(file), place=place, expected="files of a sweep's candidates, each once")
+    candidates[match["name"]] = text.encode()
 
 
 @contextlib.contextmanager

@@ -5,10 +5,9 @@ commands see runs, and not where they came from.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
@@ -19,10 +18,8 @@ from tacevo.results.settings import settings_of
 from tacevo.storage.arrays import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.text import listed
-
-T = TypeVar("T")
 
 #: The directory of stores on this machine, whatever a bundle says of its author's.
 HERE = "cache"
@@ -127,18 +124,6 @@ def located(path: Path) -> Opened:
         RunDirectory(path).read_run()  # which says what is missing
     found = Opened(folder=path, jobs=jobs)
     return found if jobs is None else replace(found, entries=_store_of(found))
-
-
-def over_runs(found: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
-    """Do something with every run in turn; for a sweep, lines and errors name the job."""
-    if found.jobs is None:
-        return (act(found.folder),)
-    done = []
-    for number, (job, run) in enumerate(zip(found.jobs, found.runs, strict=True), start=1):
-        say(f"job {job} ({number} of {len(found.jobs)})")
-        with naming(job):
-            done.append(act(run))
-    return tuple(done)
 
 
 def _read(source: Path) -> Opened:

@@ -16,7 +16,7 @@ from packaging.licenses import InvalidLicenseExpression, canonicalize_license_ex
 from tacevo.choices import DataSource, Provider
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
-from tacevo.results.run import RecordedRun, answered_by
+from tacevo.results.run import RecordedRun
 from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
 from tacevo.text import counted
@@ -135,8 +135,8 @@ def origin_of_answers(run: RecordedRun) -> str:
         return "No model was asked: the networks were given."
     if config.llm.provider is Provider.grammar:
         return "Answers by the grammar provider: no LLM. Every network was drawn from a fixed grammar of architectures."
-    who = answered_by(run.record, config.llm)
-    return f"Answers by {'' if run.record.elsewhere else 'the language model '}{who} (llm={config.llm.provider})."
+    kind = "" if run.record.elsewhere else "the language model "
+    return f"Answers by {kind}{run.model} (llm={config.llm.provider})."
 
 
 def origin_of_data(config: RunConfig) -> str:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.bundles.crate import metadata
-from tacevo.bundles.format import JOBS, LOCK, RUN_FILES, STORE, SWEEP, SWEEP_NOTE, candidate_entry, sealed
+from tacevo.bundles.format import LOCK, RUN_FILES, STORE, SWEEP, candidate_entry, sealed
 from tacevo.bundles.open import Opened, located
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
-from tacevo.bundles.verify import Rerun, rerun, rerun_all
+from tacevo.bundles.verify import Rerun, files_below, rerun, rerun_all
 from tacevo.choices import Provider
 from tacevo.config.folder import conf_root
 from tacevo.config.identity import config_hash
@@ -178,9 +178,7 @@ def _stage(run: RecordedRun, studies: Iterable[StudyDirectory]) -> dict[str, byt
     if "timings.jsonl" in files:  # without lines that a kill tore
         files["timings.jsonl"] = "".join(map(timing_text, directory.read_timings())).encode()
     if (run.record.pages, run.record.elsewhere) != (PAGES, record.elsewhere):  # by another release
-        elites = [elite.id for elite in run.elites]
-        summary = summarise(record, run.config, run.ledger.lines, elites, run.spent)
-        files["summary.md"] = summary.encode()
+        files["summary.md"] = summarise(replace(run, record=record)).encode()
     return {**files, **_note(source), "run.json": run_text(record).encode()}
 
 
@@ -207,16 +205,14 @@ def _studies(chosen: Sequence[Path], run: RecordedRun, view: Progress) -> list[S
 
 
 def _members(staged: Opened, runs: Sequence[Rerun]) -> dict[str, bytes]:
-    """Read the files of staged runs: those that were compared."""
-    if staged.jobs is None:
-        candidates = {f"run/candidates/{path.name}": path.read_bytes() for path in _candidates(staged.folder, runs[0])}
-        return {**_run_members("run", staged.folder), **candidates}
-    members = {JOBS: (staged.folder / "sweep.json").read_bytes()}
-    if (staged.folder / NOTE).exists():
-        members[SWEEP_NOTE] = (staged.folder / NOTE).read_bytes()
-    for folder in staged.runs:
-        members |= _run_members(f"{SWEEP}/{folder.name}", folder)
-    return members
+    """Return the files of staged runs, those that were compared; a sweep's candidates are packed beside them."""
+    place = "run" if staged.jobs is None else SWEEP
+    compared = {f"candidates/{name}" for name in runs[0].replayed.files} if staged.jobs is None else set()
+    return {
+        f"{place}/{name}": data
+        for name, data in files_below(staged.folder).items()
+        if "candidates/" not in name or name in compared
+    }
 
 
 def _entries(staged: Opened, runs: Sequence[Rerun], read: Iterable[Path]) -> Iterator[Entry]:
@@ -229,8 +225,8 @@ def _entries(staged: Opened, runs: Sequence[Rerun], read: Iterable[Path]) -> Ite
     if staged.jobs is None:
         return
     for folder, done in zip(staged.runs, runs, strict=True):
-        for path in _candidates(folder, done):
-            yield candidate_entry(folder.name, path.name, path.read_bytes().decode())
+        for name in done.replayed.files:
+            yield candidate_entry(folder.name, name, (folder / "candidates" / name).read_bytes().decode())
 
 
 def _test_labels(staged: Opened, runs: Sequence[Rerun]) -> int:
@@ -251,17 +247,6 @@ def _checked(entry: Entry) -> Entry:
     for told in (entry.request, entry.answer) if entry.kind == "completions" else ():
         check_name(str(value_at(told, ("model",))))
     return entry
-
-
-def _candidates(staged: Path, done: Rerun) -> list[Path]:
-    """Return the candidates' files of a staged run, which were compared."""
-    return [staged / "candidates" / name for name in done.replayed.files]
-
-
-def _run_members(place: str, staged: Path) -> dict[str, bytes]:
-    names = [name for name in RUN_FILES if (staged / name).exists()]
-    names += [f"studies/{path.parent.name}/{path.name}" for path in staged.glob("studies/*/*")]
-    return {f"{place}/{name}": (staged / name).read_bytes() for name in names}
 
 
 def _subject(staged: Opened, runs: Sequence[Rerun]) -> Subject:

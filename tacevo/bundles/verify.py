@@ -4,14 +4,12 @@ Nothing in a bundle is believed, and no code of a candidate runs. What cannot be
 which depend on fonts and libraries, and the pages that describe the bundle) is compared with its checksum only.
 """
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.bundles.format import refusing
-from tacevo.bundles.open import Opened, over_runs
+from tacevo.bundles.open import Opened
 from tacevo.bundles.texts import check_texts
 from tacevo.environment import doubting
 from tacevo.errors import BundleError, DivergenceError, RunError
@@ -24,7 +22,7 @@ from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.storage.store import Seen
-from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.storage.sweep_directory import SweepDirectory, naming
 from tacevo.studies.study import replay_studies
 
 
@@ -51,10 +49,8 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
-    #: Files of tables that were made again; they were compared where all runs have the current number of pages.
+    #: Files of tables; they were made again and compared where all runs have the current number of pages.
     tables: int
-    #: Of those, the files that would differ today; none where they were compared.
-    outdated: int
     #: Files of figures; their checksums were right.
     figures: int
 
@@ -67,7 +63,7 @@ def verify(
     Tables, by their file names, are made from the directory of a run or a sweep, and from what was read of its runs.
 
     Raises:
-        DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's cell, a
+        DivergenceError: the first difference: a ledger line, an archive, a candidate's file, a score, a table's line, a
             job that is not what sweep.json says.
         BundleError: its records do not suit each other, or hold something that no run writes.
     """
@@ -76,20 +72,10 @@ def verify(
     with refusing():
         runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
-        made = make_tables(bundle.folder, runs)
-        outdated = 0
         if all(run.pages == PAGES for run in runs):
-            compare_tables(bundle.root / "tables", made)
-        else:
-            outdated = _count_outdated(bundle.root / "tables", made)
-    figures = len(_files_below(bundle.root / "figures"))
-    return Verified(
-        runs=runs,
-        entries=len(read),
-        tables=len(made),
-        outdated=outdated,
-        figures=figures,
-    )
+            compare_tables(bundle.root / "tables", make_tables(bundle.folder, runs))
+    tables, figures = (len(files_below(bundle.root / name)) for name in ("tables", "figures"))
+    return Verified(runs=runs, entries=len(read), tables=tables, figures=figures)
 
 
 def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | None = None) -> Rerun:
@@ -107,11 +93,19 @@ def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | N
 
 
 def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> tuple[Rerun, ...]:
-    """Run every search and its studies again, by `again`; of a sweep, compare its list of jobs with them, too."""
-    runs = over_runs(found, again, view.say)
-    if found.jobs is not None:
-        check_jobs(SweepDirectory(found.folder))
-    return runs
+    """Run every search and its studies again, by `again`; of a sweep, compare its list of jobs with them, too.
+
+    Lines and errors of a sweep name the job.
+    """
+    if found.jobs is None:
+        return (again(found.folder),)
+    done = []
+    for number, (job, run) in enumerate(zip(found.jobs, found.runs, strict=True), start=1):
+        view.say(f"job {job} ({number} of {len(found.jobs)})")
+        with naming(job):
+            done.append(again(run))
+    check_jobs(SweepDirectory(found.folder))
+    return tuple(done)
 
 
 def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
@@ -154,20 +148,16 @@ def check_records(run: RecordedRun, replayed: Replayed) -> None:
     """Compare the costs and the summary of a run with its replay; the summary only if it is of this release."""
     remedy = "the command that began the run writes it again"
     path = run.directory.path
-    spending = run.spent
-    for name, spent in sorted(spending.items()):
+    for name, spent in sorted(run.spent.items()):
         if (computed := replayed.spending.get(name)) != spent:
             place = f"{path}/timings.jsonl, {name}"
             raise DivergenceError(f"{spent}", place=place, expected=f"what its answers cost, {computed}", remedy=remedy)
     if run.record.pages != PAGES:
         return
-    elites = [elite.id for elite in run.elites]
-    summary = summarise(run.record, run.config, run.ledger.lines, elites, spending)
     path = path / "summary.md"
     recorded = path.read_text(encoding="utf-8") if path.exists() else ""
-    found = _first_line(recorded, summary)
-    if found is not None:
-        raise DivergenceError(found, place=str(path), remedy=remedy)
+    if (difference := _first_line(recorded, summarise(run))) is not None:
+        raise DivergenceError(difference, place=str(path), remedy=remedy)
 
 
 def _check_name(study: FinishedStudy, *, searched: bool) -> None:
@@ -182,55 +172,31 @@ def _check_name(study: FinishedStudy, *, searched: bool) -> None:
 
 
 def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
-    """Compare tables with those that were made again; the error names table, row and column of the first difference."""
-    there = _files_below(folder)
+    """Compare tables with those that were made again; the error names table and line of the first difference."""
+    there = files_below(folder)
     for name in sorted(there.keys() ^ made.keys()):
         got = "one that does not follow from the records" if name in there else "none"
         raise DivergenceError(got, place=f"table {name}", expected="the tables of this release")
     for name, content in sorted(made.items()):
-        found = table_difference(there[name], content, is_csv=name.endswith(".csv"))
-        if found is not None:
-            raise DivergenceError(found, place=f"table {name}")
+        if (different := table_difference(there[name], content)) is not None:
+            raise DivergenceError(different, place=f"table {name}")
 
 
-def _files_below(folder: Path, place: str = "") -> dict[str, bytes]:
+def files_below(folder: Path, place: str = "") -> dict[str, bytes]:
     """Return the contents of the files below a directory of a bundle, by their place in it."""
     files: dict[str, bytes] = {}
     for path in folder.iterdir():
         inner = f"{place}{path.name}"
-        files |= _files_below(path, f"{inner}/") if path.is_dir() else {inner: path.read_bytes()}
+        files |= files_below(path, f"{inner}/") if path.is_dir() else {inner: path.read_bytes()}
     return files
 
 
-def _count_outdated(folder: Path, made: Mapping[str, bytes]) -> int:
-    """Count the files of tables that this release would write otherwise, or not at all."""
-    there = _files_below(folder)
-    return sum(there.get(name) != made.get(name) for name in there.keys() | made.keys())
-
-
-def table_difference(recorded: bytes, made: bytes, *, is_csv: bool) -> str | None:
-    """Name the first difference of two files of one table: row and column of a CSV file, else the line.
-
-    Rows are counted from 1, below the names of the columns.
-    """
+def table_difference(recorded: bytes, made: bytes) -> str | None:
+    """Name the first line in which two files of one table differ; None where they are equal."""
     if recorded == made:
         return None
     was, now = (content.decode("utf-8", errors="replace") for content in (recorded, made))
-    return (_first_cell(was, now) if is_csv else None) or _first_line(was, now) or "its bytes are not UTF-8"
-
-
-def _first_cell(was: str, now: str) -> str | None:
-    """Name the first cell that differs; None where the files differ in more than cells."""
-    try:
-        old, new = (list(csv.reader(io.StringIO(text, newline=""), strict=True)) for text in (was, now))
-    except csv.Error:
-        return None
-    for row, (before, after) in enumerate(zip(old, new, strict=False)):
-        for column, (left, right) in enumerate(zip(before, after, strict=False)):
-            if left != right:
-                place = f"row {row}, column {new[0][column]!r}" if row else f"name of column {column + 1}"
-                return f"{place}: recorded {left!r}, replayed {right!r}"
-    return None
+    return _first_line(was, now) or "its bytes are not UTF-8"
 
 
 def _first_line(was: str, now: str) -> str | None:
@@ -244,11 +210,11 @@ def _first_line(was: str, now: str) -> str | None:
 
 def _check_files(run: Path, checked: Rerun) -> None:
     """Check that a run has no candidate or study beside those that were compared."""
-    found = {
+    kept = {
         "the ledger": ({path.name for path in run.glob("candidates/*")}, checked.replayed.files),
         "a study of this run": ({path.name for path in run.glob("studies/*")}, checked.studies.keys()),
     }
-    for what, (there, known) in found.items():
+    for what, (there, known) in kept.items():
         for name in sorted(there - known):
             raise BundleError(name, place=str(run), expected=f"only files of {what}")
 

@@ -31,9 +31,6 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*(/[A-Za-z0-9][A-Za-z0-9._-]*)*")
 
 _MODE = stat.S_IFREG | 0o644
 
-#: Bytes of a zip file without members.
-_EMPTY = 22
-
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 #: The earliest that a zip file knows.
@@ -96,14 +93,8 @@ def _listed(source: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
 
 
 def _unreadable(source: Path) -> BundleError:
-    """Return the error of a file that is no zip file, or a damaged one."""
-    if zipfile.is_zipfile(source) and source.stat().st_size > _EMPTY:
-        return _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN)
-    with source.open("rb") as file:
-        if file.read(4) == b"PK\x03\x04":
-            return _refusal(source, "a complete zip file", "one that ends early", _PACKED_AGAIN)
     remedy = f"name one, or fetch it again; if another program packed it, {_SEND}"
-    return BundleError("a file that is not one", place=str(source), expected=_PUBLISHED, remedy=remedy)
+    return _refusal(source, _PUBLISHED, "another file, or one that is damaged or ends early", remedy)
 
 
 def _refusal(source: Path, expected: str, got: str, remedy: str = "fetch the file again") -> BundleError:

@@ -6,8 +6,7 @@ from pathlib import Path
 from tacevo.cli.common import DIFFERENT, DONE, Parser
 from tacevo.reproduce.export import export, import_file
 from tacevo.runs.progress import Progress
-from tacevo.storage.listing import explain, list_stores, verify
-from tacevo.storage.store import KINDS
+from tacevo.storage.listing import list_stores, verify
 
 
 def add_cache(parser: Parser) -> None:
@@ -15,13 +14,8 @@ def add_cache(parser: Parser) -> None:
     actions = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     ls = actions.add_parser("ls", help="count entries by kind and model, with sizes, tokens and costs")
-    ls.add_argument("--kind", choices=KINDS, help="only these")
-    ls.add_argument("--model", metavar="TEXT", help="only completions of models whose name contains TEXT")
 
     verify = actions.add_parser("verify", help="check every entry; the exit status is 1 if one is damaged")
-
-    explain = actions.add_parser("explain", help="show an entry, and how it differs from the nearest other recording")
-    explain.add_argument("key", metavar="KEY", help="the first digits of a key")
 
     export = actions.add_parser("export", help="write exactly the entries that a run needs into one file")
     export.add_argument("run", metavar="RUN", help="the directory of a run")
@@ -32,14 +26,14 @@ def add_cache(parser: Parser) -> None:
     import_ = actions.add_parser("import", help="verify such a file, then write its entries into the stores")
     import_.add_argument("file", metavar="FILE")
 
-    with_store = {ls: _ls, verify: _verify, explain: _explain, import_: _import}
+    with_store = {ls: _ls, verify: _verify, import_: _import}
     for action, command in with_store.items():
         action.add_argument("--store", default="cache", metavar="DIR", help="directory of the stores (default: cache)")
         action.set_defaults(command=command)
 
 
 def _ls(options: argparse.Namespace) -> int:
-    print(list_stores(Path(options.store), kind=options.kind, model=options.model))
+    print(list_stores(Path(options.store)))
     return DONE
 
 
@@ -49,11 +43,6 @@ def _verify(options: argparse.Namespace) -> int:
         print(problem)
     print(f"{files - len(problems)} of {files} entries are sound")
     return DIFFERENT if problems else DONE
-
-
-def _explain(options: argparse.Namespace) -> int:
-    print(explain(Path(options.store), options.key))
-    return DONE
 
 
 def _export(options: argparse.Namespace) -> int:

@@ -11,9 +11,10 @@ from tacevo.bundles.open import Opened, check_walls, opened
 from tacevo.bundles.verify import Rerun, Verified, rerun_published
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, RUN, Parser, existing_store, whole_number
 from tacevo.costs import in_words, total
-from tacevo.reproduce import compare
+from tacevo.reproduce.compare import compare
 from tacevo.reproduce.replay import replay as replay_search
-from tacevo.reproduce.retrain import describe, retrain
+from tacevo.reproduce.retrain import retrain
+from tacevo.results.run import read_run
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
 from tacevo.text import printable
@@ -88,8 +89,7 @@ def _in_bundle(verified: Verified) -> str:
     else:
         pages = (
             "costs follow from the records; summary and tables were written by another release, so only their "
-            f"checksums were compared: today's tables would differ in {verified.outdated} files, and `tacevo tables` "
-            "writes them"
+            "checksums were compared, and `tacevo tables` writes today's"
         )
     return (
         f"{pages}; all {verified.entries} store entries were needed\n"
@@ -131,10 +131,9 @@ def _diff(options: argparse.Namespace) -> int:
     one = opened(Path(options.run))
     other = opened(Path(options.diff))
     remedy = "name the directories of two runs, of a sweep those of two jobs (of a published one SWEEP.zip/JOB)"
-    runs = [compare.read_compared(each.one_run(remedy)) for each in (one, other)]
-    found = compare.compare(*runs)
-    print(printable(compare.describe(found)))
-    return DONE if found.is_equal else DIFFERENT
+    is_equal, said = compare(*(read_run(each.one_run(remedy)) for each in (one, other)))
+    print(printable(said))
+    return DONE if is_equal else DIFFERENT
 
 
 def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress) -> str:
@@ -142,7 +141,7 @@ def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress)
     store = options.store  # of a published run, the images may lie elsewhere than what it holds
     recorded = [done.run if store is None else done.run.with_store(store) for done in runs]
     draw = options.draw or 1 + secrets.randbelow(_DRAWS)  # of this machine: a bundle's own seed is known to its author
-    return describe(retrain(recorded, options.retrain or None, draw, view))
+    return retrain(recorded, options.retrain or None, draw, view)
 
 
 def add_continue(parser: Parser) -> None:

@@ -174,9 +174,9 @@ def add_track(parser: Parser) -> None:
 
 def _track(options: argparse.Namespace) -> int:
     with Progress() as view:
-        tracked = track(Path(options.directory), options.uri, partial(view.advance, "runs"))
-    for reason in tracked.failed:
+        done, failed = track(Path(options.directory), options.uri, partial(view.advance, "runs"))
+    for reason in failed:
         print(f"failed: {reason}", file=sys.stderr)
-    for uri, number in tracked.done.items():
+    for uri, number in done.items():
         print(f"{counted(number, 'run')} of {options.directory} in MLflow: {viewing(uri, as_typed('mlflow'))}")
-    return DIFFERENT if tracked.failed else DONE
+    return DIFFERENT if failed else DONE

@@ -88,16 +88,18 @@ def show_run(path: Path, store: Path | None = None) -> str:
     directory, run, ledger = _read_begun(path)
     finished = run.digest == ledger.digest
     state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
-    known = finished_run(directory, run, ledger) if finished else None
-    elites = [elite.id for elite in (known.elites if known else read_elites(directory))]
+    if finished:
+        known = finished_run(directory, run, ledger)
+    else:
+        config, elites = read_config(path, run), read_elites(directory)
+        known = RecordedRun(directory=directory, record=run, config=config, ledger=ledger, elites=elites)
     trained = {line.id for line in ledger.lines if isinstance(line, CandidateLine) and line.fitness is not None}
-    if unknown := sorted(set(elites) - trained):
+    if unknown := sorted({elite.id for elite in known.elites} - trained):
         expected = "trained candidates of the ledger"
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
-    summary = summarise(run, read_config(path, run), ledger.lines, elites, directory.read_spending())
     paragraphs = read_note(path)
     note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
-    return f"{summary}\n{_studied(known, store) if known else ''}{note}{state}\n"
+    return f"{summarise(known)}\n{_studied(known, store) if finished else ''}{note}{state}\n"
 
 
 def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:

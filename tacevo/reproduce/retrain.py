@@ -8,8 +8,6 @@ a run rest on is trained in any case.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass
-from typing import TypeVar
 
 from tacevo.choices import Device, Numerics
 from tacevo.environment import deviations, machine, versions
@@ -37,32 +35,12 @@ _BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
 #: Packages whose version may change training bits.
 _COMPUTING = ("torch", "numpy")
 
-T = TypeVar("T")
-
 #: A training with the first run that has it.
 Evaluation = tuple[RecordedRun, TrainedLine]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Retrained:
-    """Evaluations that were found to be as recorded."""
-
-    #: How many of those computed again are trainings, whose bits were compared.
-    trained: int
-    #: How many are rejections, whose reasons were compared.
-    rejected: int
-    #: How many evaluations the run has.
-    of: int
-    #: How they were chosen, in words; empty where all of them were.
-    choice: str
-    #: Fields that the run does not record.
-    not_recorded: tuple[str, ...]
-    #: Why equal bits were not promised; empty where they were.
-    doubts: tuple[str, ...]
-
-
-def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Progress) -> Retrained:
-    """Train candidates of finished runs again, and compare every bit that the runs recorded of them.
+def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Progress) -> str:
+    """Train candidates of finished runs again, and compare every bit that the runs recorded; say what was compared.
 
     An evaluation that several runs share counts once.
 
@@ -70,7 +48,7 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Pro
         runs: one, or those of a sweep.
         count: how many evaluations to draw beside the decisive ones; None for all of them.
         draw: the number that the draw follows from, which no author of the records may know.
-        view: shows the progress.
+        view: shows the progress, and why equal bits are not promised.
 
     Raises:
         DivergenceError: the first difference.
@@ -83,20 +61,11 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Pro
     drawn, choice = chosen(pairs, decisive(runs), count, draw)
     if choice:
         view.say(choice)
-    doubts: dict[str, None] = {}
     for run in runs:
-        name = f"{run.directory.path.name} " if len(runs) > 1 else ""
+        name = f"{run.path.name} " if len(runs) > 1 else ""
         if lines := [line for of, line in drawn if of is run]:
-            doubts |= dict.fromkeys(_retrain(run, lines, view, name))
-    trained = [line for _, line in drawn if line.stage is None]
-    return Retrained(
-        trained=len(trained),
-        rejected=len(drawn) - len(trained),
-        of=len(pairs),
-        choice=choice,
-        not_recorded=tuple(name for name in _FIELDS if any(getattr(line, name) is None for line in trained)),
-        doubts=tuple(doubts),
-    )
+            _retrain(run, lines, view, name)
+    return describe([line for _, line in drawn], len(pairs), choice)
 
 
 def decisive(runs: Iterable[RecordedRun]) -> set[str]:
@@ -108,11 +77,10 @@ def decisive(runs: Iterable[RecordedRun]) -> set[str]:
     keys: set[str] = set()
     for run in runs:
         sources = {line.id: line.source for line in run.candidates}
-        elites = run.elites
-        lowest = min((elite.fitness for elite in elites), default=None)
-        networks = {sources[elite.id] for elite in elites if elite.fitness == lowest}
-        for study in map(StudyDirectory.read, studies_of(run.directory.path)):
-            if study.terms is not None and study.digest is not None and study.run == run.ledger.digest:
+        lowest = min((elite.fitness for elite in run.elites), default=None)
+        networks = {sources[elite.id] for elite in run.elites if elite.fitness == lowest}
+        for study in map(StudyDirectory.read, studies_of(run.path)):
+            if study.terms is not None and study.digest is not None and study.run == run.digest:
                 networks.update(network.source for network in study.networks)
         trained = (line for line in run.ledger.lines if isinstance(line, TrainedLine) and line.source in networks)
         keys.update(one.evaluation for line in trained for one in line.by_seed() if one.evaluation is not None)
@@ -123,11 +91,11 @@ def chosen(
     pairs: Sequence[Evaluation], decisive: Set[str], count: int | None, draw: int
 ) -> tuple[list[Evaluation], str]:
     """Choose the decisive evaluations and `count` of the others, in their order; say how, and with which odds."""
-    others = [pair for pair in pairs if pair[1].evaluation not in decisive]
+    others = [line.evaluation for _, line in pairs if line.evaluation not in decisive]
     if count is None or count >= len(others):
         return list(pairs), ""
-    drawn = {pair[1].evaluation for pair in sampled(others, count, draw)}
-    taken = [pair for pair in pairs if pair[1].evaluation in drawn or pair[1].evaluation in decisive]
+    keys = {*decisive, *sampled(others, count, draw)}
+    taken = [pair for pair in pairs if pair[1].evaluation in keys]
     return taken, (
         f"{len(taken) - count} evaluations of best networks and of networks of studies, and {count} of the other "
         f"{len(others)}, drawn at random (--draw {draw} repeats this): a forged one among these {len(others)} is found "
@@ -141,21 +109,18 @@ def evaluations(runs: Sequence[RecordedRun]) -> list[Evaluation]:
     Each is listed once, with the first run and line that have it; of several seeds each has its own line
     (`TrainedLine.by_seed`).
     """
-    found: dict[str, Evaluation] = {}
+    pairs: dict[str, Evaluation] = {}
     for run in runs:
         check_known("training", run.rules.training, TRAININGS, run.directory.path)
         for line in run.ledger.lines:
             for one in line.by_seed() if isinstance(line, TrainedLine) else ():
                 if one.evaluation is not None and one.reason not in _BY_MACHINE:
-                    found.setdefault(one.evaluation, (run, one))
-    return list(found.values())
+                    pairs.setdefault(one.evaluation, (run, one))
+    return list(pairs.values())
 
 
-def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, name: str) -> tuple[str, ...]:
-    """Train candidates of one run again, by its rules, and compare; say why equal bits were not promised.
-
-    `name` stands before a candidate's id; it is empty where there is one run only.
-    """
+def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, name: str) -> None:
+    """Train candidates of one run again, by its rules, and compare; `name` stands before a candidate's id."""
     config = run.config
     check_confinement(config.sandbox.require)
     check_machine(config.numerics.kind, config.training.device, config.training.gpu)
@@ -175,29 +140,27 @@ def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, nam
             _check_equal(name, line, result, doubts)
             seed = f", seed {line.seed}" if line.seed else ""
             view.say(f"{name}{line.id}{seed}: as recorded ({number} of {len(lines)})")
-    return doubts
 
 
-def describe(found: Retrained) -> str:
-    """Say what was compared, for a person."""
-    recorded = [name for name in _FIELDS if name not in found.not_recorded]
-    lines = [f"retrained: {found.trained + found.rejected} of {found.of} evaluations"]
-    lines += [found.choice] if found.choice else []
-    if found.trained and recorded:
-        lines.append(f"trained: {found.trained}; {', '.join(recorded)} are bit for bit as recorded")
-    if found.rejected:
-        lines.append(f"rejected: {found.rejected}, for the recorded reasons")
-    if found.not_recorded:
-        lines.append(f"not recorded, hence not compared: {', '.join(found.not_recorded)}")
-    return "\n".join(lines)
+def describe(lines: Sequence[TrainedLine], of: int, choice: str) -> str:
+    """Say what was compared, for a person: these of so many evaluations, and how they were chosen."""
+    trained = [line for line in lines if line.stage is None]
+    lacking = [name for name in _FIELDS if any(getattr(line, name) is None for line in trained)]
+    recorded = [name for name in _FIELDS if name not in lacking]
+    said = [f"retrained: {len(lines)} of {of} evaluations", *([choice] if choice else [])]
+    if trained and recorded:
+        said.append(f"trained: {len(trained)}; {', '.join(recorded)} are bit for bit as recorded")
+    if len(trained) < len(lines):
+        said.append(f"rejected: {len(lines) - len(trained)}, for the recorded reasons")
+    if lacking:
+        said.append(f"not recorded, hence not compared: {', '.join(lacking)}")
+    return "\n".join(said)
 
 
-def sampled(lines: Sequence[T], count: int | None, seed: int) -> list[T]:
-    """Draw lines without repetition, in their order; all of them where `count` is None or not below their number."""
-    if count is None or count >= len(lines):
-        return list(lines)
-    places = stream(seed, "retrain").choice(len(lines), count, replace=False)
-    return [lines[place] for place in sorted(places.tolist())]
+def sampled(keys: Sequence[str | None], count: int, seed: int) -> list[str | None]:
+    """Draw keys without repetition, in their order."""
+    places = stream(seed, "retrain").choice(len(keys), count, replace=False)
+    return [keys[place] for place in sorted(places.tolist())]
 
 
 def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
@@ -206,8 +169,8 @@ def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
     Fields that the line does not have are passed over.
     """
     if isinstance(result, Rejection) or line.reason is not None:
-        recorded, recomputed = _outcome(line.reason), _outcome(getattr(result, "reason", None))
-        return None if recorded == recomputed else _differ("the outcome", recorded, recomputed)
+        was, now = line.reason or "trained", getattr(result, "reason", "trained")
+        return None if was == now else _differ("the outcome", was, now)
     computed = with_training(line, result)
     for name in _FIELDS:
         was, now = getattr(line, name), getattr(computed, name)
@@ -240,12 +203,8 @@ def doubts_of(
 def _check_trivial(run: RecordedRun, trivial: float) -> None:
     """Compare the trivial loss that a run names, if it names one, with that of its data set."""
     if run.record.trivial not in {None, trivial}:
-        place = f"{run.directory.path}/run.json, trivial"
+        place = f"{run.path}/run.json, trivial"
         raise DivergenceError(str(run.record.trivial), place=place, expected=f"{trivial}, by the validation labels")
-
-
-def _outcome(reason: Reason | None) -> str:
-    return "trained" if reason is None else reason.value
 
 
 def _differ(what: str, recorded: object, recomputed: object) -> str:
@@ -254,12 +213,12 @@ def _differ(what: str, recorded: object, recomputed: object) -> str:
 
 def _check_equal(name: str, line: TrainedLine, result: Training | Rejection, doubts: Sequence[str]) -> None:
     """Raise for the first difference, with what explains it beside the candidate."""
-    found = difference(line, result)
-    if found is None:
+    different = difference(line, result)
+    if different is None:
         return
     reasons = [f"not promised: {doubt}" for doubt in doubts]
     if isinstance(result, Rejection) and result.reason in _BY_MACHINE:
         reasons.append("this depends on the machine's speed and memory; try with executor.workers=1 or a quiet machine")
     if line.not_portable:
         reasons.append(f"the candidate uses {', '.join(line.not_portable)}, whose bits depend on the CPU")
-    raise DivergenceError(found, place=f"{name}{line.id}", remedy="; ".join(reasons))
+    raise DivergenceError(different, place=f"{name}{line.id}", remedy="; ".join(reasons))

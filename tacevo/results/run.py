@@ -12,7 +12,7 @@ from typing import Self
 
 from tacevo.choices import PAPER_AXES, ArchiveKind, Axis, Scale
 from tacevo.config.identity import identity, task_hash
-from tacevo.config.schema import LLMConfig, RunConfig, StoreConfig
+from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.costs import Spending
 from tacevo.environment import doubting
 from tacevo.errors import RunError
@@ -198,8 +198,12 @@ class RecordedRun:
 
     @property
     def model(self) -> str:
-        """What answered, in words."""
-        return answered_by(self.record, self.config.llm)
+        """What answered; where another server than the provider's did, whose word that name is."""
+        llm = self.config.llm
+        if not self.record.elsewhere:
+            return llm.name
+        whose = "the name is a label" if llm.label else "under this name"
+        return f"{llm.name}, asked through another server, {whose}"
 
     @property
     def shortfall(self) -> str:
@@ -280,14 +284,6 @@ def without_archives(
     rules_of(ledger.lines)
     _check_description(run)
     return run
-
-
-def answered_by(record: RunRecord, llm: LLMConfig) -> str:
-    """Name the model of a run, and say whose word that name is where another server than the provider's answered."""
-    if not record.elsewhere:
-        return llm.name
-    whose = "the name is a label" if llm.label else "under this name"
-    return f"{llm.name}, asked through another server, {whose}"
 
 
 def descriptors_of(candidate: CandidateLine, scale: Scale, axes: Sequence[Axis] = PAPER_AXES) -> tuple[float, ...]:

@@ -95,7 +95,7 @@ class StudyDirectory:
         """
         remove_leftovers(self.path)
         with contextlib.suppress(RunError):
-            if describes(self.read(), header):
+            if not misfits(self.read(), header):
                 return
         design = {field.name: getattr(header, field.name) for field in fields(Design)}
         self._write(StudyRecord(schema=SCHEMA, name=self.path.name, **design, **circumstances, digest=None))
@@ -199,11 +199,6 @@ def find_study(run: Path, header: StudyHeader, *, searched: bool) -> StudyDirect
 def studies_of(run: Path) -> list[StudyDirectory]:
     """List the studies of a run, finished or not, by name."""
     return [StudyDirectory(path.parent) for path in sorted(run.glob("studies/*/study.json"))]
-
-
-def describes(study: StudyRecord, header: StudyHeader) -> bool:
-    """Return whether a study.json says what a header says."""
-    return not misfits(study, header)
 
 
 def misfits(study: StudyRecord, header: StudyHeader) -> list[str]:

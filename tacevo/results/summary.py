@@ -1,14 +1,12 @@
 """What a run found, in words and tables, from its ledger alone: for summary.md, the end of a search and the page."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
-from tacevo.costs import Spending, in_words, total
-from tacevo.evolution.chance import shortfall
-from tacevo.evolution.files import Line
+from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
     TEMPERATURE,
     CandidateLine,
@@ -16,12 +14,9 @@ from tacevo.evolution.lines import (
     GenerationLine,
     gate_stages,
     misreported,
-    not_sent,
 )
 from tacevo.evolution.reevaluation import fitness_by_id
-from tacevo.records import Operator
-from tacevo.results.run import answered_by
-from tacevo.storage.run_directory import RunRecord
+from tacevo.results.run import RecordedRun
 from tacevo.text import counted, drawn, listed, table
 
 #: What the trivial loss is.
@@ -31,20 +26,14 @@ TRIVIAL = "the least that the same answer to every validation image can have"
 TOP = 5
 
 
-def summarise(
-    run: RunRecord,
-    config: RunConfig,
-    lines: Sequence[Line],
-    elites: Collection[str],
-    spent: Mapping[str, Spending],
-) -> str:
+def summarise(run: RecordedRun) -> str:
     """Write the summary of a run as Markdown: what fits one screen, what it rests on, and a table of generations.
 
-    Elites, those of the network archive, and costs are by the candidates' ids.
+    The run may have been stopped anywhere; its elites are those of the last archive that was written.
     """
-    told, generations = tell(run, config, lines, elites, spent), _generations(lines)
-    parts = [f"# {run.name}", told.in_short.rstrip(), told.data, *_unpromised(_candidates(lines).values())]
-    return "\n\n".join([*parts, *([_progress(generations, config)] if generations else [])]) + "\n"
+    told = tell(run)
+    parts = [f"# {run.record.name}", told.in_short.rstrip(), told.data, *_unpromised(run.candidates)]
+    return "\n\n".join([*parts, *([_progress(run.generations, run.config)] if run.generations else [])]) + "\n"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,25 +66,18 @@ class Told:
         return "\n\n".join(filter(None, parts)) + "\n"
 
 
-def tell(
-    run: RunRecord,
-    config: RunConfig,
-    lines: Sequence[Line],
-    elites: Collection[str],
-    spent: Mapping[str, Spending],
-) -> Told:
-    """Say what a run found; arguments as of `summarise`."""
-    candidates = _candidates(lines)
-    shortfall, found, best = _found(run, config, lines, elites)
+def tell(run: RecordedRun) -> Told:
+    """Say what a run found, which may have been stopped anywhere."""
+    shortfall, found, best = _found(run)
     return Told(
-        searched=_headline(run, config, candidates.values(), len(_generations(lines))),
+        searched=_headline(run),
         data=_data(run),
-        not_sent=_not_sent(candidates.values()),
+        not_sent=_not_sent(run),
         shortfall=shortfall,
         found=found,
         best=best,
-        gate=_gate(candidates.values()),
-        cost=_cost(candidates, spent),
+        gate=_gate(run.candidates),
+        cost=_cost(run),
     )
 
 
@@ -106,71 +88,62 @@ def worth(config: RunConfig) -> str:
     return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 
-def _candidates(lines: Sequence[Line]) -> dict[str, CandidateLine]:
-    return {line.id: line for line in lines if isinstance(line, CandidateLine)}
-
-
-def _generations(lines: Sequence[Line]) -> list[GenerationLine]:
-    return [line for line in lines if isinstance(line, GenerationLine)]
-
-
-def _headline(run: RunRecord, config: RunConfig, candidates: Collection[CandidateLine], generations: int) -> str:
-    unasked = generations > 0 and all(line.request is None for line in candidates)
-    answers = "no model was asked" if unasked else f"requests answered by {answered_by(run, config.llm)}"
+def _headline(run: RecordedRun) -> str:
+    unasked = run.generations and not run.answered
+    answers = "no model was asked" if unasked else f"requests answered by {run.model}"
     return (
-        f"Task {run.task.name}, seed {config.seed}, {answers}, "
-        f"{config.numerics.kind} numerics. {counted(len(candidates), 'candidate')} in "
-        f"{counted(generations, 'generation')} (the first is generation 0)."
+        f"Task {run.record.task.name}, seed {run.config.seed}, {answers}, "
+        f"{run.config.numerics.kind} numerics. {counted(len(run.candidates), 'candidate')} in "
+        f"{counted(len(run.generations), 'generation')} (the first is generation 0)."
     )
 
 
-def _data(run: RunRecord) -> str:
-    train, validation, test = run.data.counts
-    size = run.data.image_size
+def _data(run: RecordedRun) -> str:
+    data, trivial = run.record.data, run.record.trivial
+    train, validation, test = data.counts
     return (
-        f"Data {run.data.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
-        f"{size} x {size} pixels; the test images play no part in a search."
-        + ("" if run.trivial is None else f" The trivial loss, {TRIVIAL}: {_number(run.trivial)}.")
+        f"Data {data.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
+        f"{data.image_size} x {data.image_size} pixels; the test images play no part in a search."
+        + ("" if trivial is None else f" The trivial loss, {TRIVIAL}: {_number(trivial)}.")
     )
 
 
-def _not_sent(lines: Collection[CandidateLine]) -> str:
-    said = not_sent([line.dropped for line in lines if line.request is not None])
-    planned = ["T, and the temperatures of the prompt archive, are what was planned."] if TEMPERATURE in said else []
-    return " ".join([*(f"{words}." for words in said.values()), *planned])
+def _not_sent(run: RecordedRun) -> str:
+    planned = ["T, and the temperatures of the prompt archive, are what was planned."]
+    return " ".join(
+        [*(f"{words}." for words in run.not_sent.values()), *(planned if TEMPERATURE in run.not_sent else [])]
+    )
 
 
-def _found(run: RunRecord, config: RunConfig, lines: Sequence[Line], elites: Collection[str]) -> tuple[str, str, str]:
+def _found(run: RecordedRun) -> tuple[str, str, str]:
     """Return `Told.shortfall`, `found` and `best`; empty before a generation is complete, and without any elite."""
     # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
+    lines = run.ledger.lines
     whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
     known = fitness_by_id(lines[:whole])
-    candidates = {name: replace(line, fitness=known.get(name)) for name, line in _candidates(lines).items()}
-    ranked = sorted((candidates[name] for name in elites if name in known), key=lambda line: (_fitness(line), line.id))
+    candidates = {line.id: replace(line, fitness=known.get(line.id)) for line in run.candidates}
+    ranked = sorted(
+        (candidates[elite.id] for elite in run.elites if elite.id in known), key=lambda line: (_fitness(line), line.id)
+    )
     if not ranked:
         return "", "", ""
-    baseline = next(line for line in candidates.values() if line.operator is Operator.baseline)
+    baseline = candidates[run.baseline.id]
     first = min((_fitness(candidates[name]) for name in known if candidates[name].generation == 0), default=None)
     rows = [
         [line.id, _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip
-    trivial = "" if run.trivial is None else f"; the trivial loss is {_number(run.trivial)}"
-    missed = shortfall(
-        best=_fitness(ranked[0]),
-        baseline=baseline.fitness,
-        trivial=run.trivial,
-        asked=any(line.request is not None for line in candidates.values()),
-        usable=any(line.request is not None and line.fitness is not None for line in candidates.values()),
-    )
+    trivial = "" if run.record.trivial is None else f"; the trivial loss is {_number(run.record.trivial)}"
     words = (
         f"fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has {_number(first)}, "
         f"the baseline {_number(baseline.fitness)}{trivial}."
     )
-    best = f"Best {words} Fitness is the validation loss after the short training; lower wins. Each is {worth(config)}"
+    best = (
+        f"Best {words} Fitness is the validation loss after the short training; lower wins. Each is {worth(run.config)}"
+    )
     header = ["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"]
-    return missed, f"Lowest {words}" if missed else best, table(header, rows)
+    return run.shortfall, f"Lowest {words}" if run.shortfall else best, table(header, rows)
 
 
 def _fitness(line: CandidateLine) -> float:
@@ -212,24 +185,25 @@ def _repaired(lines: Collection[CandidateLine]) -> list[str]:
 
 def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     """Name the candidates whose training need not come again bit by bit, and what they use, where there are such."""
-    found = {
+    uses = {
         "Bits depend on the CPU, even under portable numerics": {line.id: line.not_portable for line in lines},
         "Bits may differ from one training to the next, where an operation has no deterministic form": {
             line.id: tuple(sorted({use for one in line.by_seed() for use in one.not_deterministic})) for line in lines
         },
     }
-    named = {words: [f"{id} ({', '.join(used)})" for id, used in uses.items() if used] for words, uses in found.items()}
+    named = {
+        words: [f"{id} ({', '.join(used)})" for id, used in by_id.items() if used] for words, by_id in uses.items()
+    }
     return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in named.items() if names]
 
 
-def _cost(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]) -> str:
+def _cost(run: RecordedRun) -> str:
     """Say in a line what the answers cost when they were recorded; nothing where they were free."""
-    known = {name: spent[name] for name in candidates if name in spent}
-    run = total(known.values())
-    asked = sum(line.request is not None for line in candidates.values())
-    missing = asked - sum(part.answers > 0 for part in known.values())
+    known = [run.spent[line.id] for line in run.candidates if line.id in run.spent]
+    spent = total(known)
+    missing = len(run.answered) - sum(part.answers > 0 for part in known)
     gap = f" That of {counted(missing, 'candidate')} is not in timings.jsonl." if missing else ""
-    return f"Cost: {in_words(run)}.{gap}" if run.usd or run.unpriced else ""
+    return f"Cost: {in_words(spent)}.{gap}" if spent.usd or spent.unpriced else ""
 
 
 def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:

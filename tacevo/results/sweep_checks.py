@@ -5,8 +5,7 @@ in all of them, or a difference between two arms would be one of data, of budget
 """
 
 import json
-from collections.abc import Callable, Iterator
-from typing import NoReturn
+from collections.abc import Callable
 
 from tacevo.errors import IncomparableError
 from tacevo.evolution.files import rules_in_words
@@ -51,13 +50,10 @@ def check_sweep(sweep: RecordedSweep) -> None:
     first = sweep.finished[0]
     for other in sweep.finished[1:]:
         _check_temperatures(sweep, first, other)
-        for (kind, field, one), (_, _, two) in zip(_terms(first), _terms(other), strict=True):
-            if one != two:
-                _reject(sweep, kind, field, (first, one), (other, two))
-    vary = sweep.terms.vary
-    _compare_with_first(sweep, lambda one: str(one.job.seed) if vary else "", _data_fields, "data")
-    _compare_with_first(sweep, _kind_of_archive, _archive_fields, "archive")
-    _compare_with_first(sweep, lambda one: one.job.arm, arm_settings, "arm")
+    _compare_with_first(sweep, lambda one: "", _terms)
+    _compare_with_first(sweep, lambda one: str(one.job.seed) if sweep.terms.vary else "", _data)
+    _compare_with_first(sweep, _kind_of_archive, _niches)
+    _compare_with_first(sweep, lambda one: one.job.arm, lambda one: {"arm": arm_settings(one)})
 
 
 def _check_temperatures(sweep: RecordedSweep, one: Finished, two: Finished) -> None:
@@ -73,41 +69,50 @@ def _check_temperatures(sweep: RecordedSweep, one: Finished, two: Finished) -> N
         )
 
 
-#: What a candidate trains on.
-_DEVICE = ("device", "gpu", "precision", "gpu_memory_mib")
+#: How long a candidate trains, and on what.
+_TRAINING = (
+    *("epochs", "batch_size", "learning_rate", "seconds", "memory_mib"),
+    *("device", "gpu", "precision", "gpu_memory_mib"),
+)
 
 
-def _terms(one: Finished) -> Iterator[tuple[str, str, Json]]:
-    """List what must be equal in all jobs: what it belongs to, its name, its value."""
-    config = one.run.config
-    yield "data", "task.name", one.run.task
-    yield "data", "hash of the baseline's source", one.run.baseline.source
-    yield "data", "task.loss", config.task.loss
-    bound = config.search.training_flops
-    ended = config.search.generations if bound is not None else one.run.generations[-1].generation
-    yield "budget", "number of generations", ended
-    yield "budget", "search.training_flops", bound
-    for key in ("candidates", "initial"):
-        yield "budget", f"search.{key}", getattr(config.search, key)
-    for key in ("epochs", "batch_size", "learning_rate", "seconds", "memory_mib", *_DEVICE):
-        yield "budget", f"training.{key}", getattr(config.training, key)
-    yield "versions", "rules", rules_in_words(one.run.rules)
-    yield "versions", "numerics.kind", config.numerics.kind
-    for name in VERSIONS:
-        yield "versions", f"version of {name}", one.run.record.versions.get(name)
+def _terms(one: Finished) -> dict[str, Json]:
+    """Return what must be equal in all jobs, by what it belongs to and by its name."""
+    run, config = one.run, one.run.config
+    search, bound = config.search, config.search.training_flops
+    data = {
+        "task.name": run.task,
+        "task.loss": config.task.loss,
+        "hash of the baseline's source": run.baseline.source,
+    }
+    budget = {
+        "number of generations": run.generations[-1].generation if bound is None else search.generations,
+        "search.training_flops": bound,
+        "search.candidates": search.candidates,
+        "search.initial": search.initial,
+        **{f"training.{key}": getattr(config.training, key) for key in _TRAINING},
+    }
+    versions = {
+        "rules": rules_in_words(run.rules),
+        "numerics.kind": config.numerics.kind,
+        **{f"version of {name}": run.record.versions.get(name) for name in VERSIONS},
+    }
+    return {"data": data, "budget": budget, "versions": versions}
+
+
+def _data(one: Finished) -> dict[str, Json]:
+    return {"data": {"fingerprint of the data": one.run.facts.fingerprint}}
+
+
+def _niches(one: Finished) -> dict[str, Json]:
+    """Return what decides the niches of networks."""
+    return {
+        "archive": {f"archive.{key}": getattr(one.run.config.archive, key) for key in ("niches", "samples", "seed")}
+    }
 
 
 def _kind_of_archive(one: Finished) -> str:
     return canonical({key: value for key, value in to_json(one.run.config.archive).items() if key not in _SIZES})
-
-
-def _data_fields(one: Finished) -> Json:
-    return {"fingerprint of the data": one.run.facts.fingerprint}
-
-
-def _archive_fields(one: Finished) -> Json:
-    """Return what decides the niches of networks."""
-    return {"archive": {key: getattr(one.run.config.archive, key) for key in ("niches", "samples", "seed")}}
 
 
 def arm_settings(one: Finished) -> dict[str, Json]:
@@ -118,24 +123,18 @@ def arm_settings(one: Finished) -> dict[str, Json]:
 
 
 def _compare_with_first(
-    sweep: RecordedSweep, group_of: Callable[[Finished], str], fields_of: Callable[[Finished], Json], kind: str
+    sweep: RecordedSweep, group_of: Callable[[Finished], str], fields_of: Callable[[Finished], dict[str, Json]]
 ) -> None:
-    """Compare each job with the first one of its group."""
+    """Compare the fields of each job, by what they belong to, with those of the first one of its group."""
     firsts: dict[str, Finished] = {}
     for other in sweep.finished:
         first = firsts.setdefault(group_of(other), other)
         one, two = fields_of(first), fields_of(other)
-        for field in differences(one, two):
-            _reject(sweep, kind, shown(field), (first, value_at(one, field)), (other, value_at(two, field)))
-
-
-def _reject(
-    sweep: RecordedSweep, kind: str, field: str, one: tuple[Finished, Json], two: tuple[Finished, Json]
-) -> NoReturn:
-    (first, was), (second, came) = one, two
-    raise IncomparableError(
-        f"{json.dumps(was)} in {first.job.name} and {json.dumps(came)} in {second.job.name}",
-        place=f"{sweep.path}, {field}",
-        expected="the same in all jobs that are compared",
-        remedy=_REMEDIES[kind],
-    )
+        for field in differences(one, two)[:1]:
+            was, came = (json.dumps(value_at(each, field)) for each in (one, two))
+            raise IncomparableError(
+                f"{was} in {first.job.name} and {came} in {other.job.name}",
+                place=f"{sweep.path}, {shown(field[1:])}",
+                expected="the same in all jobs that are compared",
+                remedy=_REMEDIES[str(field[0])],
+            )

@@ -216,11 +216,11 @@ def _likely_input(request: Request) -> int:
 
 def _answers(root: Path, model: str) -> Iterator[Completion]:
     """Read the recorded answers to requests of a model, one after the other: a store may be larger than the memory."""
-    for found in scan(root, ("completions",)):
-        if found.problem is not None:
-            raise found.problem
-        if found.model == model and found.completion is not None:
-            yield found.completion
+    for file in scan(root, ("completions",)):
+        if file.problem is not None:
+            raise file.problem
+        if file.model == model and file.completion is not None:
+            yield file.completion
 
 
 def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:

@@ -16,12 +16,13 @@ from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
-from tacevo.evolution.files import Line, RunLine, line_kind, read_ledger, write_archives
+from tacevo.evolution.files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
+from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise, tell
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
@@ -138,7 +139,8 @@ def record(
             ) as bench:
                 state = run_under(CURRENT, plan, bench.effects, ledger, observer)
             _check_length(ledger, directory)
-            found, succeeded = _finish(directory, config, state, ledger.digest, elsewhere=observer.elsewhere)
+            elites = archive_files(plan, state)[0].elites
+            found, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
         return Result(directory=directory.path, digest=ledger.digest, found=found, best=name, succeeded=succeeded)
@@ -237,16 +239,16 @@ def _check_length(ledger: Ledger, directory: RunDirectory) -> None:
 
 
 def _finish(
-    directory: RunDirectory, config: RunConfig, state: SearchState, digest: str, *, elsewhere: bool
+    directory: RunDirectory, config: RunConfig, elites: tuple[EliteEntry, ...], digest: str, *, elsewhere: bool
 ) -> tuple[str, bool]:
     """Write what is known only at the end; return the summary in short, and whether the search found something."""
     began = directory.read_run()
-    run = replace(began, config=_publishable(config), digest=digest, pages=PAGES, elsewhere=elsewhere)
-    directory.write_run(run)
-    names = [elite.name for elite in state.networks.archive.elites.values()]
-    lines, spent = read_ledger(directory).lines, directory.read_spending()
-    directory.write_text("summary.md", summarise(run, config, lines, names, spent))
-    told = tell(run, config, lines, names, spent)
+    record = replace(began, config=_publishable(config), digest=digest, pages=PAGES, elsewhere=elsewhere)
+    directory.write_run(record)
+    ledger = read_ledger(directory)
+    run = RecordedRun(directory=directory, record=record, config=config, ledger=ledger, elites=elites)
+    directory.write_text("summary.md", summarise(run))
+    told = tell(run)
     return told.in_short, not told.shortfall
 
 

@@ -15,7 +15,7 @@ import contextlib
 import hashlib
 import os
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -101,14 +101,7 @@ class Timing(Record):
     @property
     def spent(self) -> Spending:
         """What the answers cost."""
-        return Spending(
-            answers=self.answers,
-            input_tokens=self.input_tokens,
-            output_tokens=self.output_tokens,
-            usd=self.usd,
-            unpriced=self.unpriced,
-            uncounted=self.uncounted,
-        )
+        return Spending(**{field.name: getattr(self, field.name) for field in fields(Spending)})
 
 
 class RunDirectory:

@@ -18,7 +18,7 @@ from typing import Literal
 
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Json, Mode, Record
-from tacevo.storage.canonical import Field, canonical, content_hash, differences, readable, shown
+from tacevo.storage.canonical import canonical, content_hash, differences, readable, shown
 from tacevo.storage.files import remove_leftovers, write_durably
 from tacevo.storage.members import Member
 from tacevo.typed import UncheckedJson, parse
@@ -178,19 +178,6 @@ class Store:
         for path in sorted(self._folder.glob("*/*.json")):
             yield read_entry(path)
 
-    def nearest(self, request: Json, most: int | None = None) -> tuple[Entry, list[Field]] | None:
-        """Find the recording that differs from a request in the fewest fields, but in at least one.
-
-        Args:
-            request: what was asked.
-            most: how many recordings to compare, in the order of their keys; None for all.
-
-        Returns:
-            The entry and the fields, or None where there is no other sound entry.
-        """
-        compared = ((entry, differences(entry.request, request)) for entry in self.sound(most))
-        return min((pair for pair in compared if pair[1]), key=lambda pair: len(pair[1]), default=None)
-
     def sound(self, most: int | None = None) -> Iterator[Entry]:
         """Yield entries in the order of their keys, at most so many files, without those that are damaged."""
         for path in itertools.islice(sorted(self._folder.glob("*/*.json")), most):
@@ -202,15 +189,16 @@ class Store:
         return self._folder.parent / place_of(self._kind, key)
 
     def _miss(self, request: Json) -> CacheMissError:
-        """Name the nearest recording, and the first field in which it differs."""
+        """Name the recording that differs in the fewest fields, and the first one in which it does."""
         missed = f"no recorded answer for {self._kind} request {self.key(request)[:12]}"
-        found = self.nearest(request, _COMPARED)
-        if found is None:
+        compared = ((entry, differences(entry.request, request)) for entry in self.sound(_COMPARED))
+        nearest = min((pair for pair in compared if pair[1]), key=lambda pair: len(pair[1]), default=None)
+        if nearest is None:
             remedy = "that store is empty or absent: name it by store.root (in a replay, --store)"
             return CacheMissError(missed, place=str(self._folder), remedy=remedy)
-        nearest, fields = found
+        entry, fields = nearest
         return CacheMissError(
-            f"{missed}; the nearest recording is {nearest.key[:12]}, whose field {shown(fields[0])!r} differs",
+            f"{missed}; the nearest recording is {entry.key[:12]}, whose field {shown(fields[0])!r} differs",
             place=str(self._folder),
             remedy="replay with the configuration of the recording, or record again with llm.mode=record",
         )

@@ -8,7 +8,6 @@ import logging
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.errors import RunError, TacevoError
@@ -23,27 +22,21 @@ from tacevo.tracking.process import prepare, store_address, without_address
 _MARKS = frozenset({"run.json", "ledger.jsonl"})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tracked:
-    """The runs that are in MLflow now, and those that are not."""
-
-    #: How many runs are in each store, by its tracking URI; an empty one is that of MLFLOW_TRACKING_URI.
-    done: Mapping[str, int]
-    #: Why the others are not, one line each.
-    failed: tuple[str, ...]
-
-
 class _MlflowError(RunError):
     """MLflow failed, and would fail with the next run."""
 
 
-def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
+def track(path: Path, uri: str, show: Callable[[int, int], None]) -> tuple[Mapping[str, int], tuple[str, ...]]:
     """Mirror run directories into MLflow.
 
     Args:
         path: a run directory, the directory of a sweep, or one that contains either.
         uri: the tracking URI; empty for the one in each run's configuration or else in MLFLOW_TRACKING_URI.
         show: receives the number of runs that are done, and of all.
+
+    Returns:
+        How many runs are in each store, by its tracking URI (an empty one is that of MLFLOW_TRACKING_URI), and why the
+        others are not, one line each.
 
     Raises:
         RunError: `path` holds no run; MLflow fails; or `path` is a run directory, and it is damaged.
@@ -64,7 +57,7 @@ def track(path: Path, uri: str, show: Callable[[int, int], None]) -> Tracked:
                 raise
             failed.append(str(error))
     show(len(runs), len(runs))
-    return Tracked(done=done, failed=tuple(dict.fromkeys(failed)))  # a deleted experiment is the same of all
+    return done, tuple(dict.fromkeys(failed))  # a deleted experiment is the same of all
 
 
 def find_runs(path: Path) -> tuple[Path, ...]:
@@ -78,18 +71,18 @@ def find_runs(path: Path) -> tuple[Path, ...]:
     def fail(error: OSError) -> None:
         raise error
 
-    found: list[Path] = []
+    runs: list[Path] = []
     for directory, below, files in os.walk(path, onerror=fail) if path.exists() else ():
         below[:] = sorted(name for name in below if not name.startswith(".")) if _MARKS.isdisjoint(files) else ()
         if not _MARKS.isdisjoint(files):
-            found.append(Path(directory))
-    if not found:
+            runs.append(Path(directory))
+    if not runs:
         raise RunError(
             "a directory without run.json, here and below" if path.exists() else "a path that does not exist",
             place=str(path),
             expected="a run directory, or one that contains some",
         )
-    return tuple(found)
+    return tuple(runs)
 
 
 def _mirror(path: Path, given: str) -> str:

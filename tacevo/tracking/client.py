@@ -12,7 +12,7 @@ from mlflow.exceptions import MlflowException
 
 from tacevo.errors import RunError
 from tacevo.storage.files import flock
-from tacevo.tracking.entries import Measure
+from tacevo.tracking.entries import Point
 
 #: The tag by which MLflow nests runs.
 PARENT_TAG = "mlflow.parentRunId"
@@ -33,8 +33,8 @@ _SQLITE = "sqlite:///"
 
 def find_or_create_run(client: MlflowClient, experiment: str, *, tag: str, key: str, name: str) -> Run:
     """Return the run of an experiment whose `tag` is `key`; a new one is called `name`."""
-    found = next(tagged_runs(client, experiment, tag, key), None)
-    return found or client.create_run(experiment, run_name=name, tags={tag: key, **user_tags()})
+    known = next(tagged_runs(client, experiment, tag, key), None)
+    return known or client.create_run(experiment, run_name=name, tags={tag: key, **user_tags()})
 
 
 def user_tags() -> dict[str, str]:
@@ -55,10 +55,10 @@ def tagged_runs(client: MlflowClient, experiment: str, tag: str, value: str) -> 
             return
 
 
-def log(client: MlflowClient, run: str, params: Mapping[str, str], measures: Sequence[Measure]) -> None:
+def log(client: MlflowClient, run: str, params: Mapping[str, str], measures: Sequence[Point]) -> None:
     """Write params and metrics of a run, in as few requests as MLflow allows."""
     now = time.time_ns() // 1_000_000
-    metrics = [Metric(measure.key, measure.value, now, measure.step) for measure in measures]
+    metrics = [Metric(key, value, now, step) for key, value, step in measures]
     texts = [Param(key, params[key]) for key in sorted(params)]
     while metrics or texts:
         client.log_batch(run, metrics[:_METRICS_PER_BATCH], texts[:_PARAMS_PER_BATCH])
@@ -86,14 +86,14 @@ def find_or_create_experiment(client: MlflowClient, name: str) -> str:
         RunError: it was deleted, which in MLflow hides it and keeps its name.
         MlflowException: it cannot be created.
     """
-    found = client.get_experiment_by_name(name)
-    if found is not None:
-        if found.lifecycle_stage != LifecycleStage.ACTIVE:
+    known = client.get_experiment_by_name(name)
+    if known is not None:
+        if known.lifecycle_stage != LifecycleStage.ACTIVE:
             raise RunError(
                 "one that was deleted",
                 place=f"MLflow experiment {name}",
                 expected="an active one",
-                remedy=f"restore it (`mlflow experiments restore --experiment-id {found.experiment_id}`), then "
+                remedy=f"restore it (`mlflow experiments restore --experiment-id {known.experiment_id}`), then "
                 "`tacevo track` writes what is missing; or set tracking.experiment=NAME",
             )
     else:
@@ -101,10 +101,10 @@ def find_or_create_experiment(client: MlflowClient, name: str) -> str:
         try:
             return client.create_experiment(name, artifact_location=place, tags=_KIND)
         except MlflowException:
-            found = client.get_experiment_by_name(name)  # the mirror of another search may have created it
-            if found is None:
+            known = client.get_experiment_by_name(name)  # the mirror of another search may have created it
+            if known is None:
                 raise
-    return str(found.experiment_id)
+    return str(known.experiment_id)
 
 
 def _create(database: Path) -> None:

@@ -3,8 +3,6 @@
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Self
 
 from tacevo.choices import Axis
 from tacevo.costs import Spending, total
@@ -48,14 +46,9 @@ _CANDIDATE_METRICS = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measure:
-    """One value of a metric."""
-
-    key: str
-    value: float
-    #: The generation of a search's metrics, the epoch or seed of a loss, 0 of a candidate's other metrics.
-    step: int
+#: One value of a metric: its name, the value, and the step, which is the generation of a search's metrics, the epoch or
+#: seed of a loss, and 0 of a candidate's other metrics.
+Point = tuple[str, float, int]
 
 
 def config_params(config: Mapping[str, Json]) -> dict[str, str]:
@@ -79,37 +72,37 @@ def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -
     return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
 
 
-def candidate_measures(line: CandidateLine) -> tuple[Measure, ...]:
+def candidate_measures(line: CandidateLine) -> tuple[Point, ...]:
     """Return a candidate's metrics: the losses of every epoch and seed, and each figure that its ledger line has."""
     losses = [
-        Measure(key=key, value=value, step=epoch)
+        (key, value, epoch)
         for key, values in (("train_loss", line.train_losses), ("validation_loss", line.validation_losses))
         for epoch, value in enumerate(values or (), 1)
     ]
-    losses += [Measure(key="seed_loss", value=one.validation_losses[-1], step=one.seed) for one in line.seeds]
+    losses += [("seed_loss", one.validation_losses[-1], one.seed) for one in line.seeds]
     inserted = None if line.status is None else line.inserted
     return (*losses, *_measures({**_figures(line, _CANDIDATE_METRICS), "inserted": inserted}, 0))
 
 
-def generation_measures(line: GenerationLine) -> tuple[Measure, ...]:
-    """Return a generation's metrics; a figure that it does not have (no candidate was trained) is left out."""
-    return _measures(_figures(line, _GENERATION_METRICS), line.generation)
+def generation_measures(
+    line: GenerationLine, *, baseline: float | None = None, trivial: float | None = None
+) -> tuple[Point, ...]:
+    """Return a generation's metrics; a figure that it does not have (no candidate was trained) is left out.
 
-
-def reference_measures(baseline: float | None, trivial: float | None, step: int) -> tuple[Measure, ...]:
-    """Return the losses that the best one stands beside: the baseline's, and the trivial one of `search.chance`."""
-    return _measures({"baseline": baseline, "trivial": trivial}, step)
+    Beside the best loss stand the baseline's and the trivial one (`tacevo.evolution.chance`).
+    """
+    return _measures({**_figures(line, _GENERATION_METRICS), "baseline": baseline, "trivial": trivial}, line.generation)
 
 
 def _figures(line: CandidateLine | GenerationLine, names: Sequence[str]) -> dict[str, float | None]:
     return {name: getattr(line, name) for name in names}
 
 
-def _measures(figures: Mapping[str, float | None], step: int) -> tuple[Measure, ...]:
-    return tuple(Measure(key=key, value=float(value), step=step) for key, value in figures.items() if value is not None)
+def _measures(figures: Mapping[str, float | None], step: int) -> tuple[Point, ...]:
+    return tuple((key, float(value), step) for key, value in figures.items() if value is not None)
 
 
-def cost_measures(spent: Spending, step: int) -> tuple[Measure, ...]:
+def cost_measures(spent: Spending, step: int) -> tuple[Point, ...]:
     """Return the metrics of what answers cost: tokens and US dollars, each of the answers of which it is known."""
     if not spent.answers:
         return ()
@@ -137,59 +130,47 @@ def shown_address(uri: str) -> str:
     return uri or f"${URI_VARIABLE}"
 
 
-def quoted_address(uri: str) -> str:
-    """Return a tracking URI, or the variable that holds it, as a word of a command."""
-    return shlex.quote(uri) if uri else f'"${URI_VARIABLE}"'
-
-
 def viewing(uri: str, mlflow: str) -> str:
     """Return how to look at a store: a server's own page, or a command that serves one.
 
     An empty URI is the one in MLFLOW_TRACKING_URI; `mlflow` is how that command is spelt here.
     """
-    is_page = uri.startswith(("http://", "https://"))
-    return uri if is_page else f"{mlflow} ui --backend-store-uri {quoted_address(uri)}"
+    if uri.startswith(("http://", "https://")):
+        return uri
+    address = shlex.quote(uri) if uri else f'"${URI_VARIABLE}"'
+    return f"{mlflow} ui --backend-store-uri {address}"
 
 
 def _text(value: Json) -> str:
     return str(value) if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Totals:
-    """Sums over the generations so far."""
+    """What adds up over the generations of a search."""
 
-    #: Best fitness of the first generation in which anything was trained.
-    first: float | None = None
-    #: Trained candidates, with those after a repair.
-    trained: int = 0
-    #: Part of the slots whose first answer was trained, in [0, 1], for each generation from 1 on.
-    trainable: tuple[float, ...] = ()
-    spent: Spending = field(default_factory=Spending)
+    def __init__(self) -> None:
+        self._first: float | None = None
+        self._trained = 0
+        self._shares: list[float] = []
+        self._spent = Spending()
 
-    def after(self, line: GenerationLine, spent: Spending) -> Self:
-        """Return the totals after one more generation, whose answers cost so much."""
-        shares = (line.trained / line.candidates,) if line.generation and line.candidates else ()
-        return type(self)(
-            first=line.best if self.first is None else self.first,
-            trained=self.trained + line.trained + (line.repaired or 0),
-            trainable=(*self.trainable, *shares),
-            spent=total((self.spent, spent)),
-        )
+    def after(self, line: GenerationLine, spent: Spending) -> tuple[Point, ...]:
+        """Add a generation, whose answers cost so much; return the metrics of all so far.
 
-
-def total_measures(totals: Totals, line: GenerationLine) -> tuple[Measure, ...]:
-    """Return the metrics of what adds up over a search.
-
-    Returns:
-        `improvement` on the first best, a part of it in (-inf, 1]; `trainable_rate`, the mean over generations 1 to
-        this one, in [0, 1]; `trained_candidates`; and the costs so far as `total_answers` and so on. What does not
-        apply yet is left out.
-    """
-    figures: dict[str, float | None] = {"trained_candidates": totals.trained}
-    if totals.first is not None and line.best is not None:
-        figures["improvement"] = (totals.first - line.best) / totals.first if totals.first else 0.0
-    if totals.trainable:
-        figures["trainable_rate"] = sum(totals.trainable) / len(totals.trainable)
-    costs = {f"total_{measure.key}": measure.value for measure in cost_measures(totals.spent, line.generation)}
-    return _measures({**figures, **costs}, line.generation)
+        Returns:
+            `improvement` on the best of the first generation in which anything was trained, a part of it in (-inf, 1];
+            `trainable_rate`, the mean over generations 1 to this one of the part of the slots whose first answer was
+            trained, in [0, 1]; `trained_candidates`, with those after a repair; and the costs as `total_answers` and so
+            on. What does not apply yet is left out.
+        """
+        self._first = line.best if self._first is None else self._first
+        self._trained += line.trained + (line.repaired or 0)
+        self._shares += [line.trained / line.candidates] if line.generation and line.candidates else []
+        self._spent = total((self._spent, spent))
+        figures: dict[str, float | None] = {"trained_candidates": self._trained}
+        if self._first is not None and line.best is not None:
+            figures["improvement"] = (self._first - line.best) / self._first if self._first else 0.0
+        if self._shares:
+            figures["trainable_rate"] = sum(self._shares) / len(self._shares)
+        costs = {f"total_{key}": value for key, value, _ in cost_measures(self._spent, line.generation)}
+        return _measures({**figures, **costs}, line.generation)

@@ -5,7 +5,7 @@ it does not: it takes the ledger's lines as they stand, and does not check their
 """
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
@@ -14,18 +14,15 @@ from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Operator
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import read_line
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
 from tacevo.tracking.entries import (
-    Measure,
     Totals,
     candidate_measures,
     candidate_params,
     config_params,
     cost_measures,
     generation_measures,
-    reference_measures,
-    total_measures,
 )
 from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
@@ -33,13 +30,7 @@ from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter
 
 
-def mirror(
-    run_dir: Path,
-    *,
-    uri: str,
-    experiment: str,
-    finished: Callable[[], bool] | None,
-) -> None:
+def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool] | None) -> None:
     """Write a run into MLflow, as it stands or until it is finished.
 
     The search's run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
@@ -65,7 +56,6 @@ def mirror(
         header = next(lines, None)
         if header is None:
             return
-        last = header[0]
         record, member = directory.read_run(), find_membership(run_dir)
         client = open_store(uri)
         place = find_or_create_experiment(client, experiment)
@@ -81,23 +71,37 @@ def mirror(
         )
         writer.write_params(config_params(shown_config(record)))
         writer.write_data(data_set(record))
-        sums, baseline = _Sums(directory), None
-        for last, line in lines:
-            if isinstance(line, CandidateLine):
-                baseline = line.fitness if line.operator is Operator.baseline else baseline
-                params = candidate_params(line, record.task.instructions)
-                measures = (*candidate_measures(line), *cost_measures(sums.of_candidate(line.id), 0))
-                writer.write_candidate(line, last, params, measures, run_dir / "candidates" / f"{line.id}.py")
-            elif isinstance(line, GenerationLine):
-                beside = reference_measures(baseline, record.trivial, line.generation)
-                measures = (*generation_measures(line), *beside, *sums.of_generation(line))
-                writer.write_generation(line.generation, measures)
+        last = _write_lines(writer, lines, directory, record) or header[0]
         if directory.read_run().digest == last:
             writer.finish(last, run_dir)
         elif finished is not None or not directory.is_busy:
             writer.stop()
         if member is not None:
             leave_sweep(client, nesting[PARENT_TAG], member.directory)
+
+
+def _write_lines(
+    writer: SearchWriter, lines: Iterable[tuple[str, Line]], directory: RunDirectory, record: RunRecord
+) -> str:
+    """Write candidates and generations as their lines come; return the hash of the last line, empty without any."""
+    last, totals, baseline = "", Totals(), None
+    known: dict[str, Spending] = {}
+    generation: list[Spending] = []
+    for last, line in lines:
+        if isinstance(line, CandidateLine):
+            if line.id not in known:  # costs are written before the ledger's line
+                known = directory.read_spending()
+            generation.append(known.get(line.id, Spending()))
+            baseline = line.fitness if line.operator is Operator.baseline else baseline
+            params = candidate_params(line, record.task.instructions)
+            measures = (*candidate_measures(line), *cost_measures(generation[-1], 0))
+            writer.write_candidate(line, last, params, measures, directory.path / "candidates" / f"{line.id}.py")
+        elif isinstance(line, GenerationLine):
+            spent, generation = total(generation), []
+            figures = generation_measures(line, baseline=baseline, trivial=record.trivial)
+            costs = cost_measures(spent, line.generation)
+            writer.write_generation(line.generation, (*figures, *costs, *totals.after(line, spent)))
+    return last
 
 
 def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, Line]]:
@@ -119,26 +123,3 @@ def follow(path: Path, finished: Callable[[], bool]) -> Iterator[tuple[str, Line
             line: Line
             line, _, own = read_line(text, line_kind, str(path))
             yield own, line
-
-
-class _Sums:
-    """What adds up over a search: its costs, which stand in the run directory before the ledger's lines, and more."""
-
-    def __init__(self, directory: RunDirectory) -> None:
-        self._directory = directory
-        self._known: dict[str, Spending] = {}
-        self._generation: list[Spending] = []
-        self._totals = Totals()
-
-    def of_candidate(self, name: str) -> Spending:
-        """Return a candidate's cost; the file is read again only for one that is new."""
-        if name not in self._known:
-            self._known = self._directory.read_spending()
-        self._generation.append(self._known.get(name, Spending()))
-        return self._generation[-1]
-
-    def of_generation(self, line: GenerationLine) -> tuple[Measure, ...]:
-        """Return what the candidates since the last generation cost, and how far the search has come with them."""
-        spent, self._generation = total(self._generation), []
-        self._totals = self._totals.after(line, spent)
-        return (*cost_measures(spent, line.generation), *total_measures(self._totals, line))

@@ -13,7 +13,7 @@ from mlflow.entities import Dataset, DatasetInput, InputTag
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.tracking.client import PARENT_TAG, find_or_create_run, log, tagged_runs, user_tags
-from tacevo.tracking.entries import Measure, note
+from tacevo.tracking.entries import Point, note
 
 #: Tags that name a search, a candidate within it, and the digest of a finished search.
 RUN_TAG = "tacevo.run"
@@ -85,13 +85,13 @@ class SearchWriter:
         context = InputTag(key="mlflow.data.context", value="training")
         self._client.log_inputs(self._search, [DatasetInput(Dataset(**data), [context])])
 
-    def write_generation(self, generation: int, measures: Sequence[Measure]) -> None:
+    def write_generation(self, generation: int, measures: Sequence[Point]) -> None:
         """Write a generation's metrics on the search's run."""
         if generation not in self._generations:
             log(self._client, self._search, {}, measures)
 
     def write_candidate(
-        self, line: CandidateLine, seal: str, params: Mapping[str, str], measures: Sequence[Measure], source: Path
+        self, line: CandidateLine, seal: str, params: Mapping[str, str], measures: Sequence[Point], source: Path
     ) -> None:
         """Write a candidate as a nested run; the hash of its line tells it apart, and its source is kept if it exists.
 

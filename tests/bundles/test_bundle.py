@@ -2,12 +2,11 @@
 
 import contextlib
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
-from hand_runs import configured
-from ledger_lines import ended, header, rejected, run_record, trained
+from hand_runs import configured, of_lines
+from ledger_lines import ended, header, rejected, trained
 from refusals import refused
 
 from tacevo.bundles.format import sealed
@@ -16,8 +15,6 @@ from tacevo.errors import RunError
 from tacevo.evolution.files import Line
 from tacevo.evolution.lines import SeedLine
 from tacevo.results.run import RecordedRun
-from tacevo.storage.ledger import Sealed
-from tacevo.storage.run_directory import RunDirectory
 
 
 @pytest.mark.parametrize(
@@ -41,9 +38,7 @@ def test_strange_member_is_not_published(name: str) -> None:
 def sized(*lines: Line, **groups: dict[str, Any]) -> RecordedRun:
     """Make a run of its lines alone, whose generations may have one candidate after the baseline."""
     search = {"generations": 1, "candidates": 1, "initial": 0} | groups.pop("search", {})
-    run = RunDirectory(Path("nowhere"))
-    ledger: Sealed[Line] = Sealed(lines=(header(), *lines))
-    return RecordedRun(directory=run, record=run_record(), config=configured(search=search, **groups), ledger=ledger)
+    return of_lines(header(), *lines, config=configured(search=search, **groups))
 
 
 def test_bound_that_was_not_reached_excuses_no_missing_generation() -> None:
@@ -73,21 +68,15 @@ def test_every_training_of_a_network_stands_in_its_line(seeds: int, named: int, 
         check_sizes(sized(failed, ended(0), search={"generations": 0}, training=training))
 
 
-def test_first_difference_of_tables() -> None:
-    """Cells by row and column, names by their place, other files by line, lengths where all else is equal."""
-    table = b"name,value\r\na,1\r\nb,2\r\n"
-    assert table_difference(table, table, is_csv=True) is None
-    assert (
-        table_difference(table, table.replace(b"2", b"3"), is_csv=True)
-        == "row 2, column 'value': recorded '2', replayed '3'"
-    )
-    assert (
-        table_difference(table, table.replace(b"name", b"x"), is_csv=True)
-        == "name of column 1: recorded 'name', replayed 'x'"
-    )
-    assert table_difference(table, table + b"c,3\r\n", is_csv=True) == "line 4: recorded '', replayed 'c,3\\r'"
-    broken = table.replace(b"a,1", b'"a"x,1')
-    assert table_difference(broken, table, is_csv=True) == "line 2: recorded '\"a\"x,1\\r', replayed 'a,1\\r'"
-    assert table_difference(b"a\n", b"b\n", is_csv=False) == "line 1: recorded 'a', replayed 'b'"
-    assert table_difference(b"a", b"a\n", is_csv=False) == "recorded 1 lines, replayed 2"
-    assert table_difference(b"\xff", b"\xfe", is_csv=False) == "its bytes are not UTF-8"
+@pytest.mark.parametrize(
+    ("recorded", "made", "named"),
+    [
+        (b"a,1\r\nb,2\r\n", b"a,1\r\nb,2\r\n", None),
+        (b"a,1\r\nb,2\r\n", b"a,1\r\nb,3\r\n", "line 2: recorded 'b,2\\r', replayed 'b,3\\r'"),
+        (b"a", b"a\n", "recorded 1 lines, replayed 2"),
+        (b"\xff", b"\xfe", "its bytes are not UTF-8"),
+    ],
+)
+def test_first_difference_of_tables_is_named(recorded: bytes, made: bytes, named: str | None) -> None:
+    """By line, or lengths where all else is equal."""
+    assert table_difference(recorded, made) == named

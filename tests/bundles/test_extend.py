@@ -59,36 +59,21 @@ def test_bundle_is_verified_and_continued_without_its_publishers_folders(publish
     assert entry.count(b"\n") == theirs[one].count(b"\n")
 
 
-def test_other_data_are_refused_before_anything_is_written(
-    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
+def test_what_cannot_be_continued_leaves_nothing(
+    run: Path, published: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Another fingerprint is the user's mistake, and no store entry and no run comes of it."""
-    command = ["continue", str(published / "run"), "--store", str(published / "cache"), *MORE, "data.seed=5"]
-    assert main(command) == 2
-    assert "the run's data set" in capsys.readouterr().err
-    assert not (place / "mine").exists()
-    assert not (place / "cache" / "completions").exists()
-
-
-def test_edited_run_is_not_continued(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The published run is replayed before anything is asked."""
-    edited = place / "edited"
-    for path, data in content(published / "run").items():
-        target = edited / path.relative_to(published / "run")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(data + b"# edited\n" if path.name == "g00s00.py" else data)
-    assert main(["continue", str(edited), "--store", str(published / "cache"), *MORE]) == 1
-    assert "g00s00" in capsys.readouterr().err
-    assert not (place / "mine").exists()
-
-
-def test_published_folder_is_no_place_for_the_new_run(
-    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """What was published stays as it is, however the user spells its directory."""
-    same = f"run.dir={published}/../published/run"
-    assert main(["continue", str(published / "run"), *MORE, same]) == 2
+    """The published run is replayed before anything is asked, and stays as it is, however its directory is spelt."""
+    command = ["continue", str(run), "--store", str(published / "cache"), *MORE]
+    assert main([*command, f"run.dir={run}/../run"]) == 2
     assert "run.dir: expected another directory than that of the published run" in capsys.readouterr().err
+    assert main([*command, "data.seed=5"]) == 2
+    assert "the run's data set" in capsys.readouterr().err
+    edited = run / "candidates" / "g00s00.py"
+    edited.write_bytes(edited.read_bytes() + b"# edited\n")
+    assert main(command) == 1
+    assert "g00s00" in capsys.readouterr().err
+    assert not Path("mine").exists()
+    assert not Path("cache/completions").exists()
 
 
 def test_folder_of_another_run_is_refused(
@@ -102,9 +87,12 @@ def test_folder_of_another_run_is_refused(
     assert content(place / "mine") == before
 
 
-@pytest.mark.few(2)
+SPENT = 1_200_000_000
+
+
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
-    ("override", "named"),
+    ("override", "place"),
     [
         ("seed=1", "seed"),
         ("search.candidates=4", "search.candidates"),
@@ -115,53 +103,28 @@ def test_folder_of_another_run_is_refused(
         ("task=grating", "task"),
         ("task.loss=mse", "task.loss"),
         ("experiment=demo", "experiment"),
+        ("search.generations=0", "search.generations"),
+        ("search.generations=1", "search.generations"),
+        ("search.training_flops=1e9", "search.training_flops"),  # more than a bound it may have had, less than it spent
+        ("search.training_flops=1.2e9", "search.training_flops"),
     ],
 )
-def test_override_that_makes_another_run_is_refused_by_name(override: str, named: str) -> None:
-    """Whatever decides the results is the published run's."""
-    with refused(ConfigError, place=named):
-        continued(compose(TINY), ["search.generations=2", override], end=1, spent=0)
+def test_override_that_makes_another_run_or_none_that_is_longer_is_refused_by_name(override: str, place: str) -> None:
+    """Whatever decides the results is the published run's; a run ends no sooner, by generations or by its budget."""
+    with refused(ConfigError, place=place):
+        continued(compose(TINY), ["search.generations=2", override], end=1, spent=SPENT)
 
 
-@pytest.mark.parametrize("generations", [0, 1])
-def test_run_that_is_not_longer_is_refused(generations: int) -> None:
-    """As many generations as the run has, or fewer, are not a continuation."""
-    with refused(ConfigError, place="search.generations", expected="more than the 1", got=f"{generations}"):
-        continued(compose(TINY), [f"search.generations={generations}"], end=1, spent=0)
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize(
-    ("override", "fits"),
-    [
-        ("search.generations=9", False),
-        ("search.training_flops=1e9", False),
-        ("search.training_flops=1.1e9", False),  # more than its bound, and less than it spent
-        ("search.training_flops=1.2e9", False),
-        ("search.training_flops=1.3e9", True),
-        ("search.training_flops=null", True),
-    ],
-)
-def test_run_that_its_budget_ended_needs_more_than_it_spent(override: str, fits: bool) -> None:
+@pytest.mark.parametrize(("bound", "fits"), [("1.1e9", False), ("1.2e9", False), ("1.3e9", True), ("null", True)])
+def test_run_that_its_budget_ended_needs_more_than_it_spent(bound: str, fits: bool) -> None:
     """More generations alone would end where it ended; with a larger budget it may have as many as were planned."""
     theirs = compose([*TINY, "search.generations=5", "search.training_flops=1e9"])
-    if fits:
-        longer = continued(theirs, ["search.generations=5", override], end=1, spent=1_200_000_000)
-        assert longer.search.generations == 5
-    else:
-        with refused(
-            ConfigError, place="search.training_flops", expected="more than the 1200000000 that the run spent"
-        ):
-            continued(theirs, [override], end=1, spent=1_200_000_000)
-
-
-@pytest.mark.parametrize("settings", [["search.training_flops=1e9"], []])
-def test_bound_that_is_spent_is_refused_before_anything_is_asked(settings: list[str]) -> None:
-    """Also where budget and generations were met at once, and where the run had no budget."""
-    theirs = compose([*TINY, *settings])
-    added = [] if settings else ["search.training_flops=1e9"]
-    with refused(ConfigError, place="search.training_flops", expected="more than the 1200000000"):
-        continued(theirs, ["search.generations=4", *added], end=1, spent=1_200_000_000)
+    for overrides in (["search.generations=9"], [f"search.training_flops={bound}"]):
+        if fits and "flops" in overrides[0]:
+            assert continued(theirs, overrides, end=1, spent=SPENT).search.generations == 5
+        else:
+            with refused(ConfigError, place="search.training_flops", expected=f"more than the {SPENT} that the run"):
+                continued(theirs, overrides, end=1, spent=SPENT)
 
 
 def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
@@ -198,19 +161,14 @@ def test_label_of_a_published_model_goes_on() -> None:
 
 
 def test_other_versions_are_named_and_the_run_is_tried_all_the_same(
-    published: Path, place: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, published: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A run of another version replays where nothing that matters changed; a difference comes with the versions."""
-    run = RunDirectory(place / "older")
-    for path, data in content(published / "run").items():
-        target = run.path / path.relative_to(published / "run")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(data)
-    described = run.read_run()
-    run.write_run(replace(described, versions={**described.versions, "tacevo": "0.0.1"}))
-    command = ["replay", "older", "--store", str(published / "cache")]
+    described = RunDirectory(run).read_run()
+    RunDirectory(run).write_run(replace(described, versions={**described.versions, "tacevo": "0.0.1"}))
+    command = ["replay", str(run), "--store", str(published / "cache")]
     assert main(command) == 0
     assert "another version: tacevo is" in capsys.readouterr().err
-    (run.path / "archive.json").write_text("{}")
+    (run / "archive.json").write_text("{}")
     assert main(command) == 2
     assert "another version may be the reason: tacevo is" in capsys.readouterr().err

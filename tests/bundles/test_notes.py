@@ -23,14 +23,33 @@ def noted(published: Path, tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
-def test_paragraphs_and_items_are_told_apart(noted: Path) -> None:
+def test_paragraphs_and_items_are_told_apart(tmp_path: Path) -> None:
     """Line breaks of a paragraph are an editor's; the items of a list are sentences of their own."""
-    assert read_note(noted) == ("A model answered, which nobody can ask again.", "One search.", "One split.")
+    (tmp_path / "NOTE.md").write_text(LIMITS)
+    assert read_note(tmp_path) == ("A model answered, which nobody can ask again.", "One search.", "One split.")
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"\xff", "text in UTF-8"),
+        (b"x" * (LONGEST + 1), "at most 5,000 characters"),
+        (b"\xff" * (4 * LONGEST + 1), "at most 5,000 characters"),  # refused by its size alone
+    ],
+)
+def test_note_that_cannot_be_shown_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:
+    """Its place is named."""
+    (tmp_path / "NOTE.md").write_bytes(content)
+    with refused(RunError, place="NOTE.md", expected=expected):
+        read_note(tmp_path)
 
 
 @pytest.mark.slow
 def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """README, metadata, citation, report and `tacevo show` have it; the bundle replays."""
+    """README, metadata, citation, report and `tacevo show` have it; the bundle replays.
+
+    One that no command could show is refused with its bundle, by whatever command opens it.
+    """
     bundle = tmp_path / "run.zip"
     assert main(["publish", str(noted), "-o", str(bundle)]) == 0
     members = members_of(bundle)
@@ -47,24 +66,10 @@ def test_note_is_published_and_shown(noted: Path, tmp_path: Path, capsys: pytest
         assert told in capsys.readouterr().out
     assert main(["report", str(bundle), "-o", str(tmp_path / "page.html")]) == 0
     assert told in (tmp_path / "page.html").read_text()
-
-
-def test_file_that_is_no_note_is_not_read_whole(noted: Path) -> None:
-    """Its size alone refuses it."""
-    (noted / "NOTE.md").write_bytes(b"\xff" * (4 * LONGEST + 1))
-    with refused(RunError, place=str(noted / "NOTE.md"), got="20,001 bytes", remedy="shorten it"):
-        read_note(noted)
-
-
-def test_link_is_not_published(noted: Path, tmp_path: Path) -> None:
-    """Nor what it leads to."""
-    (tmp_path / "secret").write_text("a secret")
-    (noted / "NOTE.md").unlink()
-    (noted / "NOTE.md").symlink_to(tmp_path / "secret")
-    assert main(["publish", str(noted), "-o", str(tmp_path / "run.zip")]) == 0
-    members = members_of(tmp_path / "run.zip")
-    assert "run/NOTE.md" not in members
-    assert [name for name, data in members.items() if b"a secret" in data] == []
+    bad = resealed(members | {"run/NOTE.md": b"\xff"}, tmp_path / "bad.zip")
+    for command in ("show", "replay"):
+        assert main([command, str(bad)]) != 0
+        assert "NOTE.md: expected text in UTF-8" in capsys.readouterr().err
 
 
 def test_note_cannot_draw_on_the_terminal(noted: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -74,29 +79,6 @@ def test_note_cannot_draw_on_the_terminal(noted: Path, capsys: pytest.CaptureFix
     told = capsys.readouterr().out
     assert "\x1b" not in told
     assert r"wiped \x1b[2J" in told
-
-
-@pytest.mark.slow
-def test_note_that_no_command_could_show_is_refused_with_its_bundle(
-    noted: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """By whatever command opens it."""
-    assert main(["publish", str(noted), "-o", str(tmp_path / "run.zip")]) == 0
-    members = members_of(tmp_path / "run.zip") | {"run/NOTE.md": b"\xff"}
-    resealed(members, tmp_path / "bad.zip")
-    for command in ("show", "replay"):
-        assert main([command, str(tmp_path / "bad.zip")]) != 0
-        assert "NOTE.md: expected text in UTF-8" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("content", "expected"), [(b"\xff", "text in UTF-8"), (b"x" * (LONGEST + 1), "at most 5,000 characters")]
-)
-def test_note_that_cannot_be_shown_is_refused(tmp_path: Path, content: bytes, expected: str) -> None:
-    """Its place is named."""
-    (tmp_path / "NOTE.md").write_bytes(content)
-    with refused(RunError, place="NOTE.md", expected=expected):
-        read_note(tmp_path)
 
 
 def test_note_of_a_stranger_shows_no_other_file(tmp_path: Path) -> None:

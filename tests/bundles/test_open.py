@@ -22,18 +22,21 @@ from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import Standing, status_of
 
 
-def test_folder_is_opened_where_it_lies(published: Path) -> None:
-    """With the stores that its run.json names; nothing is copied."""
-    found = opened(published / "run")
-    assert (found.folder, found.store) == (published / "run", published / "cache")
-    assert (found.root, found.digest) == (None, None)
-
-
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
-    """With the run's own name, and the entries of its stores."""
-    found = opened(published / "run.zip")
+    """With the run's own name, and the entries of its stores; a directory where it lies, with those of its run.json.
+
+    Errors name members as the file has them, and what is not a member's name is the name of nothing.
+    """
+    folder, found = opened(published / "run"), opened(published / "run.zip")
+    assert (folder.folder, folder.store) == (published / "run", published / "cache")
+    assert (folder.root, folder.digest) == (None, None)
     assert found.folder.name == "run"
     assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
+    assert f"{found.folder / 'run.json'}" == f"{published}/run.zip, run/run.json"
+    with refused(CacheMissError, place=f"{published}/run.zip, store.jsonl.xz, probes"):
+        Store(found.store, "probes", Mode.replay).find("of another run")
+    for name in ("..", "../run", "/etc/passwd", "candidates/../../run", "missing", "run.json/x"):
+        assert not (found.folder / name).exists()
     completion = next(found.store.glob("completions/*/*.json"))
     assert read_entry(completion) == read_entry(next((published / "cache").rglob(completion.name)))
 
@@ -86,21 +89,6 @@ def test_reading_a_bundle_writes_nothing(command: list[str], published: Path, sw
     assert list(place.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["..", "../run", "/etc/passwd", "candidates/../../run", "missing", "run.json/x"])
-def test_no_name_leads_out_of_a_bundle(name: str, published: Path) -> None:
-    """What is not a member's name is the name of nothing."""
-    found = opened(published / "run.zip")
-    assert not (found.folder / name).exists()
-
-
-def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
-    """Neither a directory of something else nor a name of nothing."""
-    with refused(RunError, expected="the directory of a run"):
-        opened(tmp_path)
-    with refused(RunError, got="does not exist"):
-        opened(tmp_path / "missing")
-
-
 @pytest.fixture
 def failed_once(tmp_path: Path) -> tuple[SweepDirectory, Job]:
     """Return a sweep of one job, finished, whose failure of an earlier time still stands there."""
@@ -128,14 +116,14 @@ def test_job_whose_ledger_lost_its_end_is_not_finished(failed_once: tuple[SweepD
         located(directory.path)
 
 
-def test_errors_name_members_as_the_file_has_them(published: Path, swept: Path) -> None:
-    """Not as `FILE.zip/JOB`, which is the spelling of a sweep's run."""
-    found = opened(published / "run.zip")
-    assert f"{found.folder / 'run.json'}" == f"{published}/run.zip, run/run.json"
-    with refused(CacheMissError, place=f"{published}/run.zip, store.jsonl.xz, probes"):
-        Store(found.store, "probes", Mode.replay).find("of another run")
-    found = opened(swept / "sweep.zip")
-    assert f"{found.runs[0] / 'run.json'}" == f"{swept}/sweep.zip, sweep/none-seed0/run.json"
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    """Neither a directory of something else nor a name of nothing."""
+    for path, fields in (
+        (tmp_path, {"expected": "the directory of a run"}),
+        (tmp_path / "x", {"got": "does not exist"}),
+    ):
+        with refused(RunError, **fields):
+            opened(path)
 
 
 @pytest.mark.parametrize("of", ["published", "swept"])

@@ -1,20 +1,15 @@
 """Promise: a published run says plainly what answered, where its images come from, and under which terms it stands."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from fakes import TASK
-from hand_runs import configured
+from hand_runs import configured, of_lines
 from ledger_lines import FACTS, candidate, run_record
 from refusals import refused
 
 from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
 from tacevo.errors import ConfigError
-from tacevo.evolution.files import Line
-from tacevo.results.run import RecordedRun
-from tacevo.storage.ledger import Sealed
-from tacevo.storage.run_directory import RunDirectory
 
 
 def subject(*, provider: str, source: str) -> Subject:
@@ -31,24 +26,30 @@ def subject(*, provider: str, source: str) -> Subject:
         versions={"tacevo": "0.1.0", "python": "3.11", "torch": "2.13", "numpy": "2.4"},
         machine={"cpu": "a CPU", "architecture": "x86_64", "system": "Linux", "libc": "glibc"},
     )
-    ledger: Sealed[Line] = Sealed(lines=(candidate("g00s00"), *(candidate("g00s01"),) * 85), hashes=("d" * 64,))
-    run = RecordedRun(directory=RunDirectory(Path("one")), record=record, config=config, ledger=ledger)
+    run = of_lines(candidate("g00s00"), *(candidate("g00s01"),) * 85, config=config, record=record)
     return Subject(runs=(run,), studies=({"s": "e" * 64, "t": "f" * 64},))
 
 
-def test_grammar_is_not_passed_off_as_a_model() -> None:
-    """The label stands in the description, which every page repeats."""
-    text = subject(provider="grammar", source="simulated").description
-    assert "Answers by the grammar provider: no LLM." in text
-    assert "Images of a simulated sensor, not of a real one." in text
-    assert "86 candidates, 2 studies." in text
-
-
-def test_model_is_named() -> None:
-    """With the provider that was asked."""
-    text = subject(provider="anthropic", source="csv").description
-    assert "Answers by the language model model-1 (llm=anthropic)." in text
-    assert "no LLM" not in text
+def test_page_says_what_answered_and_where_the_images_come_from() -> None:
+    """The label stands in the description, which every page repeats; images with a command or a fingerprint."""
+    drawn, asked = subject(provider="grammar", source="simulated"), subject(provider="anthropic", source="csv")
+    assert "Answers by the grammar provider: no LLM." in drawn.description
+    assert "Images of a simulated sensor, not of a real one." in drawn.description
+    assert "86 candidates, 2 studies." in drawn.description
+    assert "Answers by the language model model-1 (llm=anthropic)." in asked.description
+    assert "no LLM" not in asked.description
+    assert (
+        "tacevo data simulate task=force data.images=600 data.image_size=32 data.seed=0 data.sensor_seed=0 "
+        "data.light=standard 'data.spacings_mm=[0.5,1.0]' out=DIR" in readme(drawn, has_lock=True)
+    )
+    text = readme(asked, has_lock=False).replace("\n", " ")
+    for words in (
+        "They are not part of this bundle",
+        "`ViTacTip` (data.root)",
+        f"Fingerprint {'f' * 64}",
+        "No lock file of these versions was at hand.",
+    ):
+        assert words in text
 
 
 def test_given_networks_are_not_passed_off_as_found() -> None:
@@ -61,24 +62,6 @@ def test_given_networks_are_not_passed_off_as_found() -> None:
     assert "No model was asked: the networks were given." in given.description
 
 
-def test_simulated_images_come_with_their_command() -> None:
-    """Every setting that they follow from."""
-    text = readme(subject(provider="grammar", source="simulated"), has_lock=True)
-    assert (
-        "tacevo data simulate task=force data.images=600 data.image_size=32 data.seed=0 data.sensor_seed=0 "
-        "data.light=standard 'data.spacings_mm=[0.5,1.0]' out=DIR" in text
-    )
-
-
-def test_recorded_images_come_with_their_fingerprint() -> None:
-    """Where they have to lie, and that they are not here."""
-    text = readme(subject(provider="grammar", source="csv"), has_lock=False).replace("\n", " ")
-    assert "They are not part of this bundle" in text
-    assert "`ViTacTip` (data.root)" in text
-    assert f"Fingerprint {'f' * 64}" in text
-    assert "No lock file of these versions was at hand." in text
-
-
 def test_terms_stand_in_licence_and_citation() -> None:
     """The bundle's and the code's, with strange names as they are."""
     terms = Terms(licence="CC0-1.0", authors=("Zoë: #1", "B"), published="2026-11-21")
@@ -87,6 +70,9 @@ def test_terms_stand_in_licence_and_citation() -> None:
     cited = citation(subject(provider="grammar", source="csv"), terms)
     assert "- name: 'Zoë: #1'" in cited
     assert "date-released: 2026-11-21" in cited
+    assert "license: CC0-1.0" in cited
+    nobody = citation(subject(provider="grammar", source="csv"), replace(terms, authors=()))
+    assert "authors:\n- name: anonymous\n" in nobody
 
 
 @pytest.mark.parametrize("licence_id", ["", "MIT or so", "../x", "<b>", "MIT\n", "Foo", "mit", "LicenseRef-Ours"])

@@ -50,41 +50,24 @@ def run_of(members: Members, job: str) -> Members:
 
 @pytest.mark.slow
 def test_bytes_are_the_same_from_anywhere(swept: Path, tmp_path: Path) -> None:
-    """Another directory and name of the sweep, other stores, and more in them."""
+    """Another directory and name of the sweep, other stores, and more in them; or itself, which has no overrides."""
     shutil.copytree(swept / "sweep", tmp_path / "elsewhere")
     shutil.copytree(swept / "cache", tmp_path / "stores")
     Store(tmp_path / "stores", "completions").write({"of": "another run"}, {"x": 1})
-    command = ["publish", str(tmp_path / "elsewhere"), "--store", str(tmp_path / "stores"), "--author", "A. Nyone"]
-    assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
-    assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
+    for folder, store in (
+        (tmp_path / "elsewhere", tmp_path / "stores"),
+        laid_out(swept / "sweep.zip", tmp_path / "published"),
+    ):
+        command = ["publish", str(folder), "--store", str(store), "--author", "A. Nyone"]
+        assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
+        assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
 
 
-@pytest.mark.slow
-def test_published_sweep_can_be_published_again(swept: Path, tmp_path: Path) -> None:
-    """A bundle has no overrides: its arms keep their names, and the bytes are the same again."""
-    folder, store = laid_out(swept / "sweep.zip", tmp_path)
-    command = ["publish", str(folder), "--store", str(store), "--author", "A. Nyone"]
-    assert main([*command, "-o", str(tmp_path / "again.zip")]) == 0
-    assert (tmp_path / "again.zip").read_bytes() == (swept / "sweep.zip").read_bytes()
+def test_bundle_says_what_it_is_and_nothing_of_its_machine(swept: Path, whole: Members) -> None:
+    """A sweep, its arms and seeds, and the digest of every run; a store entry that runs share is there once.
 
-
-def test_nothing_tells_of_the_machine(swept: Path, whole: Members) -> None:
-    """Neither sweep.json nor a run nor the store names a directory."""
-    whole[STORE] = lzma.decompress(whole[STORE])
-    assert [name for name, data in whole.items() if str(swept).encode() in data or b"/tmp/" in data] == []
-
-
-def test_store_entry_of_several_runs_is_there_once(whole: Members) -> None:
-    """Runs of one seed share the first generation."""
-    lines = lzma.decompress(whole[STORE]).splitlines()
-    assert len(set(lines)) == len(lines)
-    trained = [json.loads(line) for job in OWN for line in run_of(whole, job)["ledger.jsonl"].splitlines()]
-    keys = {line["evaluation"] for line in trained if "evaluation" in line}
-    assert sum(entry["kind"] == "evaluations" for entry in entries_of(whole)) == len(keys) < len(OWN) * 4
-
-
-def test_pages_say_what_it_is(whole: Members) -> None:
-    """A sweep, its arms and seeds, and the digest of every run."""
+    What an arm is follows from the recorded configurations; no override of a publisher is there to be believed.
+    """
     text = whole["README.md"].decode()
     assert "arms none, fixed_temperature, seeds 0, 1" in " ".join(text.split())
     for job in OWN:
@@ -92,21 +75,38 @@ def test_pages_say_what_it_is(whole: Members) -> None:
     graph = json.loads(whole["ro-crate-metadata.json"])["@graph"]
     (action,) = (entity for entity in graph if entity["@type"] == "CreateAction")
     assert {ledger["@id"] for ledger in action["result"]} == {f"sweep/{job}/ledger.jsonl" for job in OWN}
+    told = json.loads(whole[JOBS])
+    arms = [(job["arm"], job["overrides"]) for job in told["jobs"]]
+    assert (told["overrides"], arms) == ([], [("none", []), ("none", []), ("fixed_temperature", [])])
+    assert "temperature.rule,paper,fixed" in whole["tables/more/ablation_settings.csv"].decode()
+    members = {**whole, STORE: lzma.decompress(whole[STORE])}
+    assert [name for name, data in members.items() if str(swept).encode() in data or b"/tmp/" in data] == []
+    assert len(set(members[STORE].splitlines())) == len(members[STORE].splitlines())
+    trained = [json.loads(line) for job in OWN for line in run_of(whole, job)["ledger.jsonl"].splitlines()]
+    keys = {line["evaluation"] for line in trained if "evaluation" in line}
+    assert sum(entry["kind"] == "evaluations" for entry in entries_of(whole)) == len(keys) < len(OWN) * 4
 
 
-def test_replay_tells_every_digest_and_the_sweeps(
-    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A published sweep and its directory give the same; in an empty directory, nothing else is needed."""
-    monkeypatch.chdir(tmp_path)
+def test_replay_tells_every_digest_and_the_sweeps(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A published sweep and its directory give the same; in an empty directory, nothing else is needed.
+
+    Commands that take one run say so in one line, with what to do.
+    """
     digests = {job: str(RunDirectory(swept / "sweep" / job).read_run().digest) for job in OWN}
-    for place in ("sweep", "sweep.zip"):
-        assert main(["replay", str(swept / place)]) == 0
+    for name in ("sweep", "sweep.zip"):
+        of = str(swept / name)
+        for command, remedy in (
+            (["replay", of, "--diff", of], "name the directories of two runs"),
+            (["continue", of, "search.generations=9"], "name one of its jobs, SWEEP/JOB"),
+        ):
+            assert main(command) == 2
+            assert f"expected one run; got a sweep of 3; {remedy}" in capsys.readouterr().err
+        assert main(["replay", of]) == 0
         said = capsys.readouterr().out
         assert all(f"job {job}: digest {digest}\n" in said for job, digest in digests.items())
         assert said.endswith(f"digest: {sweep_digest(digests)}\n")
     assert "files of tables follow from the records" in said
-    assert list(tmp_path.iterdir()) == []
+    assert list(place.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -120,15 +120,6 @@ def test_retraining_draws_from_all_runs(swept: Path, place: Path, capsys: pytest
     told = [line for line in said.err.splitlines() if ": as recorded (" in line]
     assert len(told) == len(certain) + 2
     assert all(line.split()[0] in OWN for line in told)
-
-
-def test_other_commands_ask_for_one_run(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They say so in one line, with what to do."""
-    for place in (str(swept / "sweep"), str(swept / "sweep.zip")):
-        assert main(["replay", place, "--diff", place]) == 2
-        assert "expected one run; got a sweep of 3; name the directories of two runs" in capsys.readouterr().err
-        assert main(["continue", place, "search.generations=9"]) == 2
-        assert "expected one run; got a sweep of 3; name one of its jobs, SWEEP/JOB" in capsys.readouterr().err
 
 
 def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -178,12 +169,17 @@ def test_job_of_a_published_sweep_is_continued(swept: Path, place: Path) -> None
 
 
 def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every job that did not come to its end is named, with the reason where one is known."""
+    """Every job that did not come to its end is named, with the reason where one is known; one store is packed."""
     shutil.copytree(swept / "sweep", tmp_path / "sweep")
     directory = SweepDirectory(tmp_path / "sweep")
     jobs = directory.read().jobs
+    one = directory.run(jobs[1])
+    told = one.read_run()
+    one.write_run(replace(told, config={**told.config, "store": {"root": "other"}}))
+    assert main(["publish", str(directory.path), "-o", str(tmp_path / "x.zip")]) == 2
+    assert "expected runs with one store.root for all" in capsys.readouterr().err
     directory.fail(jobs[0], "the disk is full")
-    shutil.rmtree(directory.run(jobs[1]).path)
+    shutil.rmtree(one.path)
     for run in (directory.run(jobs[0]), directory.run(jobs[2])):
         run.write_run(replace(run.read_run(), digest=None))
     for command in (["publish", str(directory.path), "-o", str(tmp_path / "x.zip")], ["replay", str(directory.path)]):
@@ -191,16 +187,6 @@ def test_unfinished_sweep_is_not_published(swept: Path, tmp_path: Path, capsys: 
         words = "none-seed0 (failed: the disk is full), none-seed1, fixed_temperature-seed0; repeat the"
         assert words in capsys.readouterr().err
     assert not (tmp_path / "x.zip").exists()
-
-
-def test_sweep_with_several_stores_is_refused(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its entries are packed from one."""
-    shutil.copytree(swept / "sweep", tmp_path / "sweep")
-    run = RunDirectory(tmp_path / "sweep" / "none-seed1")
-    told = run.read_run()
-    run.write_run(replace(told, config={**told.config, "store": {"root": "other"}}))
-    assert main(["publish", str(tmp_path / "sweep"), "-o", str(tmp_path / "x.zip")]) == 2
-    assert "expected runs with one store.root for all" in capsys.readouterr().err
 
 
 # From here on somebody edits a published sweep, and writes every checksum anew.
@@ -243,15 +229,6 @@ def test_other_spelling_of_the_jobs_is_found(whole: Members, refused: Refused) -
     told = json.loads(whole[JOBS])
     refused({**whole, JOBS: json.dumps(told).encode()}, "expected the text that `tacevo publish` writes")
     refused({**whole, JOBS: jobs_text({**told, "author": "me"})}, "author: expected only keys of this version")
-
-
-def test_published_list_has_no_overrides(whole: Members) -> None:
-    """What an arm is follows from the recorded configurations; free text of a publisher is not there to be believed."""
-    told = json.loads(whole[JOBS])
-    assert told["overrides"] == []
-    arms = [(job["arm"], job["overrides"]) for job in told["jobs"]]
-    assert arms == [("none", []), ("none", []), ("fixed_temperature", [])]
-    assert "temperature.rule,paper,fixed" in whole["tables/more/ablation_settings.csv"].decode()
 
 
 def test_runs_that_changed_places_are_found(whole: Members, refused: Refused) -> None:
@@ -314,8 +291,8 @@ def test_candidate_twice_or_without_its_text_is_found(whole: Members, refused: R
     other = "sweep/none-seed1/candidates/g99s99.py"
     half = lzma.decompress(with_candidate(whole, other, answer={"text": "HALF"})[STORE]).replace(b"HALF", b"\\ud800")
     refused({**whole, STORE: lzma.compress(half)}, "expected JSON; got ")
-    refused(with_candidate(whole, other, answer={"text": 1}), f"{other}, text: expected text; got 1")
-    refused(with_candidate(whole, other, answer={}), f"{other}, text: expected")
+    for answer in ({"text": 1}, {}, {"text": "class Mine: pass\n", "note": "mine"}):
+        refused(with_candidate(whole, other, answer=answer), "expected files of a sweep's candidates, each once")
 
 
 def test_members_of_an_older_bundle_are_read(swept: Path, whole: Members, tmp_path: Path) -> None:
@@ -325,14 +302,6 @@ def test_members_of_an_older_bundle_are_read(swept: Path, whole: Members, tmp_pa
     assert len(old) == sum(1 for _ in (swept / "sweep").glob("*/candidates/*"))
     rest = with_entries(whole, [one for one in entries if one["kind"] != "candidates"])
     assert main(["replay", str(resealed({**rest, **old}, tmp_path / "old.zip"))]) == 0
-
-
-def test_edited_table_of_the_sweep_is_found(whole: Members, refused: Refused) -> None:
-    """Row and column are named."""
-    name = next(name for name in whole if name.startswith("tables/") and name.endswith(".csv"))
-    header, row, *rest = whole[name].decode().split("\r\n")
-    text = "\r\n".join([header, ",".join(["mine", *row.split(",")[1:]]), *rest])
-    refused({**whole, name: text.encode()}, f"table {name.removeprefix('tables/')}: row 1, column ")
 
 
 def test_bundle_is_a_run_or_a_sweep(whole: Members, refused: Refused) -> None:

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import fakes
 import numpy as np
-from hand_runs import altered, closed, run, trained
+from hand_runs import altered, closed, of_lines, run, trained
 from hand_sweeps import finished, run_to, sweep_of
-from ledger_lines import candidate, header, run_record
+from ledger_lines import candidate, header
 from refusals import refused
 
 from analysis.figures.maps import prompt_map
@@ -108,9 +108,9 @@ def test_summary_says_it() -> None:
     """And that T is what was planned."""
     lines, plain = (searched(fakes.plan(generations=1), llm) for llm in (Refusing(), fakes.FakeLLM()))
     config = compose(["experiment=published_force"])
-    page = summarise(run_record(), config, [header(), *lines], [], {})
+    page = summarise(of_lines(header(), *lines, config=config))
     assert f"{WORDS}. top_p was not sent: the model refuses it. T, and the temperatures of the prompt archive" in page
-    assert "not sent" not in summarise(run_record(), config, [header(), *plain], [], {})
+    assert "not sent" not in summarise(of_lines(header(), *plain, config=config))
 
 
 def test_health_page_says_it_instead_of_a_stuck_temperature() -> None:

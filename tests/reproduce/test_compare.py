@@ -1,118 +1,156 @@
-"""Promise: two runs are called equal only where their ledgers are, and else the first difference is named."""
+"""Promise: two runs are called equal only where their ledgers are, and else the first difference is named.
 
+Whatever stands in a run's files, `tacevo replay --diff` meets it with one line, and never a traceback.
+"""
+
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
-from ledger_lines import candidate, ended, header, trained
+from bundles import with_line
+from hand_runs import configured, of_lines
+from ledger_lines import candidate, ended, header, run_record, trained
 
+from tacevo.choices import ArchiveKind
+from tacevo.cli.app import main
 from tacevo.evolution.files import Line, RunLine
-from tacevo.reproduce.compare import Compared, agreement, compare, describe, fitness_by_source
-
-HEADER = header()
-
-
-def recorded(*lines: Line, first: RunLine = HEADER, **changes: Any) -> Compared:
-    """Make a run to be compared."""
-    run = Compared(
-        config={"seed": 0, "archive": {}},
-        has_niches=True,
-        lines=(first, *lines),
-        elites={0: "source 00", 4: "source 01"},
-    )
-    return replace(run, **changes)
-
+from tacevo.records import Json
+from tacevo.reproduce.compare import compare
+from tacevo.results.run import RecordedRun
 
 CANDIDATES = (trained("g01s00", 0.1), trained("g01s01", 0.2), trained("g01s02", 0.3), candidate("g01s03"))
 
+SETTINGS: dict[str, Any] = {"seed": 0, "archive": {}}
+
+
+def recorded(*lines: Line, first: RunLine | None = None, elites: Mapping[str, int] | None = None) -> RecordedRun:
+    """Make a finished run, with its elites by niche."""
+    places = {"g01s00": 0, "g01s01": 4} if elites is None else elites
+    return of_lines(first or header(), *lines, elites=places, record=run_record(config=SETTINGS))
+
+
 RUN = recorded(*CANDIDATES, ended(1, best=0.1))
 
+LONGER = recorded(*CANDIDATES, ended(1, best=0.1), ended(2, best=0.05))
 
-def test_run_equals_itself() -> None:
-    """Nothing differs, and all of it is said to be equal."""
-    found = compare(RUN, RUN)
-    assert found.is_equal
-    assert describe(found).startswith("the ledgers are equal: 6 lines\n")
+#: By hand: the second source is 0.1 apart and the third 0.3, and neither hides the difference before it.
+OTHER = recorded(CANDIDATES[0], trained("g01s01", 0.3), trained("g01s02", 0.6), CANDIDATES[3], ended(1, best=0.1))
 
 
-def test_first_difference_names_place_field_and_both_values() -> None:
-    """A later difference, and the hashes that follow from the first one, do not hide it."""
-    other = recorded(
-        *CANDIDATES[:1], trained("g01s01", 0.25), trained("g01s02", 0.9), *CANDIDATES[3:], ended(1, best=0.1)
-    )
-    found = compare(RUN, other)
-    assert not found.is_equal
-    assert found.equal == 2
-    assert str(found.divergence) == (
-        "generation 1, slot 1: field 'fitness' is 0.2 in the first run and 0.25 in the second"
-    )
-    assert found.decision is None
+def with_settings(**groups: Json) -> RecordedRun:
+    """Return the run with further settings."""
+    return replace(RUN, record=run_record(config={**SETTINGS, **groups}))
 
 
-def test_beginning_of_a_run_is_not_the_run() -> None:
-    """A shorter ledger differs although no line of it does."""
-    longer = recorded(*RUN.lines[1:], ended(2, best=0.05))
-    found = compare(RUN, longer)
-    assert found.divergence is None
-    assert not found.is_equal
-    assert "the second run goes on where the other ends" in describe(found)
-    assert "the first run goes on where the other ends" in describe(compare(longer, RUN))
-
-
-def test_difference_behind_other_headers_is_named_too() -> None:
-    """Runs of other settings differ in their headers; where their decisions part is what one wants to know."""
-    other = recorded(*CANDIDATES[:2], trained("g01s02", 0.4), ended(1), first=header(config={"seed": 1}))
-    found = compare(RUN, other)
-    assert found.equal == 0
-    assert found.divergence is not None
-    assert found.divergence.field == "config.seed"
-    assert found.decision is not None
-    assert (found.decision.place, found.decision.field) == ("generation 1, slot 2", "fitness")
+@pytest.mark.parametrize(
+    ("one", "other", "said"),
+    [
+        (RUN, RUN, "the ledgers are equal: 6 lines"),
+        (RUN, OTHER, "equal: the first 2 lines, of 6 and 6"),
+        (
+            RUN,
+            OTHER,
+            "first difference: generation 1, slot 1: field 'fitness' is 0.2 in the first run and 0.3 in the second",
+        ),
+        (RUN, LONGER, "the second run goes on where the other ends"),
+        (LONGER, RUN, "the first run goes on where the other ends"),
+        (RUN, LONGER, "best: 0.1 and 0.05"),
+        (
+            RUN,
+            recorded(*OTHER.ledger.lines[1:], first=header(config={"seed": 1})),
+            "first difference behind the header: generation 1, slot 1: field 'fitness' is 0.2 in the first run and "
+            "0.3 in the second",
+        ),
+        (
+            RUN,
+            OTHER,
+            "3 sources trained in both: 1 with the same fitness; differences up to 0.3, median 0.1",
+        ),
+        (
+            RUN,
+            recorded(trained("g01s07", 0.1), *CANDIDATES[3:], ended(1), elites={}),
+            "no source was trained in both runs",
+        ),
+        (
+            RUN,
+            recorded(*RUN.ledger.lines[1:], elites={"g01s00": 0, "g01s02": 4, "g01s01": 5}),
+            "elites: 2 and 3; 2 sources are elites of both; 2 niches are filled in both, 1 of them by one source",
+        ),
+    ],
+)
+def test_what_two_runs_share_and_where_they_part_is_said(one: RecordedRun, other: RecordedRun, said: str) -> None:
+    """Only equal ledgers are called equal; a rejected candidate has no fitness to compare."""
+    is_equal, text = compare(one, other)
+    assert said in text.splitlines()
+    assert is_equal == (one.ledger.lines == other.ledger.lines)
 
 
 def test_settings_that_differ_are_listed_but_not_where_the_runs_lie() -> None:
     """A directory's name is not a difference between runs."""
-    one = replace(RUN, config={**RUN.config, "llm": {"model": "a"}, "run": {"dir": "x"}, "store": {"root": "y"}})
-    other = replace(RUN, config={**RUN.config, "llm": {"model": "b"}, "run": {"dir": "z"}, "store": {"root": "w"}})
-    (setting,) = compare(one, other).settings
-    assert (setting.field, setting.values) == ("llm.model", ('"a"', '"b"'))
+    one = with_settings(llm={"model": "a"}, run={"dir": "x"}, store={"root": "y"})
+    other = with_settings(llm={"model": "b"}, run={"dir": "z"}, store={"root": "w"})
+    is_equal, text = compare(one, other)
+    assert is_equal
+    assert [line for line in text.splitlines() if line.startswith("setting ")] == ['setting llm.model: "a" and "b"']
 
 
-def test_agreement_is_that_of_equal_sources_only() -> None:
-    """By hand: of three shared sources one is equal, the others are 0.1 and 0.3 apart."""
-    found = agreement({"a": 1.0, "b": 2.0, "c": 3.0, "d": 9.0}, {"a": 1.0, "b": 2.1, "c": 3.3, "e": 0.0})
-    assert (found.shared, found.same) == (3, 1)
-    assert found.largest == pytest.approx(0.3)
-    assert found.median == pytest.approx(0.1)
+@pytest.mark.parametrize(
+    "other",
+    [
+        recorded(*RUN.ledger.lines[1:], first=header(centroids="d")),
+        replace(RUN, config=configured(archive={"kind": ArchiveKind.best})),
+    ],
+)
+def test_places_that_mean_something_else_are_not_compared(other: RecordedRun) -> None:
+    """Niche 4 of one tessellation is not niche 4 of another, nor the fourth best network; sources still count."""
+    for pair in ((RUN, other), (other, RUN)):
+        assert "2 sources are elites of both; niches are not compared" in compare(*pair)[1]
 
 
-def test_rejected_candidate_has_no_fitness_to_compare() -> None:
-    """Only what was trained counts."""
-    assert fitness_by_source(RUN.lines) == {"source 00": 0.1, "source 01": 0.2, "source 02": 0.3}
+def refused(run: Path, published: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """See that the comparison ends in one line."""
+    assert main(["replay", str(run), "--diff", str(published / "run")]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith("error: ")
 
 
-def test_runs_without_a_source_in_common_agree_in_nothing() -> None:
-    """No difference of 0, which would look like agreement."""
-    found = compare(RUN, recorded(trained("g01s07", 0.1), *RUN.lines[4:]))
-    assert "no source was trained in both runs" in describe(found)
+@pytest.mark.parametrize("name", ["ledger.jsonl", "run.json", "archive.json"])
+@pytest.mark.parametrize("content", [b"[" * 100_000, b"[]", b"null", b"\xff", b'{"a": NaN}'])
+def test_file_of_nonsense_is_an_error(
+    name: str, content: bytes, run: Path, published: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nesting that no parser follows among it."""
+    (run / name).write_bytes(content + b"\n")
+    refused(run, published, capsys)
 
 
-def test_archives_overlap_by_source_and_by_niche() -> None:
-    """By hand: niche 0 holds the same source, niche 4 another, and a source moved from niche 4 to 5."""
-    found = compare(RUN, replace(RUN, elites={0: "source 00", 4: "source 02", 5: "source 01"})).overlap
-    assert (found.elites, found.sources, found.niches) == ((2, 3), 2, (2, 1))
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda line: line.update(fitness="low"),
+        lambda line: line.update(fitness=10**400),
+        lambda line: line.pop("kind"),
+    ],
+)
+def test_sealed_nonsense_is_an_error(
+    edit: Callable[[dict[str, Json]], object], run: Path, published: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A line may say anything under a hash that fits it."""
+    members = {f"run/{name}": (run / name).read_bytes() for name in ("ledger.jsonl", "run.json")}
+    for name, data in with_line(members, 1, edit).items():
+        (run / name.removeprefix("run/")).write_bytes(data)
+    refused(run, published, capsys)
 
 
-def test_niches_of_other_centroids_are_not_compared() -> None:
-    """Niche 4 of one tessellation is not niche 4 of another."""
-    found = compare(RUN, recorded(*RUN.lines[1:], first=header(centroids="d")))
-    assert found.overlap.niches is None
-    assert "niches are not compared: the runs have different ones" in describe(found)
-
-
-def test_places_of_the_best_are_not_compared() -> None:
-    """Without niches, place 0 of one run has nothing to do with place 0 of another; shared sources still count."""
-    best = replace(RUN, has_niches=False)
-    found = compare(best, best)
-    assert (found.overlap.niches, found.overlap.sources) == (None, 2)
-    assert "niches are not compared" in describe(found)
+def test_deep_settings_are_an_error(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As deep as a parser still follows, and a comparison does not."""
+    shutil.copytree(run, tmp_path / "other" / "run")
+    for folder, end in ((run, "1"), (tmp_path / "other" / "run", "2")):
+        told = (folder / "run.json").read_text()
+        deep = told.replace('"seed": 0', f'"seed": {"[" * 900}{end}{"]" * 900}', 1)
+        assert deep != told
+        (folder / "run.json").write_text(deep)
+    refused(run, tmp_path / "other", capsys)

@@ -3,12 +3,13 @@
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
 from rich.console import Console
 
-from tacevo.errors import ConfigError, DivergenceError, RunError
+from tacevo.errors import DivergenceError, TacevoError
 from tacevo.reproduce.replay import replay
 from tacevo.results.run import read_run
 from tacevo.results.settings import read_settings, settings_of
@@ -22,39 +23,38 @@ def run(published: Path) -> Path:
     return published / "run"
 
 
-def with_setting(run: Path, folder: Path, group: str, key: str, value: int) -> RunDirectory:
-    """Return a run.json with one setting edited."""
+def with_config(run: Path, folder: Path, **groups: Any) -> RunDirectory:
+    """Write a run.json whose groups of settings have other values, or are others."""
     described = json.loads((run / "run.json").read_text())
-    described["config"][group][key] = value
+    for group, settings in groups.items():
+        described["config"][group].update(settings)
     (folder / "run.json").write_text(json.dumps(described))
     return RunDirectory(folder)
 
 
-def test_recorded_workers_are_no_more_than_there_are_cores(run: Path, tmp_path: Path) -> None:
-    """A run of a large machine, or one that was made up, starts no thousand processes here."""
-    config = settings_of(with_setting(run, tmp_path, "executor", "workers", 10_000))
-    assert config.executor.workers == len(os.sched_getaffinity(0))
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"data": {"images": 10}}, {"place": "data.images", "expected": "the 40 images"}),
+        ({"data": {"images": 10**7}}, {"place": "data.images", "expected": "the 40 images"}),
+        ({"prompts": {"pool": 21}}, {"place": "prompts.pool", "expected": "at most 20"}),
+        ({"search": {"beams": 1}}, {"place": "run.json", "expected": "a configuration of this version"}),
+    ],
+)
+def test_settings_of_another_run_or_version_are_refused(
+    changes: dict[str, Any], named: dict[str, str], run: Path, tmp_path: Path
+) -> None:
+    """Nobody simulates ten million images to find that they are not those of the run; no default is taken."""
+    with refused(TacevoError, **named):
+        settings_of(with_config(run, tmp_path, **changes))
 
 
-@pytest.mark.parametrize("images", [10, 10**7])
-def test_images_are_those_of_the_recorded_data_set(images: int, run: Path, tmp_path: Path) -> None:
-    """Nobody simulates ten million images to find that they are not those of the run."""
-    with refused(RunError, place="data.images", expected="the 40 images", got=str(images)):
-        settings_of(with_setting(run, tmp_path, "data", "images", images))
-
-
-def test_pool_fits_the_recorded_library(run: Path, tmp_path: Path) -> None:
-    """A made-up run cannot ask for more instructions than it has."""
-    with refused(ConfigError, place="prompts.pool", expected="at most 20"):
-        settings_of(with_setting(run, tmp_path, "prompts", "pool", 21))
-
-
-def test_stores_may_lie_elsewhere(run: Path, tmp_path: Path) -> None:
-    """The caller's word counts; without it the run's own."""
-    elsewhere = read_settings(RunDirectory(run), RunDirectory(run).read_run(), str(tmp_path))
-    own = settings_of(RunDirectory(run))
-    assert elsewhere.store.root == str(tmp_path)
-    assert own.store.root == str(run.parent / "cache")
+def test_machine_of_a_recorded_run_is_this_one(run: Path, tmp_path: Path) -> None:
+    """A run of a large machine, or one that was made up, starts no thousand processes; stores may lie elsewhere."""
+    directory = with_config(run, tmp_path, executor={"workers": 10_000})
+    assert settings_of(directory).executor.workers == len(os.sched_getaffinity(0))
+    assert settings_of(directory).store.root == str(run.parent / "cache")
+    assert read_settings(directory, directory.read_run(), str(tmp_path)).store.root == str(tmp_path)
 
 
 def test_run_with_more_lines_than_its_settings_ask_for_is_named(folder: Path) -> None:

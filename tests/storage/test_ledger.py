@@ -85,22 +85,14 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "ledger.jsonl"
 
 
-def test_empty_ledger_has_the_genesis_digest(tmp_path: Path) -> None:
-    """Before the first line the digest is 64 zeros."""
-    assert write_all(tmp_path / "ledger.jsonl", []) == GENESIS == "0" * 64
-
-
 def test_digest_chains() -> None:
-    """Each line's hash covers its entry and the hash before it; the digest is the last of them."""
+    """Each line's hash covers its entry and the hash before it; published digests stay valid as long as this one."""
+    assert write_all(None, []) == GENESIS == "0" * 64
+    assert write_all(None) == "1b2491d86dfd2bbc3505b02e7bbab2517984ff2947d50811143beb1805f1ab69"
     first = content_hash({**ENTRIES[0], "previous": GENESIS})
     second = content_hash({**ENTRIES[1], "previous": first})
     assert write_all(None, LINES[:2]) == second
     assert seal(ENTRIES[1], first) == ({**ENTRIES[1], "previous": first, "hash": second}, second)
-
-
-def test_digest_is_golden() -> None:
-    """Published digests stay valid only as long as this one does."""
-    assert write_all(None) == "1b2491d86dfd2bbc3505b02e7bbab2517984ff2947d50811143beb1805f1ab69"
 
 
 @given(st.permutations(LINES))
@@ -109,31 +101,27 @@ def test_order_of_lines_enters_the_digest(lines: list[object]) -> None:
     assert (write_all(None, lines) == write_all(None)) == (lines == LINES)
 
 
-def test_text_of_a_whole_ledger_is_what_committing_writes(path: Path) -> None:
-    """A study writes its lines at once, and they are sealed alike."""
-    assert sealed_text(LINES) == (path.read_text(encoding="utf-8"), write_all(None))
-
-
 def test_lines_come_back_as_committed(path: Path) -> None:
-    """Reading gives every entry with its links, exact to the last bit and character."""
-    found = read_ledger(path)
-    assert list(found.lines) == LINES
-    assert found.digest == found.hashes[-1] == write_all(None)
-
-
-def test_committed_line_is_on_disk_at_once(tmp_path: Path) -> None:
-    """A line can be read before the ledger is closed."""
-    with Ledger.open(tmp_path / "ledger.jsonl", kind_of) as ledger:
+    """Exact to the last bit and character, at once, and as they are sealed together; a missing file has none."""
+    standing = read_ledger(path)
+    assert list(standing.lines) == LINES
+    assert standing.digest == standing.hashes[-1] == write_all(None)
+    assert sealed_text(LINES) == (path.read_text(encoding="utf-8"), standing.digest)
+    new = path.with_name("new.jsonl")
+    assert read_ledger(new) == Sealed()
+    with Ledger.open(new, kind_of) as ledger:
         ledger.commit(LINES[0])
-        assert read_ledger(tmp_path / "ledger.jsonl").lines == (LINES[0],)
+        assert read_ledger(new).lines == (LINES[0],)
 
 
 def test_resumed_run_equals_uninterrupted_run(path: Path, tmp_path: Path) -> None:
-    """A run stopped between any two lines and computed again ends in the same bytes."""
+    """A run stopped between any two lines, or finished, and computed again ends in the same bytes and digest."""
     for stop in range(len(LINES) + 1):
         resumed = tmp_path / f"stopped-after-{stop}.jsonl"
         write_all(resumed, LINES[:stop])
-        write_all(resumed)
+        with Ledger.open(resumed, kind_of) as ledger:
+            assert (ledger.recorded, ledger.committed) == (stop, 0)
+        assert write_all(resumed) == write_all(None)
         assert resumed.read_bytes() == path.read_bytes()
 
 
@@ -180,20 +168,6 @@ def test_full_disk_costs_only_the_line_that_did_not_fit(room: int, path: Path, t
     assert len(read_ledger(full).lines) == path.read_bytes()[:room].count(b"\n")
     write_all(full)
     assert full.read_bytes() == path.read_bytes()
-
-
-def test_resuming_counts_what_stood_there(path: Path) -> None:
-    """`recorded` is what was found, `committed` what this session said."""
-    with Ledger.open(path, kind_of) as ledger:
-        ledger.commit(LINES[0])
-        assert (ledger.recorded, ledger.committed) == (4, 1)
-
-
-def test_commit_where_a_line_stands_compares(path: Path) -> None:
-    """Computing a finished run again changes no byte, and gives its digest."""
-    before = path.read_bytes()
-    assert write_all(path) == read_ledger(path).digest
-    assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize(
@@ -247,7 +221,8 @@ def test_ledger_without_a_file_is_compared_with_recorded_lines(path: Path) -> No
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_edited_line_is_refused_with_its_number(number: int, path: Path) -> None:
-    """A line that was edited, even the last, is named; both reading and resuming refuse it."""
+    """A line that was edited, even the last, is named; both reading and resuming refuse it, and a gap, too."""
+    whole = path.read_bytes()
     lines = path.read_text(encoding="utf-8").split("\n")
     entry = json.loads(lines[number - 1])
     lines[number - 1] = canonical({**entry, "hash": "0" * 64})
@@ -256,14 +231,11 @@ def test_edited_line_is_refused_with_its_number(number: int, path: Path) -> None
         read_ledger(path)
     with refused(RunError, place=f"ledger.jsonl, line {number}"):
         Ledger.open(path, kind_of)
-
-
-def test_line_that_was_taken_out_is_noticed(path: Path) -> None:
-    """The line after a gap no longer links to the one before it."""
-    lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b"".join([lines[0], *lines[2:]]))
-    with refused(RunError, place="line 2", expected="a line that matches its hash", got="edited"):
-        read_ledger(path)
+    gapped = b"".join(line for at, line in enumerate(whole.splitlines(keepends=True), start=1) if at != number)
+    path.write_bytes(gapped)
+    if number < len(LINES):
+        with refused(RunError, place=f"line {number}", expected="a line that matches its hash", got="edited"):
+            read_ledger(path)
 
 
 @pytest.mark.parametrize("text", [b"{", b"[]", b"null", b"\xff", b"", b'{"x": NaN}'])
@@ -273,11 +245,6 @@ def test_damaged_line_is_refused_with_its_number(text: bytes, path: Path) -> Non
     path.write_bytes(b"".join([lines[0], text + b"\n", *lines[2:]]))
     with refused(RunError, place="ledger.jsonl, line 2"):
         read_ledger(path)
-
-
-def test_missing_ledger_has_no_lines(tmp_path: Path) -> None:
-    """As one that was begun and killed before its first line."""
-    assert read_ledger(tmp_path / "ledger.jsonl") == Sealed()
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])

@@ -88,13 +88,6 @@ def test_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
         pass
 
 
-def test_run_comes_back_as_written(directory: RunDirectory) -> None:
-    """run.json is readable text and holds what was written."""
-    directory.write_run(run_record(name="zwölf"))
-    assert directory.read_run() == run_record(name="zwölf")
-    assert "zwölf" in (directory.path / "run.json").read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize("bundle", sorted(PUBLISHED.glob("*.zip")), ids=lambda path: path.stem)
 def test_published_run_json_comes_back(bundle: Path, tmp_path: Path) -> None:
     """What later releases added is at its default, and all else is as it was written."""
@@ -109,26 +102,24 @@ def test_published_run_json_comes_back(bundle: Path, tmp_path: Path) -> None:
     }
 
 
-def test_directory_without_a_run_is_an_error(directory: RunDirectory) -> None:
-    """A directory that holds no run is refused, and so is one that is not there."""
+def test_directory_without_a_run_is_an_error(directory: RunDirectory, tmp_path: Path) -> None:
+    """One that is not there; a published run is not called damaged, but told what to give instead."""
     with refused(RunError, place=str(directory.path), expected="the directory of a run"):
         directory.read_run()
+    (tmp_path / "run.zip").write_bytes(b"PK")
+    with refused(RunError, place="run.zip", got="a file", remedy="unzip a published run"):
+        RunDirectory(tmp_path / "run.zip").read_run()
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "null", "\x00", '{"schema": 2}'])
+#: Machine and configuration are free JSON, whose reader lets NaN through; no file of ours could hold it again.
+NAN = json.dumps({**written(run_record()), "machine": {"cpu": float("nan")}})
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "null", "\x00", '{"schema": 2}', NAN])
 def test_damaged_run_is_an_error(content: str, directory: RunDirectory) -> None:
     """Whatever run.json holds instead, the message names the file and what writes it again."""
     directory.write_text("run.json", content)
     with refused(RunError, place="run.json", remedy="`tacevo search` command that began the run writes it again"):
-        directory.read_run()
-
-
-def test_nan_in_the_machine_of_a_run_is_damage(directory: RunDirectory) -> None:
-    """Machine and configuration are free JSON, whose reader lets NaN through; no file of ours could hold it again."""
-    directory.path.mkdir(parents=True, exist_ok=True)
-    run = {**written(run_record()), "machine": {"cpu": float("nan")}}
-    (directory.path / "run.json").write_text(json.dumps(run))
-    with refused(RunError, place="run.json", expected="JSON"):
         directory.read_run()
 
 
@@ -152,19 +143,17 @@ def test_source_is_what_was_admitted(directory: RunDirectory) -> None:
             directory.read_source(name, digest)
 
 
-def test_candidate_is_written_once(directory: RunDirectory) -> None:
-    """A resumed run does not write again what stands there."""
-    directory.keep_candidate("g00s01", "class A: ...\n")
-    before = (directory.path / "candidates/g00s01.py").stat().st_mtime_ns
-    directory.keep_candidate("g00s01", "class A: ...\n")
-    assert (directory.path / "candidates/g00s01.py").stat().st_mtime_ns == before
-
-
 def test_file_that_a_killed_run_left_is_replaced(directory: RunDirectory) -> None:
-    """Another answer may come into a slot that was developed but never committed; one file of it remains."""
+    """Another answer may come into a slot that was developed but never committed; one file of it remains.
+
+    What stands there is not written again.
+    """
     directory.keep_rejected("g00s01", Rejection(stage=Stage.extract, reason=Reason.empty, detail="blank"), "")
     directory.keep_candidate("g00s01", "class A: ...\n")
     directory.keep_candidate("g00s01", "class B: ...\n")
+    before = (directory.path / "candidates/g00s01.py").stat().st_mtime_ns
+    directory.keep_candidate("g00s01", "class B: ...\n")
+    assert (directory.path / "candidates/g00s01.py").stat().st_mtime_ns == before
     assert [path.name for path in (directory.path / "candidates").iterdir()] == ["g00s01.py"]
     assert directory.read_kept("g00s01") == b"class B: ...\n"
     assert directory.read_kept("g00s02") is None
@@ -200,21 +189,13 @@ def test_full_disk_costs_no_line_that_was_written(directory: RunDirectory) -> No
     assert list(directory.read_spending()) == ["g00s00", "g00s02"]
 
 
-def test_versions_name_every_package() -> None:
-    """Python and each package that matters is listed."""
+def test_versions_name_every_package_and_the_machine_without_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python and each package that matters; a reader sees that one that is not there was looked for."""
+    assert set(machine()) == {"cpu", "cores", "architecture", "system", "libc", "gpu"}
     assert set(versions()) == {"python", *PACKAGES}
     assert versions()["numpy"] != "absent"
-
-
-def test_package_that_is_not_installed_is_recorded_as_absent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reader sees that it was looked for."""
     monkeypatch.setattr(environment, "PACKAGES", ("no-such-package",))
     assert versions()["no-such-package"] == "absent"
-
-
-def test_machine_is_described_without_its_name() -> None:
-    """Hardware and system are said, the host's name is not."""
-    assert set(machine()) == {"cpu", "cores", "architecture", "system", "libc", "gpu"}
 
 
 def test_gpu_is_named_as_its_driver_does(tmp_path: Path) -> None:
@@ -228,25 +209,14 @@ def test_gpu_is_named_as_its_driver_does(tmp_path: Path) -> None:
 
 def test_spending_is_read_by_candidate_and_the_last_line_counts(directory: RunDirectory) -> None:
     """Lines of generations are passed over, and so is what a kill tore; the line after a torn one is whole."""
-    directory.path.mkdir(parents=True, exist_ok=True)
+    assert directory.read_spending() == {}
+    directory.path.mkdir(parents=True)
     directory.add_timing(Spending(answers=1, usd=0.5), id="g00s01")
     directory.add_timing(Spending(answers=9), generation=0)
     with (directory.path / "timings.jsonl").open("a") as file:
         file.write('{"id": "g00s02", "ans')
     directory.add_timing(Spending(answers=2, usd=0.75), id="g00s01")
     assert directory.read_spending() == {"g00s01": Spending(answers=2, usd=0.75)}
-
-
-def test_directory_without_timings_has_no_spending(directory: RunDirectory) -> None:
-    """Costs are for people; a run without them is a run."""
-    assert directory.read_spending() == {}
-
-
-def test_file_is_not_the_directory_of_a_run(tmp_path: Path) -> None:
-    """A published run is not called damaged; the message says what to give instead."""
-    (tmp_path / "run.zip").write_bytes(b"PK")
-    with refused(RunError, place="run.zip", got="a file", remedy="unzip a published run"):
-        RunDirectory(tmp_path / "run.zip").read_run()
 
 
 def test_link_in_a_strangers_run_is_not_followed(tmp_path: Path) -> None:

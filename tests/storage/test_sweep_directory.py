@@ -48,39 +48,20 @@ def test_damage_is_named(tmp_path: Path, text: str, place: str) -> None:
         SweepDirectory(tmp_path).read()
 
 
-@pytest.mark.parametrize("name", ["../none", "/none", "", "..", "failed", "launch", 3])
-def test_job_lies_in_its_sweep(tmp_path: Path, name: object) -> None:
-    """An edited sweep.json cannot lead elsewhere."""
-    with refused(RunError, place="sweep.json, jobs", got=json.dumps(name).strip('"')):
-        edited(tmp_path, "name", name).read()
-
-
 def test_failure_is_kept_until_the_job_succeeds(tmp_path: Path) -> None:
-    """The reason is there until the job succeeds."""
+    """An early sweep does not say whose the failure was; one whose words cannot be read is a failure all the same."""
     directory = SweepDirectory(tmp_path)
-
+    file = tmp_path / "failed" / "none-seed0.json"
     assert directory.failure(JOBS[0]) is None
     directory.fail(JOBS[0], "the node is gone", by_scheduler=True)
     assert directory.failure(JOBS[0]) == Failure(job="none-seed0", reason="the node is gone", by_scheduler=True)
     assert directory.failure(JOBS[1]) is None
+    file.write_text('{"job": "none-seed0", "reason": "the disk is full"}')
+    assert directory.failure(JOBS[0]) == Failure(job="none-seed0", reason="the disk is full", by_scheduler=False)
+    file.write_text("{")
+    assert "none-seed0.json: expected JSON" in str(directory.failure(JOBS[0]))
     directory.succeed(JOBS[0])
     assert directory.failure(JOBS[0]) is None
-
-
-def test_failure_of_an_early_sweep_is_that_of_its_search(tmp_path: Path) -> None:
-    """It does not say whose it was, and counts as it did."""
-    (tmp_path / "failed").mkdir()
-    (tmp_path / "failed" / "none-seed0.json").write_text('{"job": "none-seed0", "reason": "the disk is full"}')
-    failure = SweepDirectory(tmp_path).failure(JOBS[0])
-    assert failure == Failure(job="none-seed0", reason="the disk is full", by_scheduler=False)
-
-
-def test_reason_that_cannot_be_read_is_one_all_the_same(tmp_path: Path) -> None:
-    """The job has failed, whatever was made of the words."""
-    directory = SweepDirectory(tmp_path)
-    directory.fail(JOBS[0], "the disk is full")
-    (tmp_path / "failed" / "none-seed0.json").write_text("{")
-    assert "none-seed0.json: expected JSON" in str(directory.failure(JOBS[0]))
 
 
 @pytest.mark.parametrize(
@@ -100,6 +81,13 @@ def test_field_of_another_type_is_named(tmp_path: Path, field: str, value: objec
     """Nothing is read as what it nearly is, and nothing is passed over."""
     with refused(RunError, place=f"sweep.json, jobs.0.{field}"):
         edited(tmp_path, field, value).read()
+
+
+@pytest.mark.parametrize("name", ["../none", "/none", "", "..", "failed", "launch", 3])
+def test_job_lies_in_its_sweep(tmp_path: Path, name: object) -> None:
+    """An edited sweep.json cannot lead elsewhere."""
+    with refused(RunError, place="sweep.json, jobs", got=json.dumps(name).strip('"')):
+        edited(tmp_path, "name", name).read()
 
 
 def edited(folder: Path, field: str, value: object) -> SweepDirectory:

@@ -41,16 +41,12 @@ def test_runs_are_found_at_any_depth_by_name(tmp_path: Path) -> None:
     assert find_runs(tmp_path / "b") == (tmp_path / "b",)
 
 
-@pytest.mark.parametrize("name", ["empty", "missing"])
-def test_directory_without_a_run_is_the_users_mistake(name: str, tmp_path: Path) -> None:
-    """A mistyped directory is named."""
+def test_directory_without_a_run_is_the_users_mistake(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A mistyped one is named, and a file, such as a bundle, is not taken for a directory without runs."""
     (tmp_path / "empty").mkdir()
-    with refused(RunError, place=name, expected="a run directory"):
-        find_runs(tmp_path / name)
-
-
-def test_file_is_not_a_directory_of_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A bundle, say: it is not taken for a directory without runs."""
+    for name in ("empty", "missing"):
+        with refused(RunError, place=name, expected="a run directory"):
+            find_runs(tmp_path / name)
     (tmp_path / "run.zip").write_bytes(b"PK")
     assert main(["track", str(tmp_path / "run.zip")]) == 2
     assert "run.zip: Not a directory" in capsys.readouterr().err
@@ -89,11 +85,11 @@ def test_tracking_a_directory_twice_changes_nothing(tmp_path: Path, uri: str) ->
     build_run(tmp_path / "runs" / "sweep" / "none-seed1", LINES[:3], whole=False)
     build_run(tmp_path / "runs" / "alone", LINES)
     shown: list[tuple[int, int]] = []
-    assert track(tmp_path / "runs", uri, lambda done, total: shown.append((done, total))).done == {uri: 4}
+    assert track(tmp_path / "runs", uri, lambda done, total: shown.append((done, total))) == ({uri: 4}, ())
     assert shown == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
     first = everything(uri)
     assert first["sweep", "none-seed1"][1] == "KILLED"
-    assert track(tmp_path / "runs", uri, quietly).done == {uri: 4}
+    assert track(tmp_path / "runs", uri, quietly) == ({uri: 4}, ())
     assert everything(uri) == first
 
 
@@ -130,9 +126,9 @@ def test_run_that_is_being_mirrored_is_not_waited_for(tmp_path: Path, uri: str) 
     for name in ("a", "b"):
         build_run(tmp_path / "runs" / name, LINES[:2])
     with alone(tmp_path / "runs" / "a"):
-        tracked = track(tmp_path / "runs", uri, quietly)
-    assert tracked.done == {uri: 1}
-    assert "runs/a: expected an idle run" in tracked.failed[0]
+        done, failed = track(tmp_path / "runs", uri, quietly)
+    assert done == {uri: 1}
+    assert "runs/a: expected an idle run" in failed[0]
 
 
 def test_search_at_work_is_shown_as_running(tmp_path: Path, uri: str) -> None:
@@ -172,11 +168,11 @@ def test_address_is_the_one_given_else_the_runs_else_that_of_the_environment(
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
     for name, own in (("own", uri), ("hidden", "postgresql://***@host/db"), ("none", "")):
         build_run(tmp_path / "runs" / name, LINES[:1], uri=own)
-    tracked = track(tmp_path / "runs", "", quietly)
-    assert tracked.done == {uri: 1}
-    assert all("tracking.uri: expected the address of an MLflow store" in reason for reason in tracked.failed)
+    done, failed = track(tmp_path / "runs", "", quietly)
+    assert done == {uri: 1}
+    assert all("tracking.uri: expected the address of an MLflow store" in reason for reason in failed)
     monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    assert track(tmp_path / "runs", "", quietly).done == {uri: 1, "": 2}
+    assert track(tmp_path / "runs", "", quietly) == ({uri: 1, "": 2}, ())
     assert {path[0] for path in everything(uri)} == {"own", "hidden", "none"}
 
 
@@ -186,23 +182,16 @@ def test_address_with_a_password_is_rejected(tmp_path: Path) -> None:
         track(tmp_path, "postgresql://user:s3cret@host/db", quietly)
 
 
-def test_line_that_names_what_there_is_not_is_one_of_its_run(tmp_path: Path, uri: str) -> None:
-    """An instruction that the task does not have, sealed anew: the other runs are written."""
+def test_run_whose_records_do_not_fit_is_named_and_the_others_are_written(tmp_path: Path, uri: str) -> None:
+    """An instruction that the task does not have, sealed anew; or a setting that is not there, by its key."""
     build_run(tmp_path / "a", [*LINES[:2], replace(MUTATION, prompt=99)])
-    build_run(tmp_path / "b", LINES)
-    tracked = track(tmp_path, uri, quietly)
-    assert tracked.done == {uri: 1}
-    assert f"{tmp_path}/a: expected the records of a run; got IndexError" in tracked.failed[0]
-
-
-def test_run_without_a_setting_that_mlflow_needs_is_named(tmp_path: Path, uri: str) -> None:
-    """It is reported by its key, and the other runs are written."""
-    for name in ("a", "b"):
+    for name in ("b", "c"):
         build_run(tmp_path / name, LINES)
-    path = tmp_path / "a" / "run.json"
+    path = tmp_path / "b" / "run.json"
     run = json.loads(path.read_text())
     del run["config"]["tracking"]
     path.write_text(json.dumps(run))
-    tracked = track(tmp_path, uri, quietly)
-    assert tracked.done == {uri: 1}
-    assert "a/run.json, config, tracking.uri: expected a value" in tracked.failed[0]
+    done, (line, setting) = track(tmp_path, uri, quietly)
+    assert done == {uri: 1}
+    assert f"{tmp_path}/a: expected the records of a run; got IndexError" in line
+    assert "b/run.json, config, tracking.uri: expected a value" in setting

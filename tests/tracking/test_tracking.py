@@ -65,58 +65,44 @@ def test_mirror_leaves_no_file_open_and_its_failure_is_told(run_dir: Path) -> No
     assert "Too many open files" in str(mirror.finish(None))
 
 
-def test_search_is_one_run_with_one_nested_run_a_candidate(run_dir: Path, uri: str) -> None:
-    """The parent run carries the configuration and the generations, its children the candidates."""
-    mirror_once(run_dir, uri)
+def test_search_is_one_run_with_one_nested_run_a_candidate(tmp_path: Path, uri: str) -> None:
+    """The parent carries settings, generations and digest, its children the candidates: trained ones with losses.
+
+    The best stands beside the baseline and the trivial loss, so that MLflow draws all three into one chart. Costs of
+    timings.jsonl are on each candidate, and their sum on the search. Sources lie beside the database.
+    """
+    digest = build_run(tmp_path / "run", LINES)
+    directory = RunDirectory(tmp_path / "run")
+    directory.write_run(replace(directory.read_run(), trivial=0.3))
+    for name, dollars in (("g00s01", 0.25), ("g00s02", 0.5)):
+        directory.add_timing(Spending(answers=1, input_tokens=10, usd=dollars), id=name)
+    mirror_once(tmp_path / "run", uri)
     said = contents(uri)
     assert set(said) == {"parent", "g00s00", "g00s01", "g00s02"}
-    name, status, params, _, histories, _ = said["parent"]
-    assert (name, status, params["llm.model"]) == ("run", "FINISHED", "m")
-    assert histories["temperature"] == [(0, 0.6), (1, 0.65)]
-    assert histories["generation_best"] == [(0, 0.25)]
-    assert histories["candidates"] == [(0, 3.0), (1, 0.0)]
-
-
-@pytest.mark.parametrize("trivial", [None, 0.3])
-def test_best_stands_beside_baseline_and_trivial_loss(trivial: float | None, run_dir: Path, uri: str) -> None:
-    """As metrics of every generation, so that MLflow draws all three into one chart."""
-    directory = RunDirectory(run_dir)
-    directory.write_run(replace(directory.read_run(), trivial=trivial))
-    mirror_once(run_dir, uri)
-    histories = contents(uri)["parent"][4]
-    assert histories["baseline"] == [(0, 0.25), (1, 0.25)]
-    assert histories.get("trivial") == (None if trivial is None else [(0, 0.3), (1, 0.3)])
-
-
-def test_trained_candidate_keeps_losses_figures_and_source(run_dir: Path, uri: str) -> None:
-    """A trained candidate's run is finished and holds its metrics and its source as an artifact."""
-    mirror_once(run_dir, uri)
-    name, status, _, _, histories, files = contents(uri)["g00s00"]
+    name, status, params, tags, histories, _ = said["parent"]
+    assert (name, status, params["llm.model"], tags["tacevo.digest"]) == ("run", "FINISHED", "m", digest)
+    assert {
+        "temperature": [(0, 0.6), (1, 0.65)],
+        "generation_best": [(0, 0.25)],
+        "candidates": [(0, 3.0), (1, 0.0)],
+        "baseline": [(0, 0.25), (1, 0.25)],
+        "trivial": [(0, 0.3), (1, 0.3)],
+        "usd": [(0, 0.75)],
+        "total_input_tokens": [(0, 20.0), (1, 20.0)],
+    }.items() <= histories.items()
+    name, status, _, _, histories, files = said["g00s00"]
     assert (name, status, files) == ("g00s00", "FINISHED", ["g00s00.py"])
-    assert histories["train_loss"] == [(1, 0.75), (2, 0.5)]
-    assert histories["fitness"] == [(0, 0.25)]
-    assert histories["niche"] == [(0, 4.0)]
-
-
-def test_artifacts_lie_beside_the_database(run_dir: Path, uri: str, tmp_path: Path) -> None:
-    """A SQLite store keeps the sources in mlartifacts, in the directory of its database."""
-    mirror_once(run_dir, uri)
-    files = sorted((tmp_path / "mlartifacts").rglob("*.py"))
-    assert sorted(file.read_text(encoding="utf-8") for file in files) == ["# g00s00\n", "# g00s01\n"]
-
-
-def test_rejected_candidate_is_a_failed_run(run_dir: Path, uri: str) -> None:
-    """A rejected candidate's run failed, and has neither metrics nor a source."""
-    mirror_once(run_dir, uri)
-    _, status, params, _, histories, files = contents(uri)["g00s02"]
-    assert (status, params["reason"], histories, files) == ("FAILED", "forbidden_import", {}, [])
-
-
-def test_finished_search_carries_its_digest(tmp_path: Path, uri: str) -> None:
-    """The digest is a tag of the parent run."""
-    digest = build_run(tmp_path / "run", LINES)
-    mirror_once(tmp_path / "run", uri)
-    assert contents(uri)["parent"][3]["tacevo.digest"] == digest
+    assert {
+        "train_loss": [(1, 0.75), (2, 0.5)],
+        "fitness": [(0, 0.25)],
+        "niche": [(0, 4.0)],
+    }.items() <= histories.items()
+    assert "usd" not in histories
+    assert said["g00s01"][4]["usd"] == [(0, 0.25)]
+    _, status, params, _, histories, files = said["g00s02"]
+    assert (status, params["reason"], "fitness" in histories, files) == ("FAILED", "forbidden_import", False, [])
+    texts = [file.read_text(encoding="utf-8") for file in (tmp_path / "mlartifacts").rglob("*.py")]
+    assert sorted(texts) == ["# g00s00\n", "# g00s01\n"]
 
 
 @pytest.mark.few(2)
@@ -124,10 +110,16 @@ def test_finished_search_carries_its_digest(tmp_path: Path, uri: str) -> None:
 def test_interrupted_search_is_completed(
     length: int, run_dir: Path, uri: str, tmp_path: Path, empty_store: Path
 ) -> None:
-    """Mirrored after any line, and again at the end, a search reads as if it had been mirrored once."""
+    """Mirrored after any line, and again at the end, a search reads as if it had been mirrored once.
+
+    A finished one that is continued, and killed, loses the digest that it had.
+    """
     mirror_once(run_dir, uri)
     other = f"sqlite:///{shutil.copy(empty_store, tmp_path / 'other.db')}"
     interrupted = tmp_path / "interrupted" / run_dir.name
+    if length > 1:
+        build_run(interrupted, LINES[: length - 1])
+        mirror_once(interrupted, other)
     build_run(interrupted, LINES[:length], whole=False)
     mirror_once(interrupted, other)
     _, status, _, tags, _, _ = contents(other)["parent"]
@@ -178,16 +170,6 @@ def test_equal_searches_under_two_names_are_two_runs(run_dir: Path, uri: str, tm
     searches = client.search_runs([parent.info.experiment_id], "tags.`tacevo.digest` LIKE '%'")
     assert len({run.data.tags["tacevo.run"] for run in searches}) == 2
     assert len({run.data.tags["tacevo.digest"] for run in searches}) == 1
-
-
-def test_longer_run_loses_the_digest_of_the_shorter(tmp_path: Path, uri: str) -> None:
-    """A finished run that is continued, and killed, has no digest."""
-    build_run(tmp_path / "run", LINES[:-1])
-    mirror_once(tmp_path / "run", uri)
-    build_run(tmp_path / "run", LINES, whole=False)
-    mirror_once(tmp_path / "run", uri)
-    _, status, _, tags, _, _ = contents(uri)["parent"]
-    assert (status, "tacevo.digest" in tags) == ("KILLED", False)
 
 
 def test_line_without_its_end_waits(run_dir: Path, tmp_path: Path) -> None:
@@ -268,14 +250,6 @@ def test_address_in_the_environment_is_not_recorded(run_dir: Path, monkeypatch: 
     assert "s3cret" not in str(warning)
 
 
-def test_mirror_without_an_address_gives_a_warning(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither tracking.uri nor the environment has one: the search continues, and the warning says what to set."""
-    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
-    mirror = Mirror(run_dir, uri="", experiment="tacevo")
-    mirror.start()
-    assert "tracking.uri: expected the address of an MLflow store" in str(mirror.finish(PATIENCE))
-
-
 @pytest.mark.slow
 def test_database_is_whole_although_the_mirror_that_made_it_was_killed(run_dir: Path, tmp_path: Path) -> None:
     """A mirror killed among MLflow's migrations leaves a hidden file, which the next one replaces."""
@@ -318,16 +292,17 @@ def size_of(path: Path) -> int:
         return 0
 
 
-def test_process_that_cannot_start_gives_a_warning(tmp_path: Path) -> None:
-    """A missing directory is one line for the user, and not an exception."""
-    mirror = Mirror(tmp_path / "missing", uri="sqlite:///mlflow.db", experiment="tacevo")
-    mirror.start()
-    assert "No such file or directory" in str(mirror.finish(PATIENCE))
-
-
-def test_log_that_was_removed_is_named(run_dir: Path) -> None:
-    """The warning says so, in place of its last line."""
-    mirror = Mirror(run_dir, uri="nonsense://x", experiment="tacevo")
+def test_mirror_that_cannot_work_is_one_line_for_the_user(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of its log the last line, or that it is gone; nothing is raised."""
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    for folder, uri, words in (
+        (run_dir.parent / "missing", "sqlite:///mlflow.db", "No such file or directory"),
+        (run_dir, "", "tracking.uri: expected the address of an MLflow store"),
+    ):
+        mirror = Mirror(folder, uri=uri, experiment="tacevo")
+        mirror.start()
+        assert words in str(mirror.finish(PATIENCE))
+    mirror = Mirror(run_dir, uri="", experiment="tacevo")
     mirror.start()
     (run_dir / "tracking.log").unlink()
     assert "tracking.log" in str(mirror.finish(PATIENCE)).partition(";")[0]
@@ -341,19 +316,6 @@ def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
     assert "continues by itself" in str(mirror.finish(0))
     assert mirror.finish(PATIENCE) is None
     assert contents(uri)["parent"][1] == "FINISHED"
-
-
-def test_cost_of_candidates_and_of_their_generation_reach_mlflow(run_dir: Path, uri: str) -> None:
-    """What timings.jsonl says of each candidate is on its run, and the sum on the search's, at its generation."""
-    for name, dollars in (("g00s01", 0.25), ("g00s02", 0.5)):
-        RunDirectory(run_dir).add_timing(Spending(answers=1, input_tokens=10, usd=dollars), id=name)
-    mirror_once(run_dir, uri)
-    client, parent, nested = open_store(uri)
-    assert nested["g00s01"].data.metrics["usd"] == 0.25
-    assert "usd" not in nested["g00s00"].data.metrics
-    (point,) = client.get_metric_history(parent.info.run_id, "usd")
-    assert (point.step, point.value) == (0, 0.75)
-    assert parent.data.metrics["input_tokens"] == 20
 
 
 def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> None:

@@ -18,12 +18,15 @@ def described(source: str = "simulated", root: str | None = None) -> RunRecord:
     return convert(RunRecord, facts(source=source, root=root), place="run.json", error=RunError)
 
 
-def test_search_has_its_data_set_as_an_input(tmp_path: Path, uri: str) -> None:
-    """MLflow's own store gives it back once, with name, digest and context, however often mirrored."""
+def test_search_has_its_data_set_as_an_input_and_names_its_code(tmp_path: Path, uri: str) -> None:
+    """MLflow's own store gives the data set back once, with name, digest and context, however often mirrored.
+
+    The source of search and candidates is the command, their version the commit that run.json has, if it has one.
+    """
     build_run(tmp_path / "run", LINES)
     mirror_once(tmp_path / "run", uri)
     mirror_once(tmp_path / "run", uri)
-    client, search, _ = open_store(uri)
+    client, search, candidates = open_store(uri)
     inputs = client.get_run(search.info.run_id).inputs
     assert inputs is not None
     (given,) = (each.to_dictionary() for each in inputs.dataset_inputs)
@@ -31,41 +34,23 @@ def test_search_has_its_data_set_as_an_input(tmp_path: Path, uri: str) -> None:
     assert given["tags"] == {"mlflow.data.context": "training"}
     assert (given["dataset"]["name"], given["dataset"]["digest"]) == ("force (simulated)", digest)
     assert len(client.search_runs([search.info.experiment_id], f"dataset.digest = '{digest}'")) == 1
+    command = {"mlflow.source.name": "tacevo search", "mlflow.source.type": "LOCAL"}
+    version = {"mlflow.source.git.commit": CODE["commit"], "mlflow.source.git.dirty": "false"}
+    for run in (search, *candidates.values()):
+        shown = {key: value for key, value in run.data.tags.items() if key.startswith("mlflow.source.")}
+        assert shown == {**command, **version}
+    assert source_tags(None) == command
 
 
 def test_mlflow_reads_the_source_of_a_data_set() -> None:
-    """It is in the form of MLflow's own classes."""
+    """In the form of its own classes; nothing is shown of a place that the param `data.root` does not show."""
     from mlflow.data import get_source
     from mlflow.entities import Dataset
 
     for run in (described(), described("folder", "images")):
         assert get_source(Dataset(**data_set(run))).to_json() == data_set(run)["source"]
-
-
-def test_source_is_the_root_as_it_was_given() -> None:
-    """Nothing is shown of a data set's place that the param `data.root` does not show."""
-    assert json.loads(data_set(described("csv", "images"))["source"]) == {"uri": "images"}
-    assert json.loads(data_set(described("csv", None))["source"]) == {"uri": ""}
-
-
-def test_search_and_candidates_name_their_code(tmp_path: Path, uri: str) -> None:
-    """Their source is the command, their version the commit that run.json has."""
-    build_run(tmp_path / "run", LINES)
-    mirror_once(tmp_path / "run", uri)
-    _, search, candidates = open_store(uri)
-    for run in (search, *candidates.values()):
-        shown = {key: value for key, value in run.data.tags.items() if key.startswith("mlflow.source.")}
-        assert shown == {
-            "mlflow.source.name": "tacevo search",
-            "mlflow.source.type": "LOCAL",
-            "mlflow.source.git.commit": CODE["commit"],
-            "mlflow.source.git.dirty": "false",
-        }
-
-
-def test_run_without_a_commit_shows_none() -> None:
-    """A run of an earlier version, or of an installed package, has the command only."""
-    assert source_tags(None) == {"mlflow.source.name": "tacevo search", "mlflow.source.type": "LOCAL"}
+    for root in ("images", None):
+        assert json.loads(data_set(described("csv", root))["source"]) == {"uri": root or ""}
 
 
 def test_checkout_tells_its_commit_and_whether_it_was_changed(tmp_path: Path) -> None:

@@ -5,119 +5,117 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mirrored import (
-    BASELINE,
-    INSTRUCTIONS,
-    MUTATION,
-    REJECTED,
-    SECOND_GENERATION,
-)
+from mirrored import BASELINE, GENERATION, INSTRUCTIONS, MUTATION, REJECTED, SECOND_GENERATION
 
 from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
-from tacevo.evolution.lines import RepairedAnswer, SeedLine
+from tacevo.evolution.lines import CandidateLine, RepairedAnswer, SeedLine
 from tacevo.records import Json, Reason, Stage
 from tacevo.tracking.entries import (
     LONGEST_PARAM,
-    Measure,
+    Point,
+    Totals,
     candidate_measures,
     candidate_params,
     config_params,
     cost_measures,
     generation_measures,
+    note,
     shorten,
 )
 
+ASKED = {
+    "operator": "mutation",
+    "generation": "0",
+    "slot": "1",
+    "temperature": "0.625",
+    "parents": "g00s00",
+    "instruction": "gelu",
+    "instruction_text": "ReLU to GELU.",
+}
 
-def test_baseline_has_neither_parents_nor_instruction() -> None:
+#: What was dropped is not shown as sent.
+DROPPED = {**{key: value for key, value in ASKED.items() if key != "temperature"}, "dropped": "temperature,top_p"}
+
+REPAIRED = replace(MUTATION, repairs=(RepairedAnswer(answer="0", stage=Stage.probe, reason=Reason.bad_output),))
+
+
+@pytest.mark.parametrize(
+    ("line", "params"),
+    [
+        (BASELINE, {"operator": "baseline", "generation": "0", "slot": "0"}),
+        (MUTATION, ASKED),
+        (replace(MUTATION, dropped=("temperature", "top_p")), DROPPED),
+        (REPAIRED, {**ASKED, "repairs": "1"}),
+        (
+            REJECTED,
+            {
+                "operator": "crossover",
+                "generation": "0",
+                "slot": "2",
+                "temperature": "0.6",
+                "parents": "g00s00,g00s01",
+                "instruction": "crossover",
+                "stage": "policy",
+                "reason": "forbidden_import",
+            },
+        ),
+    ],
+)
+def test_params_say_how_a_candidate_was_asked_for_and_why_it_was_rejected(
+    line: CandidateLine, params: dict[str, str]
+) -> None:
     """What does not apply to a candidate is left out."""
-    assert candidate_params(BASELINE, INSTRUCTIONS) == {"operator": "baseline", "generation": "0", "slot": "0"}
+    assert candidate_params(line, INSTRUCTIONS) == params
 
 
-def test_mutation_names_its_instruction() -> None:
-    """A mutation's params hold the instruction's id and text, the parent and the request's temperature."""
-    assert candidate_params(MUTATION, INSTRUCTIONS) == {
-        "operator": "mutation",
-        "generation": "0",
-        "slot": "1",
-        "temperature": "0.625",
-        "parents": "g00s00",
-        "instruction": "gelu",
-        "instruction_text": "ReLU to GELU.",
-    }
+def named(points: tuple[Point, ...], name: str) -> list[tuple[int, float]]:
+    """Return step and value of a metric."""
+    return [(step, value) for key, value, step in points if key == name]
 
 
-def test_setting_that_was_not_sent_is_named() -> None:
-    """A temperature that the model refuses is not shown as sent."""
-    params = candidate_params(replace(MUTATION, dropped=("temperature", "top_p")), INSTRUCTIONS)
-    assert params["dropped"] == "temperature,top_p"
-    assert "temperature" not in params
-
-
-def test_rejected_crossover_says_where_and_why() -> None:
-    """A crossover has both parents and no instruction of the library; a rejection its stage and reason."""
-    params = candidate_params(REJECTED, INSTRUCTIONS)
-    assert (params["parents"], params["instruction"]) == ("g00s00,g00s01", "crossover")
-    assert (params["stage"], params["reason"]) == ("policy", "forbidden_import")
-    assert "instruction_text" not in params
-    assert candidate_measures(REJECTED) == ()
-
-
-def test_losses_are_steps_from_epoch_one() -> None:
-    """Each epoch's loss is a step of its metric."""
-    measures = candidate_measures(BASELINE)
-    assert [m for m in measures if m.key == "validation_loss"] == [
-        Measure(key="validation_loss", value=0.5, step=1),
-        Measure(key="validation_loss", value=0.25, step=2),
-    ]
-
-
-def test_loss_of_each_seed_is_a_step() -> None:
-    """Where there are several; the fitness is that of the median."""
+def test_losses_are_steps_by_epoch_and_by_seed() -> None:
+    """Epochs from 1; seeds where there are several, of which the fitness is the median's."""
     seeds = tuple(
         SeedLine(seed=seed, evaluation="", train_losses=(), validation_losses=(0.9, loss), predictions="", weights="")
         for seed, loss in enumerate((0.3, 0.1, 0.2))
     )
-    measures = candidate_measures(replace(BASELINE, seeds=seeds))
-    assert [(one.step, one.value) for one in measures if one.key == "seed_loss"] == [(0, 0.3), (1, 0.1), (2, 0.2)]
-    assert not any(one.key == "seed_loss" for one in candidate_measures(BASELINE))
+    points = candidate_measures(replace(BASELINE, seeds=seeds))
+    assert named(points, "validation_loss") == [(1, 0.5), (2, 0.25)]
+    assert named(points, "seed_loss") == [(0, 0.3), (1, 0.1), (2, 0.2)]
+    assert named(candidate_measures(BASELINE), "seed_loss") == []
+    assert candidate_measures(REJECTED) == ()
 
 
 @pytest.mark.parametrize("status", AddStatus)
 def test_inserted_is_whether_the_archive_took_it(status: AddStatus) -> None:
     """A new niche and an improved one both count as an insertion."""
-    measures = candidate_measures(replace(BASELINE, status=status))
-    inserted = float(status is not AddStatus.rejected)
-    assert Measure(key="inserted", value=inserted, step=0) in measures
+    points = candidate_measures(replace(BASELINE, status=status))
+    assert named(points, "inserted") == [(0, float(status is not AddStatus.rejected))]
 
 
-def test_generation_without_trained_candidates_leaves_their_figures_out() -> None:
-    """A generation's metrics are at its own step, and what is null is left out."""
-    measures = generation_measures(SECOND_GENERATION)
-    assert {measure.step for measure in measures} == {1}
-    assert {measure.key for measure in measures} == {
-        "best",
-        "coverage",
-        "qd_score",
-        "prompt_coverage",
-        "candidates",
-        "trained",
-        "temperature",
+def test_figures_of_a_generation_are_at_its_step_and_those_that_it_lacks_are_left_out() -> None:
+    """As where nothing was trained; those after a repair are apart, and the losses beside the best may not be known."""
+    bare = ["best", "coverage", "qd_score", "prompt_coverage", "candidates", "trained", "temperature"]
+    points = generation_measures(SECOND_GENERATION)
+    assert [key for key, _, _ in points] == bare
+    assert {step for _, _, step in points} == {1}
+    beside = generation_measures(replace(SECOND_GENERATION, repaired=2), baseline=0.5, trivial=0.75)
+    assert {key: value for key, value, _ in beside if key not in bare} == {
+        "repaired": 2,
+        "baseline": 0.5,
+        "trivial": 0.75,
     }
 
 
 def test_config_is_flattened() -> None:
     """A param's name is the key as the user writes it; lists and null are JSON."""
-    config: dict[str, Json] = {
-        "seed": 0,
-        "llm": {"model": "m", "base_url": None},
-        "data": {"target_columns": ["fx", "fy"]},
-    }
+    config: dict[str, Json] = {"seed": 0, "llm": {"model": "m", "base_url": None}, "data": {"columns": ["fx", "fy"]}}
     assert config_params(config) == {
         "seed": "0",
         "llm.model": "m",
         "llm.base_url": "null",
-        "data.target_columns": '["fx", "fy"]',
+        "data.columns": '["fx", "fy"]',
     }
 
 
@@ -129,22 +127,56 @@ def test_shortened_text_fits_and_shows_that_it_was_cut(text: str) -> None:
     assert short == text or (short.endswith("…") and text.startswith(short[:-1]) and len(text) > LONGEST_PARAM)
 
 
-def test_cost_without_answers_or_price_is_absent() -> None:
-    """A cost that is not known is not shown as zero."""
-    spent = Spending(answers=1, input_tokens=10, output_tokens=20, usd=0.5)
-    assert cost_measures(spent, 3) == tuple(
-        Measure(key=key, value=value, step=3)
-        for key, value in (("answers", 1.0), ("input_tokens", 10.0), ("output_tokens", 20.0), ("usd", 0.5))
-    )
-    unpriced = cost_measures(Spending(answers=1, input_tokens=10, output_tokens=20, unpriced=1), 0)
-    assert "usd" not in {measure.key for measure in unpriced}
-    assert cost_measures(Spending(), 0) == ()
+def test_long_summary_is_cut_at_a_line() -> None:
+    """Older servers refuse a longer tag; its end says where all of it is."""
+    summary = "".join(f"| row {number} |\n" for number in range(1_000))
+    cut = note(summary)
+    assert len(cut) <= 5_000
+    assert summary.startswith(cut.partition("\n\n…")[0])
+    assert cut.endswith("summary.md, among the artifacts)")
 
 
-def test_repairs_are_shown_apart() -> None:
-    """A repaired candidate says how often it was sent back, and a generation how many trained after that."""
-    repair = RepairedAnswer(answer="0", stage=Stage.probe, reason=Reason.bad_output)
-    line = replace(MUTATION, repairs=(repair,))
-    assert candidate_params(line, INSTRUCTIONS)["repairs"] == "1"
-    measures = {measure.key: measure.value for measure in generation_measures(replace(SECOND_GENERATION, repaired=2))}
-    assert measures["repaired"] == 2
+@pytest.mark.parametrize(
+    ("spent", "shown"),
+    [
+        (
+            Spending(answers=1, input_tokens=10, output_tokens=20, usd=0.5),
+            {"answers": 1, "input_tokens": 10, "output_tokens": 20, "usd": 0.5},
+        ),
+        (
+            Spending(answers=1, input_tokens=10, output_tokens=20, unpriced=1),
+            {"answers": 1, "input_tokens": 10, "output_tokens": 20},
+        ),
+        (Spending(answers=1, uncounted=1, unpriced=1), {"answers": 1}),
+        (Spending(), {}),
+    ],
+)
+def test_cost_that_is_not_known_is_not_shown_as_zero(spent: Spending, shown: dict[str, float]) -> None:
+    """Without answers there is none."""
+    assert cost_measures(spent, 3) == tuple((key, value, 3) for key, value in shown.items())
+
+
+def test_totals_add_up_what_generations_say() -> None:
+    """Improvement on generation 0, mean trainable share from generation 1 on, evaluations and costs so far."""
+    second = replace(GENERATION, generation=1, candidates=4, trained=1, repaired=2, best=0.125)
+    third = replace(second, generation=2, trained=3, repaired=0)
+    totals = Totals()
+    totals.after(GENERATION, Spending())
+    totals.after(second, Spending(answers=1, input_tokens=5, usd=0.5))
+    points = totals.after(third, Spending(answers=2, input_tokens=7, usd=0.25))
+    assert {step for _, _, step in points} == {2}
+    assert {key: value for key, value, _ in points} == {
+        "trained_candidates": 8,
+        "improvement": 0.5,
+        "trainable_rate": 0.5,
+        "total_answers": 3,
+        "total_input_tokens": 12,
+        "total_output_tokens": 0,
+        "total_usd": 0.75,
+    }
+
+
+def test_totals_leave_out_what_does_not_apply_yet() -> None:
+    """Before anything is trained there is no improvement; generation 0 has no share of trainable answers."""
+    nothing = replace(SECOND_GENERATION, generation=0, candidates=1, best=None)
+    assert Totals().after(nothing, Spending()) == (("trained_candidates", 0, 0),)

@@ -15,7 +15,6 @@ from mirrored import LINES, build_run, contents, mirror_once, open_store
 from tacevo.records import to_json
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.backfill import track
-from tacevo.tracking.entries import note
 from tacevo.tracking.process import Mirror
 
 
@@ -35,7 +34,10 @@ def artifacts(uri: str, folder: Path) -> dict[str, str]:
 
 
 def test_search_says_who_and_what_it_was(run_dir: Path, uri: str) -> None:
-    """User, description, model and task stand where MLflow shows and filters them; candidates have the user, too."""
+    """User, description, model and task stand where MLflow shows and filters them; candidates have the user, too.
+
+    What is changed there, such as a description, stays.
+    """
     mirror_once(run_dir, uri)
     client, search, candidates = open_store(uri)
     tags = search.data.tags
@@ -44,6 +46,11 @@ def test_search_says_who_and_what_it_was(run_dir: Path, uri: str) -> None:
     assert {run.data.tags["mlflow.user"] for run in candidates.values()} == {getpass.getuser()}
     experiment = client.get_experiment(search.info.experiment_id)
     assert experiment.tags["mlflow.experimentKind"] == "custom_model_development"
+    chosen = {"mlflow.user": "ada", "mlflow.note.content": "mine"}
+    for tag, value in chosen.items():
+        client.set_tag(search.info.run_id, tag, value)
+    mirror_once(run_dir, uri)
+    assert chosen.items() <= open_store(uri)[1].data.tags.items()
 
 
 def test_search_of_an_unknown_user_names_none(run_dir: Path, uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,37 +64,25 @@ def test_search_of_an_unknown_user_names_none(run_dir: Path, uri: str, monkeypat
     assert "tacevo.digest" in open_store(uri)[1].data.tags
 
 
-def test_what_the_user_chose_in_mlflow_stays(run_dir: Path, uri: str) -> None:
-    """Who wrote the run first, and a description that was edited."""
-    mirror_once(run_dir, uri)
-    client, search, _ = open_store(uri)
-    chosen = {"mlflow.user": "ada", "mlflow.note.content": "mine"}
-    for tag, value in chosen.items():
-        client.set_tag(search.info.run_id, tag, value)
-    mirror_once(run_dir, uri)
-    assert chosen.items() <= open_store(uri)[1].data.tags.items()
+def test_summary_and_page_are_there_and_a_page_that_was_written_again_replaces_it(
+    run_dir: Path, uri: str, tmp_path: Path
+) -> None:
+    """As after a study, which the first one does not show; one that is older than the end of the run is not taken.
 
-
-def test_search_has_its_summary_and_its_page(run_dir: Path, uri: str, tmp_path: Path) -> None:
-    """Both once, however often it is mirrored; nothing is written into the run directory."""
-    before = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
-    mirror_once(run_dir, uri)
-    first = contents(uri)
-    mirror_once(run_dir, uri)
-    assert artifacts(uri, tmp_path) == {"summary.md": "found", "report.html": "<p>a page</p>"}
-    assert contents(uri) == first
-    assert {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()} == before
-
-
-def test_page_that_was_written_again_replaces_the_one_in_mlflow(run_dir: Path, uri: str, tmp_path: Path) -> None:
-    """As after a study, which the first one does not show; one that is older than the end of the run is not taken."""
+    However often it is mirrored, nothing is there twice, and nothing is written into the run directory.
+    """
     os.utime(run_dir / "report.html", (0, 0))
     mirror_once(run_dir, uri)
     assert artifacts(uri, tmp_path) == {"summary.md": "found"}
     for words in ("<p>a page</p>", "<p>with a study</p>"):
         (run_dir / "report.html").write_text(words)
+        before = {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()}
         mirror_once(run_dir, uri)
-        assert artifacts(uri, tmp_path)["report.html"] == words
+        first = contents(uri)
+        mirror_once(run_dir, uri)
+        assert contents(uri) == first
+        assert artifacts(uri, tmp_path) == {"summary.md": "found", "report.html": words}
+        assert {path: path.read_bytes() for path in run_dir.rglob("*") if path.is_file()} == before
 
 
 def test_labelled_model_is_nowhere_called_by_its_path(run_dir: Path, uri: str) -> None:
@@ -101,26 +96,17 @@ def test_labelled_model_is_nowhere_called_by_its_path(run_dir: Path, uri: str) -
     assert "/srv/models" not in str(contents(uri))
 
 
-def test_long_summary_is_cut_at_a_line() -> None:
-    """Older servers refuse a longer tag; its end says where all of it is."""
-    summary = "".join(f"| row {number} |\n" for number in range(1_000))
-    cut = note(summary)
-    assert len(cut) <= 5_000
-    assert summary.startswith(cut.partition("\n\n…")[0])
-    assert cut.endswith("summary.md, among the artifacts)")
-
-
 def test_deleted_experiment_is_told_once_with_what_restores_it(run_dir: Path, uri: str, tmp_path: Path) -> None:
     """Its number stands in the command; restored, it takes the run."""
     build_run(tmp_path / "another", LINES[:2])
     mirror_once(run_dir, uri)
     client, search, _ = open_store(uri)
     client.delete_experiment(search.info.experiment_id)
-    (failed,) = track(tmp_path, uri, lambda done, total: None).failed
+    _, (failed,) = track(tmp_path, uri, lambda done, total: None)
     assert "MLflow experiment tacevo" in failed
     assert f"mlflow experiments restore --experiment-id {search.info.experiment_id}`" in failed
     client.restore_experiment(search.info.experiment_id)
-    assert track(tmp_path, uri, lambda done, total: None).done == {uri: 2}
+    assert track(tmp_path, uri, lambda done, total: None) == ({uri: 2}, ())
 
 
 @pytest.fixture

@@ -6,11 +6,9 @@ from pathlib import Path
 from threading import Barrier
 
 import pytest
-from mirrored import GENERATION, LINES, SECOND_GENERATION, build_run, build_sweep, everything, mirror_once
+from mirrored import LINES, build_run, build_sweep, everything, mirror_once
 
-from tacevo.costs import Spending
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.tracking.entries import Measure, Totals, total_measures
 
 #: The filter of docs/tracking.md.
 SEARCHES = "tags.`tacevo.sweep` = 'sweep' and tags.`tacevo.arm` LIKE '%'"
@@ -23,32 +21,31 @@ def sweep(tmp_path: Path) -> Path:
     return tmp_path / "sweep"
 
 
-def test_searches_are_nested_under_their_sweep(sweep: Path, uri: str) -> None:
-    """Sweep, search, candidate; the sweep is running, because two of its jobs have not begun."""
-    for name in ("none-seed0", "greedy-seed0"):
-        mirror_once(sweep / name, uri)
-    found = everything(uri)
-    searches = {("sweep", "none-seed0"), ("sweep", "greedy-seed0")}
-    assert {path for path in found if len(path) < 3} == {("sweep",), *searches}
-    assert ("sweep", "none-seed0", "g00s00") in found
-    _, status, params, tags, _, _ = found["sweep",]
-    assert (status, params, tags["tacevo.sweep"]) == ("RUNNING", {"overrides": "experiment=demo"}, "sweep")
+def test_searches_are_nested_under_their_sweep_and_stand_side_by_side(sweep: Path, uri: str) -> None:
+    """Sweep, search, candidate; the sweep is running, because two of its jobs have not begun.
 
-
-def test_searches_of_a_sweep_stand_side_by_side(sweep: Path, uri: str) -> None:
-    """One filter lists them, without their candidates, with arm, seed and final figures."""
+    One filter lists the searches, without their candidates, with arm, seed and final figures.
+    """
     from mlflow import MlflowClient
 
     for name in ("none-seed0", "greedy-seed0"):
         mirror_once(sweep / name, uri)
+    shown = everything(uri)
+    searches = {("sweep", "none-seed0"), ("sweep", "greedy-seed0")}
+    assert {path for path in shown if len(path) < 3} == {("sweep",), *searches}
+    assert ("sweep", "none-seed0", "g00s00") in shown
+    _, status, params, tags, _, _ = shown["sweep",]
+    assert (status, params, tags["tacevo.sweep"]) == ("RUNNING", {"overrides": "experiment=demo"}, "sweep")
     client = MlflowClient(uri)
     experiment = client.get_experiment_by_name("tacevo")
     assert experiment is not None
-    found = client.search_runs([experiment.experiment_id], SEARCHES, order_by=["tags.`tacevo.arm` ASC"])
-    assert [run.data.tags["tacevo.arm"] for run in found] == ["greedy", "none"]
-    assert {run.data.tags["tacevo.seed"] for run in found} == {"0"}
+    beside = client.search_runs([experiment.experiment_id], SEARCHES, order_by=["tags.`tacevo.arm` ASC"])
+    assert [(run.data.tags["tacevo.arm"], run.data.tags["tacevo.seed"]) for run in beside] == [
+        ("greedy", "0"),
+        ("none", "0"),
+    ]
     final = {"best": 0.25, "improvement": 0.0, "coverage": 0.01, "qd_score": 0.8, "trained_candidates": 2.0}
-    assert [{key: run.data.metrics[key] for key in final} for run in found] == [final, final]
+    assert [{key: run.data.metrics[key] for key in final} for run in beside] == [final, final]
 
 
 def test_sweep_ends_with_its_last_job_and_runs_again_with_more(sweep: Path, uri: str) -> None:
@@ -63,7 +60,7 @@ def test_sweep_ends_with_its_last_job_and_runs_again_with_more(sweep: Path, uri:
     mirror_once(sweep / "none-seed0", uri)
     second = everything(uri)
     assert second.pop(("sweep",))[1] == "RUNNING"
-    assert second == {path: found for path, found in first.items() if path != ("sweep",)}
+    assert second == {path: said for path, said in first.items() if path != ("sweep",)}
 
 
 def test_equal_searches_of_two_sweeps_are_two_runs(sweep: Path, tmp_path: Path, uri: str) -> None:
@@ -98,30 +95,3 @@ def test_jobs_that_begin_at_once_share_one_sweep(sweep: Path, uri: str) -> None:
 
     with ThreadPoolExecutor(4) as pool:
         assert len(set(pool.map(join, range(4)))) == 1
-
-
-def test_totals_add_up_what_generations_say() -> None:
-    """Improvement on generation 0, mean trainable share from generation 1 on, evaluations and costs so far."""
-    second = replace(GENERATION, generation=1, candidates=4, trained=1, repaired=2, best=0.125)
-    totals = Totals().after(GENERATION, Spending()).after(second, Spending(answers=1, input_tokens=5, usd=0.5))
-    third = replace(second, generation=2, trained=3, repaired=0)
-    totals = totals.after(third, Spending(answers=2, input_tokens=7, usd=0.25))
-    measures = {measure.key: measure for measure in total_measures(totals, third)}
-    assert {measure.step for measure in measures.values()} == {2}
-    assert {key: measure.value for key, measure in measures.items()} == {
-        "trained_candidates": 8.0,
-        "improvement": 0.5,
-        "trainable_rate": 0.5,
-        "total_answers": 3.0,
-        "total_input_tokens": 12.0,
-        "total_output_tokens": 0.0,
-        "total_usd": 0.75,
-    }
-
-
-def test_totals_leave_out_what_does_not_apply_yet() -> None:
-    """Before anything is trained there is no improvement; generation 0 has no share of trainable answers."""
-    nothing = replace(SECOND_GENERATION, generation=0, candidates=1, best=None)
-    assert total_measures(Totals().after(nothing, Spending()), nothing) == (
-        Measure(key="trained_candidates", value=0.0, step=0),
-    )

@@ -143,7 +143,7 @@ def _sourceless(run: RecordedRun, recorded: Recorded) -> list[str]:
 def _headlines(found: Collection) -> list[str]:
     """Say what was searched and found, as summary.md does; with which data; and what it rests on."""
     run, again = found.run, reestimated(found.run, found.reestimates)
-    told = tell(run.record, run.config, run.ledger.lines, [elite.id for elite in run.elites], run.spent)
+    told = tell(run)
     provider = f"; provider of the model: {run.config.llm.provider}" if run.answered else ""
     trained_again = ""
     if again is not None:

@@ -14,8 +14,9 @@ import fakes
 import numpy as np
 from checkout import LIBRARY, ROOT
 from gate_cases import contract
+from hand_runs import of_lines
 from kept import forces, gratings
-from ledger_lines import header, run_record
+from ledger_lines import header
 from numpy.typing import NDArray
 from portable_printing import digest, digest_of_json, show
 from studies import FOUR, study_of
@@ -151,10 +152,8 @@ def _search() -> None:
     show("ledger", ledger.digest)
     elites = [elite.name for elite in state.networks.archive.elites.values()]
     show("archives", digest_of_json(to_json(archive_files(plan, state))))
-    show(
-        "tables",
-        digest([summarise(run_record(), compose(["task=force"]), [header(), *recorder.lines], elites, {}).encode()]),
-    )
+    run = of_lines(header(), *recorder.lines, elites=dict.fromkeys(elites, 0), config=compose(["task=force"]))
+    show("tables", digest([summarise(run).encode()]))
 
 
 def _study() -> None:

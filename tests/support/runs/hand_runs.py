@@ -14,12 +14,12 @@ from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, Bounds
-from tacevo.evolution.files import EliteEntry, TrialEntry
+from tacevo.evolution.files import EliteEntry, Line, TrialEntry
 from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
 from tacevo.records import DataFacts, Instruction, Kind, Operator, Reason, Stage
 from tacevo.results.run import RecordedRun
 from tacevo.storage.ledger import Sealed
-from tacevo.storage.run_directory import RunDirectory
+from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.typed import convert
 
 FACTS = DataFacts(
@@ -144,6 +144,25 @@ def run(
     )
     bounded = None if bounds is None else bounds_of(*bounds)
     return altered(made, instructions=instructions, bounds=bounded, spent=spent or {}, cpu_seconds={})
+
+
+def of_lines(
+    *lines: Line,
+    elites: Mapping[str, int] | None = None,
+    config: RunConfig | None = None,
+    record: RunRecord | None = None,
+    spent: Mapping[str, Spending] | None = None,
+) -> RecordedRun:
+    """Make a run, finished or not, of the lines of its ledger; elites by their niches."""
+    made = RecordedRun(
+        directory=RunDirectory(Path("run")),
+        record=record or run_record(),
+        config=config or configured(),
+        ledger=Sealed(lines, ("d" * 64,)),
+        elites=tuple(elite(name, niche=niche, fitness=0.0) for name, niche in (elites or {}).items()),
+    )
+    made.__dict__["spent"] = spent or {}
+    return made
 
 
 def altered(run: RecordedRun, **changes: Any) -> RecordedRun:
