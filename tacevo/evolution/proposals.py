@@ -162,11 +162,7 @@ def pool_of_parents(
     ones, so that a candidate leaves when it is the oldest, however fit it is (regularised evolution, Real, Aggarwal,
     Huang and Le 2019, arXiv:1802.01548). Any other: the elites, in the order of their niches.
 
-    Args:
-        policy: of the parents.
-        candidates: every trained candidate by id, in the order of their slots; at least one.
-        elites: the network archive.
-        population: >= 1.
+    The candidates are all that trained, at least one, by id and in the order of their slots.
     """
     match policy:  # only a control looks at all candidates, which takes the longer the more there were
         case ParentPolicy.trained:

@@ -21,12 +21,7 @@ from tacevo.studies.study import Studied, estimate_noise, study
 
 
 def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[Studied], list[str]]:
-    """Study the best elite of each finished job, or resume such studies.
-
-    Args:
-        path: the directory of the sweep.
-        config: of each study; its run is the job's.
-        view: shows the progress.
+    """Study the best elite of each finished job of a sweep in a directory, or resume such studies.
 
     Returns:
         The studies of the finished jobs, in the order of these, at least one; and the names of the unfinished jobs.

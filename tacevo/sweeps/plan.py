@@ -51,12 +51,8 @@ def sweep(
 ) -> tuple[Path, list[Status]]:
     """Run the jobs of a sweep that are not finished.
 
-    Args:
-        overrides: as for a search, with lists of values, and the options of a launcher.
-        into: the sweep's directory; None for one named after what the jobs share.
-        view: shows the progress.
-        run: runs the jobs.
-        asked: what is said of the terms that arms are compared on.
+    The overrides are as for a search, with lists of values, and the options of a launcher. Without `into`, the sweep's
+    directory is named after what the jobs share.
 
     Returns:
         The sweep's directory, and how the jobs that were asked for stand afterwards.
@@ -184,13 +180,12 @@ def plan(
     vary: Sequence[Varied] = (),
     read: Callable[[Sequence[str]], RunConfig] = compose,
 ) -> dict[Job, RunConfig]:
-    """Compose all jobs, each with its configuration; those that are the same search are one.
+    """Compose all jobs from what they share and what is each one's own; those that are the same search are one.
 
-    Args:
-        shared: the overrides of all jobs.
-        owns: those of each job.
-        vary: settings that take each job's seed as their value.
-        read: composes a job.
+    `vary` are settings that take each job's seed as their value.
+
+    Returns:
+        The configuration of each job.
 
     Raises:
         ConfigError: a job cannot be composed, or two would have the same directory; or as `check_varied`.

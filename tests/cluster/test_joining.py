@@ -17,8 +17,7 @@ from refusals import refused
 
 from tacevo.choices import Confinement, Device, Numerics
 from tacevo.cluster import images as files
-from tacevo.cluster.address import check_head
-from tacevo.cluster.connection import import_ray, is_guarded, kept_environment
+from tacevo.cluster.connection import check_head, import_ray, is_guarded, kept_environment
 from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
 from tacevo.cluster.images import Images
 from tacevo.cluster.members import join, works

@@ -1,9 +1,10 @@
 """Promise: work finishes in any order and outcomes come in slot order; equal sources are trained once."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import fakes
@@ -23,17 +24,23 @@ Evaluate = Callable[[str, int], Training | Rejection]
 
 
 class FakeLLM:
-    """Answers each request with its own text, the last one first; stops with an error after so many answers."""
+    """Answers the last request first: by its text, or, where an answer was sent back, by what comes after that one.
 
-    def __init__(self, answers: int = 1000) -> None:
-        self._answers = answers
+    It stops with an error after so many answers, and counts each round.
+    """
+
+    def __init__(self, corrections: Mapping[str, str] = MappingProxyType({}), *, answers: int = 1000) -> None:
+        self._corrections, self._answers = corrections, answers
+        self.rounds: list[int] = []
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer in reverse."""
+        self.rounds.append(len(requests))
         for number, position in enumerate(reversed(range(len(requests)))):
             if number == self._answers:
                 raise TransportError("no network")
-            text = requests[position].messages[0].content
+            turns = [turn.content for turn in requests[position].messages]
+            text = turns[0] if len(turns) == 1 else self._corrections.get(turns[-2], turns[-2])
             yield position, Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
 
 
@@ -127,7 +134,7 @@ def test_equal_sources_are_trained_once_and_keep_one_worker_only() -> None:
 
 def test_what_gate_or_training_rejects_is_a_value() -> None:
     """A refused answer reaches no trainer; a failed training was admitted and is not sent back. Others go on."""
-    llm, calls = Correctable({}), list[str]()
+    llm, calls = FakeLLM(), list[str]()
 
     def evaluate(source: str, seed: int) -> Training | Rejection:
         calls.append(source)
@@ -201,26 +208,10 @@ def test_unreachable_model_passes_through() -> None:
         run(proposals("a", "b", "c"), llm=FakeLLM(answers=1))
 
 
-class Correctable:
-    """Answers the first turn by its text, or what was sent back by the text of the last answer; counts each round."""
-
-    def __init__(self, answers: dict[str, str]) -> None:
-        self._answers = answers
-        self.rounds: list[int] = []
-
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer in reverse."""
-        self.rounds.append(len(requests))
-        for position in reversed(range(len(requests))):
-            turns = [turn.content for turn in requests[position].messages]
-            text = turns[0] if len(turns) == 1 else self._answers[turns[-2]]
-            yield position, Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
-
-
 @pytest.mark.parametrize("workers", [1, 8])
 def test_rejected_answers_are_sent_back_together(workers: int) -> None:
     """One round corrects what it can, the next what is left; what is still bad at the end stays rejected."""
-    llm = Correctable({"bad a": "good a", "bad b": "bad c", "bad c": "good c", "bad d": "bad d"})
+    llm = FakeLLM({"bad a": "good a", "bad b": "bad c", "bad c": "good c"})
     outcomes = run(proposals("fine", "bad a", "bad b", "bad d"), llm=llm, repairs=2, workers=workers)
     assert llm.rounds == [4, 3, 2]
     assert weights(outcomes) == ["baseline", "fine", "good a", "good c"]
