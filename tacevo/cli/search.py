@@ -60,7 +60,7 @@ def _describe_settings() -> str:
 def _search(options: argparse.Namespace) -> int:
     if options.multirun and options.estimate:
         planned = plan_unasked(options.overrides, _asked(options).vary or ())
-        print(describe_estimates([(entry.job.name, entry.config) for entry in planned]))
+        print(describe_estimates([(job.name, config) for job, config in planned.items()]))
         return DONE
     if options.multirun:
         return run_sweep(options)
@@ -119,9 +119,10 @@ def add_multirun(search: argparse.ArgumentParser) -> None:
     )
     search.add_argument(
         "--primary",
+        choices=[metric.value for metric in Primary],
         metavar="METRIC",
         help=f"of a sweep: what arms are compared by first: {', '.join(Primary)} (default: test_score, which `tacevo "
-        "study sweep=DIR` gives; test_mse and test_accuracy name that of a task)",
+        "study sweep=DIR` gives)",
     )
     search.add_argument(
         "--vary",
@@ -141,7 +142,7 @@ def says_terms(options: argparse.Namespace) -> bool:
 def _asked(options: argparse.Namespace) -> Asked:
     """Read what the command line says of the terms of a sweep."""
     return Asked(
-        primary=options.primary,
+        primary=None if options.primary is None else Primary(options.primary),
         reference=options.reference,
         vary=None if options.vary is None else read_varied(options.vary),
         plan=None if options.plan is None else Path(options.plan),
@@ -151,10 +152,10 @@ def _asked(options: argparse.Namespace) -> Asked:
 def run_sweep(options: argparse.Namespace) -> int:
     """Run the jobs of a sweep that are not finished; the status is 1 if one is not finished then."""
     with Progress() as view:
-        swept = sweep(options.overrides, options.into, view, asked=_asked(options))
-    print(describe_jobs(swept.statuses))
-    print(f"\nsweep: {swept.directory}")
-    return DONE if all(status.standing is Standing.finished for status in swept.statuses) else DIFFERENT
+        directory, statuses = sweep(options.overrides, options.into, view, asked=_asked(options))
+    print(describe_jobs(statuses))
+    print(f"\nsweep: {directory}")
+    return DONE if all(status.standing is Standing.finished for status in statuses) else DIFFERENT
 
 
 def add_track(parser: Parser) -> None:

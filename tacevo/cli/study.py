@@ -34,7 +34,7 @@ from tacevo.storage.plan import plan_text
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.given import record_given
-from tacevo.studies.of_sweep import StudiedSweep, estimate_noise_of_sweep, study_sweep
+from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import as_override, counted, listed
 
@@ -187,25 +187,25 @@ def _study(options: argparse.Namespace) -> int:
 
 def _study_sweep(sweep: Path, config: StudyConfig) -> int:
     with Progress() as view:
-        studied = study_sweep(sweep, config, view)
-    return _report_sweep(sweep, studied, "study", "raise seconds= or memory_mib=")
+        studies, unfinished = study_sweep(sweep, config, view)
+    return _report_sweep(sweep, studies, unfinished, "study", "raise seconds= or memory_mib=")
 
 
 def _noise_sweep(sweep: Path, config: NoiseConfig) -> int:
     with Progress() as view:
-        estimated = estimate_noise_of_sweep(sweep, config, view)
-    return _report_sweep(sweep, estimated, "noise run", "lower elites=")
+        noise_runs, unfinished = estimate_noise_of_sweep(sweep, config, view)
+    return _report_sweep(sweep, noise_runs, unfinished, "noise run", "lower elites=")
 
 
-def _report_sweep(sweep: Path, studied: StudiedSweep, what: str, remedy: str) -> int:
+def _report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[str], what: str, remedy: str) -> int:
     statuses = []
-    for one in studied.studies:
+    for one in studies:
         _introduce(one, what)
         statuses.append(_end(one, remedy))
-    for job in studied.unfinished:
+    for job in unfinished:
         print(f"no {what}, for it is not finished: {job}")
     print(f"compare: {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
-    return DIFFERENT if studied.unfinished else max(statuses)
+    return DIFFERENT if unfinished else max(statuses)
 
 
 def _noise(options: argparse.Namespace) -> int:

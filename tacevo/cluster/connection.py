@@ -1,4 +1,4 @@
-"""Ray itself: imported only here and below, connected to or started, and kept quiet."""
+"""Ray itself: looked for, imported only here and below, connected to or started, and kept quiet."""
 
 import contextlib
 import logging
@@ -6,6 +6,7 @@ import os
 import re
 import secrets
 import signal
+import socket
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -37,6 +38,37 @@ _MODE = "RAY_AUTH_MODE"
 _ANSWERS = "start it by `ray start --head`; where it asks for a token, set RAY_AUTH_MODE and RAY_AUTH_TOKEN as there"
 
 _WRITES = "see that TMPDIR, where Ray writes, has room and a short name"
+
+
+_HEAD = re.compile(r"(?P<host>[^\s:/\[\]]+|\[[0-9a-fA-F:]+\]):(?P<port>\d{1,5})")
+
+#: Seconds in which a head must take a connection.
+_WAIT = 10.0
+
+
+def check_head(address: str) -> None:
+    """Check that something listens at the address of a head, for which Ray would wait for minutes.
+
+    `auto` is left to Ray.
+
+    Raises:
+        ConfigError: it is not HOST:PORT, or nothing takes a connection there.
+    """
+    if address == "auto":
+        return
+    place, head = "executor.address", _HEAD.fullmatch(address)
+    if head is None or not 0 < int(head["port"]) < 2**16:
+        expected = "HOST:PORT of a Ray head, as `ray start --head` prints it, or auto"
+        raise ConfigError(address, place=place, expected=expected)
+    try:
+        socket.create_connection((head["host"].strip("[]"), int(head["port"])), timeout=_WAIT).close()
+    except OSError as error:
+        raise ConfigError(
+            f"{address}: {error.strerror or error}",
+            place=place,
+            expected="the address of a Ray head that listens",
+            remedy="start it by `ray start --head`, or leave executor.address out",
+        ) from error
 
 
 def import_ray(address: str | None) -> Any:

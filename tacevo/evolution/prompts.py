@@ -22,19 +22,13 @@ SAMPLING = "Draw a network at random."
 _NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
 
 
-def curiosity(fitness: float | None, *, inserted: bool) -> float:
-    """Score how much a mutation taught: 1 + 1 / (1 + f) where its child entered the network archive, else 0.5.
+#: The curiosity of a mutation whose child did not enter the network archive.
+UNPRODUCTIVE = 0.5
 
-    The child's fitness f is its validation loss, >= 0.
 
-    Raises:
-        ValueError: an inserted child without a fitness.
-    """
-    if not inserted:
-        return 0.5
-    if fitness is None:
-        raise ValueError("an inserted child needs a fitness; got None")
-    return 1.0 + 1.0 / (1.0 + fitness)
+def curiosity(fitness: float, *, inserted: bool) -> float:
+    """Score how much a mutation taught: 1 + 1 / (1 + f) where its child, of loss f, entered the network archive."""
+    return 1.0 + 1.0 / (1.0 + fitness) if inserted else UNPRODUCTIVE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +101,7 @@ def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, pool: Sequence[
         return pool[int(rng.integers(len(pool)))]
     untried = sorted(set(pool) - {trial.prompt for trial in trials})
     choices = [(trial.prompt, trial.curiosity) for trial in trials]
-    choices += [(prompt, curiosity(None, inserted=False)) for prompt in untried]
+    choices += [(prompt, UNPRODUCTIVE) for prompt in untried]
     return choices[draw_weighted([weight for _, weight in choices], rng)][0]
 
 

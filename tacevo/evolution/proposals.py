@@ -143,7 +143,8 @@ def plan_generation(
     numbers = range(settings.candidates)
     slots = [_Slot(generation=generation, number=number, temperature=temperature, prompts=pool) for number in numbers]
     if settings.parents is ParentPolicy.none:
-        return tuple(_sample(task, settings, slot) for slot in slots)
+        text = sample_text(task.baseline)
+        return tuple(_asking(task, settings, slot, operator=Operator.sample, parents=(), text=text) for slot in slots)
     return tuple(
         _mutation(task, settings, slot, parents, prompts)
         if len(parents) < 2 or _mutates(settings, slot)
@@ -161,11 +162,7 @@ def pool_of_parents(
     ones, so that a candidate leaves when it is the oldest, however fit it is (regularised evolution, Real, Aggarwal,
     Huang and Le 2019, arXiv:1802.01548). Any other: the elites, in the order of their niches.
 
-    Args:
-        policy: of the parents.
-        candidates: every trained candidate by id, in the order of their slots; at least one.
-        elites: the network archive.
-        population: >= 1.
+    The candidates are all that trained, at least one, by id and in the order of their slots.
     """
     match policy:  # only a control looks at all candidates, which takes the longer the more there were
         case ParentPolicy.trained:
@@ -294,42 +291,17 @@ def _mutates(settings: Settings, slot: _Slot) -> bool:
 def _mutation(
     task: Task, settings: Settings, slot: _Slot, elites: Sequence[Candidate], prompts: PromptArchive
 ) -> Proposal:
-    (parent,) = _parents_of(settings, slot, elites, 1)
+    (parent,) = parents = _parents_of(settings, slot, elites, 1)
     rng = stream(settings.seed, "prompt", slot.generation, slot.number)
     prompt = draw_prompt(settings.prompts, prompts, pool=slot.prompts, rng=rng)
     text = mutation_text(parent.source, task.instructions[prompt].text)
-    return Proposal(
-        generation=slot.generation,
-        slot=slot.number,
-        operator=Operator.mutation,
-        parents=(parent.id,),
-        prompt=prompt,
-        request=_request(task, settings, slot, text),
-    )
+    return _asking(task, settings, slot, operator=Operator.mutation, parents=parents, text=text, prompt=prompt)
 
 
 def _crossover(task: Task, settings: Settings, slot: _Slot, elites: Sequence[Candidate]) -> Proposal:
-    first, second = _parents_of(settings, slot, elites, 2)
+    first, second = parents = _parents_of(settings, slot, elites, 2)
     text = crossover_text(first.source, second.source, task.crossover)
-    return Proposal(
-        generation=slot.generation,
-        slot=slot.number,
-        operator=Operator.crossover,
-        parents=(first.id, second.id),
-        prompt=None,
-        request=_request(task, settings, slot, text),
-    )
-
-
-def _sample(task: Task, settings: Settings, slot: _Slot) -> Proposal:
-    return Proposal(
-        generation=slot.generation,
-        slot=slot.number,
-        operator=Operator.sample,
-        parents=(),
-        prompt=None,
-        request=_request(task, settings, slot, sample_text(task.baseline)),
-    )
+    return _asking(task, settings, slot, operator=Operator.crossover, parents=parents, text=text)
 
 
 def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Candidate], number: int) -> tuple[Candidate, ...]:
@@ -339,15 +311,24 @@ def _parents_of(settings: Settings, slot: _Slot, elites: Sequence[Candidate], nu
     )
 
 
-def _request(task: Task, settings: Settings, slot: _Slot, text: str) -> Request:
-    """Write a request at T = clip(T_g + eps, 0, 1); its draw number belongs to its slot alone.
+def _asking(
+    task: Task,
+    settings: Settings,
+    slot: _Slot,
+    *,
+    operator: Operator,
+    parents: Sequence[Candidate],
+    text: str,
+    prompt: int | None = None,
+) -> Proposal:
+    """Propose to ask a model, at T = clip(T_g + eps, 0, 1); the draw number belongs to the slot alone.
 
     So two slots that ask the same question get two answers, while two arms of an ablation that ask it in the
     same slot under the same seed share one.
     """
     where, joined = (slot.generation, slot.number), settings.system is SystemTurn.user
     noise = stream(settings.seed, "temperature", *where).uniform(-settings.jitter, settings.jitter)
-    return Request(
+    request = Request(
         model=settings.model,
         system="" if joined else task.system,
         messages=(Message(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
@@ -355,4 +336,12 @@ def _request(task: Task, settings: Settings, slot: _Slot, text: str) -> Request:
         max_tokens=settings.max_tokens,
         draw=derived_seed(settings.seed, "draw", *where) % 2**31,
         settings=settings.llm,
+    )
+    return Proposal(
+        generation=slot.generation,
+        slot=slot.number,
+        operator=operator,
+        parents=tuple(parent.id for parent in parents),
+        prompt=prompt,
+        request=request,
     )

@@ -94,17 +94,11 @@ def fitness_by_id(lines: Sequence[object]) -> dict[str, float]:
 def plan_reevaluations(
     elites: Sequence[Candidate], estimates: Estimates, settings: Settings, *, generation: int, number: int, seeds: int
 ) -> tuple[Reevaluation, ...]:
-    """Plan which elites are trained again: those with the fewest trainings, by draw among equals.
+    """Plan which elites are trained again, `number` of them at most, each with so many further seeds.
 
-    They take the last slots of the generation, so that the others draw what they would draw without them.
-
-    Args:
-        elites: in the order of their niches; all of their sources are known.
-        estimates: of the sources.
-        settings: with the search's seed, and the slots of a generation.
-        generation: g >= 1.
-        number: of elites to train again, if there are so many.
-        seeds: of each re-evaluation.
+    Those with the fewest trainings come first, by draw among equals; all sources of the elites, which are in the order
+    of their niches, have estimates. They take the last slots of generation g >= 1, so that the others draw what they
+    would draw without them.
     """
     if number == 0:
         return ()

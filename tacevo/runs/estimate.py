@@ -14,10 +14,10 @@ from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import TacevoError
-from tacevo.evolution.prompts import crossover_text
-from tacevo.evolution.proposals import Settings, plan_initial
-from tacevo.llm.prices import PriceTable, likely_tokens
-from tacevo.records import Completion, DataFacts, Delivery, Message, Mode, Request, Task, to_json
+from tacevo.evolution.prompts import crossover_text, mutation_text
+from tacevo.evolution.proposals import plan_initial
+from tacevo.llm.prices import likely_tokens
+from tacevo.records import Completion, DataFacts, Delivery, Mode, Task, to_json
 from tacevo.runs.datasets import source_of
 from tacevo.runs.pace import Measure, Pace, growth, measure, training_images, trainings
 from tacevo.runs.providers import prices_of
@@ -26,14 +26,6 @@ from tacevo.storage.canonical import content_hash
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import counted, table
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tokens:
-    """Input and output tokens of some requests; expected values, so not integers."""
-
-    input: float
-    output: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +38,9 @@ class Estimate:
     recorded: int
     #: How many completions of this model the store has; they give the likely length of an answer.
     samples: int
-    likely: Tokens
+    #: Expected values, so not integers.
+    input_tokens: float
+    output_tokens: float
 
 
 def estimate(config: RunConfig) -> Estimate:
@@ -63,20 +57,26 @@ def estimate(config: RunConfig) -> Estimate:
     settings = build_settings(config)
     store = Store(Path(config.store.root), "completions", Mode.record)
     search = config.search
-    first = _first_requests(task, settings, search.initial, config.temperature.start)
+    planned = plan_initial(task, settings, mutations=search.initial, temperature=config.temperature.start)
+    first = [proposal.request for proposal in planned if proposal.request is not None]
     recorded = sum(store.read(to_json(request)) is not None for request in first)
     later = search.generations * search.candidates
     crossed = later * (1.0 - config.proposals.mutation_probability)
-    mutation, crossover = _typical(task, settings, config.temperature.start)
+    mutation, crossover = _likely_inputs(task)
     asked = search.initial - recorded + later
     known = (answer for answer in _answers(Path(config.store.root), config.llm.name) if answer.tokens is not None)
     spent = spending_on(known)
-    inputs = (asked - crossed) * _likely_input(mutation) + crossed * _likely_input(crossover)
-    likely = Tokens(input=inputs, output=float(asked * likely_tokens(task.baseline)))
+    inputs = (asked - crossed) * mutation + crossed * crossover
+    outputs = float(asked * likely_tokens(task.baseline))
     if spent.answers:
-        means = (asked * tokens / spent.answers for tokens in (spent.input_tokens, spent.output_tokens))
-        likely = Tokens(input=next(means), output=next(means))
-    return Estimate(requests=search.initial + later, recorded=recorded, samples=spent.answers, likely=likely)
+        inputs, outputs = (asked * tokens / spent.answers for tokens in (spent.input_tokens, spent.output_tokens))
+    return Estimate(
+        requests=search.initial + later,
+        recorded=recorded,
+        samples=spent.answers,
+        input_tokens=inputs,
+        output_tokens=outputs,
+    )
 
 
 def _facts(config: RunConfig) -> DataFacts:
@@ -87,25 +87,25 @@ def _facts(config: RunConfig) -> DataFacts:
 
 def describe_estimate(config: RunConfig, measure: Measure = measure) -> str:
     """Write an estimate down: requests, tokens, the cost by model and delivery, and the hours by a measured pace."""
-    found = estimate(config)
-    prices = prices_of(config.llm)
+    estimated = estimate(config)
+    delivered = deliveries(config.llm.provider)
     basis = "networks are as long as the baseline, and a token has four characters"
-    if found.samples:
-        basis = f"answers are like the mean of the {found.samples} recorded ones of this model"
+    if estimated.samples:
+        basis = f"answers are like the mean of the {estimated.samples} recorded ones of this model"
     repairs = ", and no answer is sent back for repair" if config.proposals.repair_attempts else ""
     ends = ", and search.training_flops does not end the search early" if config.search.training_flops else ""
-    header = ["input tokens", "output tokens", *(f"USD {each.value}" for each in deliveries(config.llm.provider))]
-    likely = found.likely
-    row = [f"{likely.input:,.0f}", f"{likely.output:,.0f}", *_costs(config, prices, likely)]
+    header = ["input tokens", "output tokens", *(f"USD {each.value}" for each in delivered)]
+    counts = [f"{tokens:,.0f}" for tokens in (estimated.input_tokens, estimated.output_tokens)]
+    row = [*counts, *map(_dollars, _costs(config, estimated, delivered))]
     return "\n".join(
         [
-            f"{found.requests} requests to {config.llm.model}; the answers to {found.recorded} of generation 0 are "
-            "recorded already.",
+            f"{estimated.requests} requests to {config.llm.model}; the answers to {estimated.recorded} of generation 0 "
+            "are recorded already.",
             f"No request was sent. The table assumes that {basis}{repairs}{ends}.",
             "",
             table(header, [row]),
             "",
-            *_remarks(config, prices),
+            *_remarks(config),
             "",
             *_time(config, measure),
         ]
@@ -138,13 +138,16 @@ def describe_estimates(jobs: Sequence[tuple[str, RunConfig]], measure: Measure =
 
 def _figures(config: RunConfig, delivered: Sequence[Delivery], seconds: float | None) -> list[float | None]:
     """Return the figures of a job's row; None where one is not known."""
-    found, prices = estimate(config), prices_of(config.llm)
-    known = {each: prices.price(config.llm.name, each) for each in deliveries(config.llm.provider)}
-    usd = [
-        None if (price := known.get(each)) is None else price.cost(found.likely.input, found.likely.output)
-        for each in delivered
-    ]
-    return [found.requests, found.recorded, found.likely.input, found.likely.output, *usd, seconds]
+    estimated = estimate(config)
+    usd = _costs(config, estimated, delivered)
+    return [estimated.requests, estimated.recorded, estimated.input_tokens, estimated.output_tokens, *usd, seconds]
+
+
+def _costs(config: RunConfig, estimated: Estimate, delivered: Sequence[Delivery]) -> list[float | None]:
+    """Price the tokens for each delivery; None where the provider has none such, or its price is not known."""
+    table, offered = prices_of(config.llm), deliveries(config.llm.provider)
+    prices = [table.price(config.llm.name, each) if each in offered else None for each in delivered]
+    return [None if price is None else price.cost(estimated.input_tokens, estimated.output_tokens) for price in prices]
 
 
 def _seconds(config: RunConfig, measure: Measure, paces: dict[str, Pace | None]) -> float | None:
@@ -165,8 +168,11 @@ def _cells(row: Sequence[float | None]) -> list[str]:
     """Write such figures down."""
     *tokens, last = row
     counts = [f"{value:,.0f}" for value in tokens[:4] if value is not None]
-    usd = ["unknown" if value is None else dollars(value) for value in tokens[4:]]
-    return [*counts, *usd, "unknown" if last is None else _hours(last)]
+    return [*counts, *map(_dollars, tokens[4:]), "unknown" if last is None else _hours(last)]
+
+
+def _dollars(amount: float | None) -> str:
+    return "unknown" if amount is None else dollars(amount)
 
 
 def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
@@ -197,40 +203,27 @@ def _hours(seconds: float) -> str:
     return f"about {hours:.2g}" if hours < 10 else f"about {hours:,.0f}"
 
 
-def _first_requests(task: Task, settings: Settings, mutations: int, temperature: float) -> list[Request]:
-    proposals = plan_initial(task, settings, mutations=mutations, temperature=temperature)
-    return [proposal.request for proposal in proposals if proposal.request is not None]
-
-
-def _typical(task: Task, settings: Settings, temperature: float) -> tuple[Request, Request]:
-    """Write a mutation with the longest instruction, and a crossover, both of the baseline."""
-    longest = max(task.instructions, key=lambda instruction: len(instruction.text))
-    (mutation,) = _first_requests(replace(task, instructions=(longest,)), settings, 1, temperature)
-    text = crossover_text(task.baseline, task.baseline, task.crossover)
-    return mutation, replace(mutation, messages=(Message(role="user", content=text),))
-
-
-def _likely_input(request: Request) -> int:
-    return likely_tokens(request.system) + sum(likely_tokens(turn.content) for turn in request.messages)
+def _likely_inputs(task: Task) -> tuple[int, int]:
+    """Return the likely tokens of a mutation with the longest instruction, and of a crossover, both of the baseline."""
+    longest = max((instruction.text for instruction in task.instructions), key=len)
+    texts = mutation_text(task.baseline, longest), crossover_text(task.baseline, task.baseline, task.crossover)
+    system = likely_tokens(task.system)
+    mutation, crossover = (system + likely_tokens(text) for text in texts)
+    return mutation, crossover
 
 
 def _answers(root: Path, model: str) -> Iterator[Completion]:
     """Read the recorded answers to requests of a model, one after the other: a store may be larger than the memory."""
-    for file in scan(root, ("completions",)):
-        if file.problem is not None:
-            raise file.problem
-        if file.model == model and file.completion is not None:
-            yield file.completion
+    for entry in scan(root, ("completions",)):
+        if entry.problem is not None:
+            raise entry.problem
+        if entry.model == model and entry.completion is not None:
+            yield entry.completion
 
 
-def _costs(config: RunConfig, prices: PriceTable, tokens: Tokens) -> list[str]:
-    """Price tokens for each delivery that the provider has."""
-    found = [prices.price(config.llm.name, delivery) for delivery in deliveries(config.llm.provider)]
-    return ["unknown" if price is None else dollars(price.cost(tokens.input, tokens.output)) for price in found]
-
-
-def _remarks(config: RunConfig, prices: PriceTable) -> Sequence[str]:
+def _remarks(config: RunConfig) -> Sequence[str]:
     """Return the date of the prices, the delivery and budget of this run, and when the model is retired."""
+    prices = prices_of(config.llm)
     price = prices.price(config.llm.name, Delivery.direct)
     known = f"prices of {price.dated}" if price is not None else f"{config.llm.prices} lacks the price of this model"
     if config.llm.model == UNCHOSEN:

@@ -179,8 +179,6 @@ def _begin(directory: RunDirectory, config: RunConfig, task: Task, facts: DataFa
     if (directory.path / "run.json").exists():
         run = directory.read_run()
         if (run.task, run.data) == (task, facts):
-            if run.trivial != trivial:  # begun by an earlier release
-                directory.write_run(replace(run, trivial=trivial))
             return
     directory.write_run(
         RunRecord(

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import NoReturn, Self
 
 from tacevo.choices import ArchiveKind, BoundsRule, Device, ExecutorKind
-from tacevo.cluster.address import check_head
 from tacevo.cluster.cluster import Cluster, Notice
-from tacevo.cluster.connection import import_ray
+from tacevo.cluster.connection import check_head, import_ray
 from tacevo.cluster.facts import Order
 from tacevo.cluster.images import describe
 from tacevo.config.schema import ArchiveConfig, RunConfig

@@ -39,11 +39,7 @@ def networks_of(
 
 
 def given_networks(candidates: Sequence[CandidateLine], names: Sequence[str]) -> tuple[Network, ...]:
-    """Return the baseline and all given networks, by their names and in their order.
-
-    Args:
-        candidates: lines of a finished run, the baseline's first, and then those of the given networks.
-        names: of the given networks, at least one.
+    """Return the baseline and all given networks, by their names; lines and names are in the order of the networks.
 
     Raises:
         RunError: one of them was not trained.

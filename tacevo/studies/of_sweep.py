@@ -8,7 +8,7 @@ of them, seeds, epochs and what `best` means, is written into sweep.json before 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -20,23 +20,11 @@ from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, nami
 from tacevo.studies.study import Studied, estimate_noise, study
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StudiedSweep:
-    """The studies of a sweep's jobs."""
+def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[Studied], list[str]]:
+    """Study the best elite of each finished job of a sweep in a directory, or resume such studies.
 
-    #: Or noise runs. One for each finished job, in the order of the jobs; at least one.
-    studies: tuple[Studied, ...]
-    #: Names of the jobs that are not finished, and have none.
-    unfinished: tuple[str, ...]
-
-
-def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep:
-    """Study the best elite of each finished job, or resume such studies.
-
-    Args:
-        path: the directory of the sweep.
-        config: of each study; its run is the job's.
-        view: shows the progress.
+    Returns:
+        The studies of the finished jobs, in the order of these, at least one; and the names of the unfinished jobs.
 
     Raises:
         TacevoError: see its subclasses, with the job named; the trainings that ended are kept.
@@ -51,8 +39,8 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> StudiedSweep
     return _each(directory, finished, lambda run: study(replace(config, run=run, sweep=None), view), view)
 
 
-def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> StudiedSweep:
-    """Train the elites of each finished job again, or resume such noise runs; arguments and errors as `study_sweep`."""
+def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> tuple[list[Studied], list[str]]:
+    """Train the elites of each finished job again, or resume such noise runs; as `study_sweep`."""
     directory = SweepDirectory(path)
     finished = _finished(directory, directory.read().jobs)
     return _each(directory, finished, lambda run: estimate_noise(replace(config, run=run, sweep=None), view), view)
@@ -69,7 +57,7 @@ def _finished(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
 
 def _each(
     directory: SweepDirectory, finished: Sequence[Job], train: Callable[[str], Studied], view: Progress
-) -> StudiedSweep:
+) -> tuple[list[Studied], list[str]]:
     """Do the same for the run of each job, one after another; an error names the job."""
     studies = []
     for number, job in enumerate(finished, start=1):
@@ -78,7 +66,7 @@ def _each(
             studies.append(train(str(directory.run(job).path)))
         view.advance("jobs", number, len(finished))
     jobs = directory.read().jobs  # with those that were added meanwhile
-    return StudiedSweep(studies=tuple(studies), unfinished=tuple(job.name for job in jobs if job not in finished))
+    return studies, [job.name for job in jobs if job not in finished]
 
 
 def _state(directory: SweepDirectory, retraining: Retraining) -> None:
@@ -91,20 +79,16 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
     with directory.locked():
         sweep = directory.read()  # as it is now that nobody else can write
         stated = sweep.terms.retraining
+        expected = remedy = ""
         if stated is not None and _is_tested(directory, sweep.jobs, stated):
-            raise RunError(
-                _settings(retraining),
-                place=f"{directory.path}/sweep.json, terms.retraining",
-                expected=f"{_settings(stated)}, as stated before its jobs were tested",
-                remedy="set these values; `tacevo study run=` studies single jobs under others",
-            )
-        if _is_tested(directory, sweep.jobs, retraining):
-            raise RunError(
-                _settings(retraining),
-                place=f"{directory.path}/sweep.json, terms.retraining",
-                expected="settings under which no job was tested before they are stated",
-                remedy="give other seeds= or epochs=; a study by hand stays, and is not what its sweep compares",
-            )
+            expected = f"{_settings(stated)}, as stated before its jobs were tested"
+            remedy = "set these values; `tacevo study run=` studies single jobs under others"
+        elif _is_tested(directory, sweep.jobs, retraining):
+            expected = "settings under which no job was tested before they are stated"
+            remedy = "give other seeds= or epochs=; a study by hand stays, and is not what its sweep compares"
+        if expected:
+            place = f"{directory.path}/sweep.json, terms.retraining"
+            raise RunError(_settings(retraining), place=place, expected=expected, remedy=remedy)
         directory.write(replace(sweep, terms=replace(sweep.terms, retraining=retraining)))
 
 

@@ -84,12 +84,9 @@ class _Plan:
 
 
 def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Studied:
-    """Study a finished run, or resume a study that was begun under the same configuration.
+    """Study a finished run, or resume a study that was begun under the same configuration, which names the run.
 
-    Args:
-        config: of the study; it names the run.
-        view: shows how far the study is.
-        data: settings of other data than the run's to study its networks on, such as `data.split_seed=7`.
+    `data` are settings of other data than the run's to study its networks on, such as `data.split_seed=7`.
 
     Raises:
         TacevoError: see its subclasses; the trainings that ended are kept.
@@ -101,6 +98,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         from tacevo.config.compose import compose_data  # imports Hydra, which a replay does not need
 
         elsewhere = compose_data(run.config, data).data
+    margins, is_regression = config.margins, run.record.data.kind is Kind.regression
     by_noise = config.choose is ChosenBy.reestimated and not run.record.task.given
     plan = _plan(
         run,
@@ -108,7 +106,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         seeds=config.seeds,
         epochs=config.epochs,
         limits=Limits(seconds=config.seconds, memory_mib=config.memory_mib),
-        terms=_stated(config, run.record.data.kind),
+        terms=Terms(alpha=config.alpha, margin=margins.regression if is_regression else margins.classification),
         chosen_by=noise_digest(run) if by_noise else "",
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
@@ -233,12 +231,6 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
         digest = scores.compare(plan.header, _rows(plan, evaluator, verdicts))
     if digest != recorded.digest:
         raise DivergenceError(str(recorded.digest), place=f"{place}, digest", expected=digest)
-
-
-def _stated(config: StudyConfig, kind: Kind) -> Terms:
-    """Return the terms that a configuration states for a kind of task."""
-    chosen = config.margins.regression if kind is Kind.regression else config.margins.classification
-    return Terms(alpha=config.alpha, margin=chosen)
 
 
 def _evaluator(

@@ -1,4 +1,4 @@
-"""Run the jobs of a sweep: on this machine as processes (`searches`), on a cluster by submitit (`slurm`).
+"""Run the jobs of a sweep: on this machine as processes (`searches`), on Slurm by submitit (`slurm`).
 
 Promises: on this machine a job ends with the process that launched it, however that ends; asked to stop, all jobs end
 as by Ctrl-C, and keep what they have.
@@ -25,11 +25,11 @@ from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.searches import keep_ending, start, stop
 from tacevo.text import first_line
 
+#: What `hydra/launcher=` may name.
+SLURM = "submitit_slurm"
+
 #: How the overrides of the launcher begin.
 _LAUNCHER, _OPTION = "hydra/launcher=", "hydra.launcher."
-
-#: What `hydra/launcher=` may name.
-_CLUSTERS = ("submitit_slurm", "submitit_local")
 
 #: The part of a core that a search takes whose candidates are computed elsewhere.
 _DRIVER = 0.25
@@ -42,7 +42,7 @@ _TICK = 0.5
 class Launcher:
     """Where the jobs run, and how."""
 
-    #: One of `_CLUSTERS`; empty for this machine.
+    #: `SLURM`; empty for this machine.
     cluster: str = ""
     #: By name, as `n_jobs`.
     options: Mapping[str, Json]
@@ -55,11 +55,11 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
         ConfigError: there are two launchers, or one that is not known.
     """
     launchers = [override.removeprefix(_LAUNCHER) for override in overrides if override.startswith(_LAUNCHER)]
-    if launchers and (len(launchers) > 1 or launchers[0] not in _CLUSTERS):
+    if launchers not in ([], [SLURM]):
         raise ConfigError(
             " and ".join(launchers),
             place="hydra/launcher",
-            expected=f"one of {', '.join(_CLUSTERS)}",
+            expected=SLURM,
             remedy="leave it out to run the jobs on this machine",
         )
     own = [override.removeprefix(_OPTION).partition("=") for override in overrides if override.startswith(_OPTION)]
@@ -116,9 +116,9 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, s
     """
     directory.launch.mkdir(parents=True, exist_ok=True)
     if launcher.cluster:
-        from tacevo.sweeps.slurm import launch_on_cluster
+        from tacevo.sweeps.slurm import launch_on_slurm
 
-        launch_on_cluster(directory, jobs, launcher.cluster, launcher.options, show)
+        launch_on_slurm(directory, jobs, launcher.options, show)
     else:
         _launch_here(directory, jobs, launcher, show)
 
@@ -158,7 +158,7 @@ def _check_cluster(launcher: Launcher) -> None:
         from tacevo.sweeps.slurm import executor_of
 
         with tempfile.TemporaryDirectory() as directory:
-            executor_of(launcher.cluster, launcher.options, Path(directory))
+            executor_of(launcher.options, Path(directory))
     except Exception as error:  # submitit has a class of its own for each mistake
         raise ConfigError(
             first_line(error),

@@ -11,7 +11,6 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.choices import Varied
@@ -47,34 +46,16 @@ _NOTHING = Asked()
 Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[Job], None]], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Planned:
-    """A job that was asked for, and its configuration."""
-
-    job: Job
-    config: RunConfig
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Swept:
-    """A sweep, as it stands after a command."""
-
-    directory: Path
-    #: Of the jobs that this command asked for.
-    statuses: tuple[Status, ...]
-
-
 def sweep(
     overrides: Sequence[str], into: str | None, view: Progress, run: Launch = launch, asked: Asked = _NOTHING
-) -> Swept:
+) -> tuple[Path, list[Status]]:
     """Run the jobs of a sweep that are not finished.
 
-    Args:
-        overrides: as for a search, with lists of values, and the options of a launcher.
-        into: the sweep's directory; None for one named after what the jobs share.
-        view: shows the progress.
-        run: runs the jobs.
-        asked: what is said of the terms that arms are compared on.
+    The overrides are as for a search, with lists of values, and the options of a launcher. Without `into`, the sweep's
+    directory is named after what the jobs share.
+
+    Returns:
+        The sweep's directory, and how the jobs that were asked for stand afterwards.
 
     Raises:
         TacevoError: see its subclasses; a mistake in any job is raised before one runs.
@@ -83,22 +64,21 @@ def sweep(
     launcher, settings = split_launcher(overrides)
     check_launcher(launcher)
     shared, own = part(settings, () if into is None else _own_keys(SweepDirectory(Path(into))))
-    first = plan(shared, own[:1])[0].config
+    (first,) = plan(shared, own[:1]).values()
     directory = SweepDirectory(folder(shared, first) if into is None else Path(into))
     terms = settled(directory, asked, first.task)
     planned = plan(shared, own, terms.vary)
-    for entry in planned:
-        check_temperature(entry.job.overrides, entry.config)
-        needed_llm(entry.config)
+    for job, config in planned.items():
+        check_temperature(job.overrides, config)
+        needed_llm(config)
     if len(planned) < len(own):
         view.say(f"{len(own) - len(planned)} of {len(own)} jobs are the same searches as others, and run once")
-    jobs = [entry.job for entry in planned]
     with directory.locked():
         before = directory.read().jobs if directory.is_one else ()
-        _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in jobs])
+        _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in planned])
         known = {job.config: job for job in before}
-        jobs = [known.get(job.config, job) for job in jobs]  # by what they are, whatever they were called
-        statuses = [_check_begun(directory, job, entry.config) for job, entry in zip(jobs, planned, strict=True)]
+        jobs = [known.get(job.config, job) for job in planned]  # by what they are, whatever they were called
+        statuses = [_check_begun(directory, *each) for each in zip(jobs, planned.values(), strict=True)]
         for status in statuses:
             if status.standing is Standing.finished:
                 directory.succeed(status.job)  # it may have been finished by `tacevo search`
@@ -110,24 +90,25 @@ def sweep(
                 view.say("no arm is called none, so nothing is tested against it: --reference ARM names another")
         directory.write(SweepRecord(overrides=shared, jobs=every, terms=terms))
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
-        _run(directory, statuses, planned, launcher=launcher, view=view, run=run)
-        return Swept(directory=directory.path, statuses=tuple(status_of(directory, job) for job in jobs))
+        needed = max(needed_cores(config.executor) for config in planned.values())
+        _run(directory, statuses, needed, launcher=launcher, view=view, run=run)
+        return directory.path, [status_of(directory, job) for job in jobs]
 
 
 def _run(
     directory: SweepDirectory,
     statuses: Sequence[Status],
-    planned: Sequence[Planned],
+    needed: float,
     *,
     launcher: Launcher,
     view: Progress,
     run: Launch,
 ) -> None:
-    """Run the jobs that are neither finished nor running."""
+    """Run the jobs that are neither finished nor running, each of which needs up to so many cores."""
     left = [status.job for status in statuses if status.standing not in {Standing.finished, Standing.running}]
     if not left:
         return
-    needed, cores = max(needed_cores(entry.config.executor) for entry in planned), usable_cores()
+    cores = usable_cores()
     chosen = fitted(launcher, jobs=len(left), needed=needed, cores=cores)
     options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
     view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")
@@ -183,7 +164,7 @@ def _own_keys(directory: SweepDirectory) -> frozenset[str]:
     return frozenset(override.partition("=")[0] for job in jobs for override in job.overrides)
 
 
-def plan_unasked(overrides: Sequence[str], vary: Sequence[Varied]) -> tuple[Planned, ...]:
+def plan_unasked(overrides: Sequence[str], vary: Sequence[Varied]) -> dict[Job, RunConfig]:
     """Compose the jobs that a sweep would have, for its estimate: nothing is begun, and no model need be chosen.
 
     Raises:
@@ -198,19 +179,19 @@ def plan(
     owns: Sequence[tuple[str, ...]],
     vary: Sequence[Varied] = (),
     read: Callable[[Sequence[str]], RunConfig] = compose,
-) -> tuple[Planned, ...]:
-    """Compose all jobs; those that are the same search are one.
+) -> dict[Job, RunConfig]:
+    """Compose all jobs from what they share and what is each one's own; those that are the same search are one.
 
-    Args:
-        shared: the overrides of all jobs.
-        owns: those of each job.
-        vary: settings that take each job's seed as their value.
-        read: composes a job.
+    `vary` are settings that take each job's seed as their value.
+
+    Returns:
+        The configuration of each job.
 
     Raises:
         ConfigError: a job cannot be composed, or two would have the same directory; or as `check_varied`.
     """
-    planned: dict[str, Planned] = {}
+    planned: dict[Job, RunConfig] = {}
+    known = set[str]()
     for own in owns:
         try:
             config = read([*shared, *own])
@@ -222,14 +203,16 @@ def plan(
             raise
         arm = name_arm(own)
         job = Job(name=name_job(own, config.seed), arm=arm, seed=config.seed, overrides=own, config=config_hash(config))
-        planned.setdefault(job.config, Planned(job=job, config=config))
+        if job.config not in known:
+            known.add(job.config)
+            planned[job] = config
     names: dict[str, Job] = {}
-    for entry in planned.values():
-        other = names.setdefault(entry.job.name, entry.job)
-        if other is not entry.job:
-            twins = " and ".join(" ".join(job.overrides) for job in (other, entry.job))
-            raise ConfigError(f"{entry.job.name} for {twins}", place="jobs", expected="a directory name for each job")
-    return tuple(planned.values())
+    for job in planned:
+        other = names.setdefault(job.name, job)
+        if other is not job:
+            twins = " and ".join(" ".join(one.overrides) for one in (other, job))
+            raise ConfigError(f"{job.name} for {twins}", place="jobs", expected="a directory name for each job")
+    return planned
 
 
 def name_job(own: Sequence[str], seed: int) -> str:

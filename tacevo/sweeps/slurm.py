@@ -1,4 +1,4 @@
-"""The jobs of a sweep on a cluster, by submitit; imported only where a cluster was chosen, because it is an extra.
+"""The jobs of a sweep on Slurm, by submitit; imported only where Slurm was chosen, because it is an extra.
 
 Promises: a job that is requeued continues where it stopped; asked to stop, all jobs are cancelled, queued and running;
 a job is waited for until Slurm itself has done with it, with or without Slurm's accounting; no password or key of this
@@ -11,14 +11,11 @@ import os
 import subprocess
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import submitit
 from submitit.core.utils import UncompletedJobError
 from submitit.helpers import Checkpointable
-from submitit.local import local
 
 from tacevo.errors import RunError
 from tacevo.records import Json
@@ -27,9 +24,6 @@ from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.searches import GRACE, keep_ending, start, stop
 from tacevo.sweeps.status import Standing, status_of
 from tacevo.text import first_line
-
-#: Executors of submitit, by what `hydra/launcher=` calls them.
-_EXECUTORS = {"submitit_slurm": "slurm", "submitit_local": "local"}
 
 #: Parameters that all executors of submitit share; any other one belongs to its executor.
 _SHARED = frozenset(
@@ -81,8 +75,8 @@ class SearchJob(Checkpointable):
             stop([search])
 
 
-def executor_of(cluster: str, options: Mapping[str, Json], directory: Path) -> submitit.AutoExecutor:
-    """Return the executor of a cluster, with its parameters.
+def executor_of(options: Mapping[str, Json], directory: Path) -> submitit.AutoExecutor:
+    """Return submitit's executor, with its parameters.
 
     Raises:
         Exception: of a class of submitit's for each mistake.
@@ -90,34 +84,26 @@ def executor_of(cluster: str, options: Mapping[str, Json], directory: Path) -> s
     resumed = options.get(_RESUMED, 0)
     if type(resumed) is not int or resumed < 0:
         raise ValueError(f"{_RESUMED}={resumed} is not an integer of at least 0")
-    executor = _EXECUTORS[cluster]
-    own = {key if key in _SHARED else f"{executor}_{key}": value for key, value in options.items() if key != _RESUMED}
-    found = submitit.AutoExecutor(directory, cluster=executor, **{f"{executor}_{_RESUMED}": resumed})
-    found.update_parameters(**own)
-    return found
+    own = {key if key in _SHARED else f"slurm_{key}": value for key, value in options.items() if key != _RESUMED}
+    executor = submitit.AutoExecutor(directory, cluster="slurm", slurm_max_num_timeout=resumed)
+    executor.update_parameters(**own)
+    return executor
 
 
-def launch_on_cluster(
-    directory: SweepDirectory,
-    jobs: Sequence[Job],
-    cluster: str,
-    options: Mapping[str, Json],
-    show: Callable[[Job], None],
+def launch_on_slurm(
+    directory: SweepDirectory, jobs: Sequence[Job], options: Mapping[str, Json], show: Callable[[Job], None]
 ) -> None:
-    """Submit jobs, and wait until the cluster is done with them; as `tacevo.sweeps.launch.launch`."""
-    folder = directory.launch / "submitit"
-    executor = executor_of(cluster, options, folder)
+    """Submit jobs, and wait until Slurm is done with them; as `tacevo.sweeps.launch.launch`."""
+    executor = executor_of(options, directory.launch / "submitit")
     search = SearchJob()  # type: ignore[no-untyped-call]  # submitit's
-    is_slurm = _EXECUTORS[cluster] == "slurm"
-    ended = _ended_on_slurm if is_slurm else _ended_here
     tasks: list[_Task] = []
     try:
-        with _submitting(cluster), contextlib.nullcontext() if is_slurm else _apart(folder / "controllers.log"):
+        with _submitting():
             tasks += executor.map_array(search, [directory.path] * len(jobs), [job.name for job in jobs])
         of_task = {task.job_id: job for job, task in zip(jobs, tasks, strict=True)}
         while tasks:
             time.sleep(_TICK)
-            over = ended(tasks)
+            over = _ended(tasks)
             tasks = [task for task in tasks if task.job_id not in over]
             for number, reason in over.items():
                 job = of_task[number]
@@ -125,31 +111,23 @@ def launch_on_cluster(
                     directory.fail(job, reason, by_scheduler=True)
                 show(job)
     finally:
-        _cancel(tasks, _ended_on_slurm if is_slurm else _done_here)
+        _cancel(tasks)
 
 
-def _cancel(tasks: Sequence[_Task], ended: Callable[[Collection[_Task]], Mapping[str, str]]) -> None:
+def _cancel(tasks: Sequence[_Task]) -> None:
     """Cancel jobs, and wait until they have stopped, so that the same command, given next, finds none running."""
     for task in tasks:
         task.cancel(check=False)
     deadline = time.monotonic() + GRACE
-    while len(ended(tasks)) < len(tasks) and time.monotonic() < deadline:
+    while len(_ended(tasks)) < len(tasks) and time.monotonic() < deadline:
         time.sleep(_TICK)
 
 
-def _done_here(tasks: Collection[_Task]) -> dict[str, str]:
-    """Return the jobs that have ended, by their ids, without asking why: of a killed one, submitit waits for that."""
-    return {task.job_id: "" for task in tasks if task.done()}
+def _ended(tasks: Collection[_Task]) -> dict[str, str]:
+    """Return the jobs that have ended, by their ids, each with what went wrong outside its search.
 
-
-def _ended_here(tasks: Collection[_Task]) -> dict[str, str]:
-    """Return the jobs that have ended, by their ids, each with what went wrong outside its search."""
-    over = [task for task in tasks if task.done()]
-    return {task.job_id: "" if (failure := task.exception()) is None else first_line(failure) for task in over}
-
-
-def _ended_on_slurm(tasks: Collection[_Task]) -> dict[str, str]:
-    """Return the same as `_ended_here`, as Slurm has it: a result may be there, and the job in the queue again."""
+    Slurm is asked, for a result may be there, and the job in the queue again.
+    """
     queue = subprocess.run(_QUEUE, capture_output=True, text=True, check=False)
     if queue.returncode != 0:  # the controller does not answer, which jobs survive
         return {}
@@ -170,24 +148,7 @@ def _last_line(log: Path) -> str:
 
 
 @contextlib.contextmanager
-def _apart(log: Path) -> Iterator[None]:
-    """Start submitit's own processes out of reach of a terminal's Ctrl-C, with their errors in a file.
-
-    They would stop before they had stopped their jobs, since `_cancel` interrupts them, too; and each time they print a
-    traceback. submitit has no setting for it; pyproject.toml names the versions in which its module starts them so.
-    """
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open("ab") as file:
-        started = partial(subprocess.Popen, start_new_session=True, stderr=file)
-        vars(local)["subprocess"] = SimpleNamespace(Popen=started)
-        try:
-            yield
-        finally:
-            vars(local)["subprocess"] = subprocess
-
-
-@contextlib.contextmanager
-def _submitting(cluster: str) -> Iterator[None]:
+def _submitting() -> Iterator[None]:
     """Hide passwords and keys: a scheduler keeps the environment of who submits a job on the controller's disk.
 
     Raises:
@@ -197,6 +158,6 @@ def _submitting(cluster: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # submitit's, the scheduler's or the file system's
-        raise RunError(first_line(error), place=cluster, expected="the cluster to take the jobs") from error
+        raise RunError(first_line(error), place="submitit_slurm", expected="the cluster to take the jobs") from error
     finally:
         os.environ.update(hidden)

@@ -9,7 +9,7 @@ from tacevo.config.identity import config_hash
 from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.chance import is_at_chance
-from tacevo.evolution.files import Line, finished_digest, read_ledger
+from tacevo.evolution.files import finished_digest, read_ledger
 from tacevo.evolution.lines import GenerationLine
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
@@ -51,7 +51,10 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
     try:
         lines = read_ledger(run).lines
         best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
-        digest = _digest(run, job, lines)
+        digest = ""
+        if lines:
+            check_is_run_of(job, run)
+            digest = finished_digest(run) or ""
         at_chance = bool(digest) and is_at_chance(best, run.read_run().trivial)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))
@@ -67,14 +70,6 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
     return Status(
         job=job, standing=standing, lines=len(lines), best=best, at_chance=at_chance, digest=digest, reason=reason
     )
-
-
-def _digest(run: RunDirectory, job: Job, lines: Sequence[Line]) -> str:
-    """Return the digest of a finished job; empty if it is not finished."""
-    if not lines:
-        return ""
-    check_is_run_of(job, run)
-    return finished_digest(run) or ""
 
 
 def check_is_run_of(job: Job, run: RunDirectory) -> None:

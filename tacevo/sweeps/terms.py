@@ -11,20 +11,15 @@ from tacevo.choices import DataSource, Primary, SplitRule, Varied
 from tacevo.config.ablation import NONE
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.records import Kind
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
-
-#: The test score, as tables call it.
-_SCORES = {Kind.regression: "test_mse", Kind.classification: "test_accuracy"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
     """What a command says of the terms of a sweep; None where it says nothing."""
 
-    #: As a user writes it, see `read_primary`.
-    primary: str | None = None
+    primary: Primary | None = None
     reference: str | None = None
     #: Sorted, each once.
     vary: tuple[Varied, ...] | None = None
@@ -36,31 +31,24 @@ def settled(directory: SweepDirectory, asked: Asked, task: TaskConfig) -> SweepT
     """Return the terms of a sweep: those that it began with, or, of one that is about to begin, those asked for.
 
     Raises:
-        ConfigError: the plan cannot be read, or is not one for a sweep of this task; or as `read_primary`.
+        ConfigError: the plan cannot be read, or is not one for a sweep of this task.
         RunError: it began on other terms, or sweep.json is damaged.
     """
     plan = None if asked.plan is None else read_plan(asked.plan, "sweep", task.name)
-    primary = None if asked.primary is None else read_primary(asked.primary, task)
     if not directory.is_one:
-        primary = primary or Primary.test_score
+        primary = asked.primary or Primary.test_score
         return SweepTerms(primary=primary, reference=asked.reference, vary=asked.vary or (), plan=plan)
     terms = directory.read().terms
-    for name, wanted in (
-        ("primary", primary),
-        ("reference", asked.reference),
-        ("vary", asked.vary),
-        ("plan", plan),
-    ):
+    wanted = {"primary": asked.primary, "reference": asked.reference, "vary": asked.vary, "plan": plan}
+    for name, value in wanted.items():
         stated = getattr(terms, name)
-        if wanted is not None and wanted != stated:
+        if value is not None and value != stated:
             raise RunError(
-                _in_words(wanted),
+                _in_words(value),
                 place=f"{directory.path}/sweep.json, terms.{name}",
                 expected=f"{_in_words(stated)}, as stated when the sweep began",
-                remedy=f"leave --{name} out, or choose another --into"
-                + (
-                    "; `tacevo ablations --reference` compares with any arm, and says so" if name == "reference" else ""
-                ),
+                remedy=f"leave --{name} out, or choose another --into; `tacevo ablations --reference` compares with "
+                "any arm, and says so",
             )
     return terms
 
@@ -77,22 +65,6 @@ def with_reference(terms: SweepTerms, arms: Collection[str]) -> SweepTerms:
         expected = f"one of the arms: {', '.join(map(repr, sorted(arms)))}"
         raise ConfigError(repr(terms.reference), place="--reference", expected=expected)
     return terms
-
-
-def read_primary(text: str, task: TaskConfig) -> Primary:
-    """Read what a user wrote for `--primary`: a metric, of which the test score also has its name in this task.
-
-    Raises:
-        ConfigError: arms are not compared by it first.
-    """
-    score = _SCORES[task.kind]
-    if text == score:
-        return Primary.test_score
-    if text not in list(Primary):
-        others = " or ".join(metric for metric in Primary if metric is not Primary.test_score)
-        expected = f"test_score, which is {score} in task {task.name}, or {others}"
-        raise ConfigError(repr(text), place="--primary", expected=expected)
-    return Primary(text)
 
 
 def read_varied(text: str) -> tuple[Varied, ...]:

@@ -93,7 +93,7 @@ def test_reading_a_bundle_writes_nothing(command: list[str], published: Path, sw
 def failed_once(tmp_path: Path) -> tuple[SweepDirectory, Job]:
     """Return a sweep of one job, finished, whose failure of an earlier time still stands there."""
     directory = SweepDirectory(tmp_path / "sweep")
-    job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
+    (job,) = plan(SHARED, [("ablation=none", "seed=0")])
     begin(directory, job)
     directory.fail(job, "the disk is full")
     directory.write(SweepRecord(overrides=tuple(SHARED), jobs=(job,)))

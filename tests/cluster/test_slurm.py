@@ -42,9 +42,9 @@ def ended(sweep: subprocess.Popen[str], status: int = 0) -> str:
     return out
 
 
-def interrupted(slurm: Slurm, sweep: subprocess.Popen[str], folder: Path, name: str = NONE) -> str:
-    """Wait until a job has decided something and has not ended; return its id in Slurm."""
-    assert comes(sweep, lambda: has_begun(folder, name))
+def interrupted(slurm: Slurm, sweep: subprocess.Popen[str], folder: Path) -> str:
+    """Wait until the job has decided something and has not ended; return its id in Slurm."""
+    assert comes(sweep, lambda: has_begun(folder))
     (job,) = slurm.running()
     return job
 
@@ -82,6 +82,12 @@ def test_key_reaches_jobs_through_a_file_and_lies_nowhere_else(slurm: Slurm, tmp
     assert not _files_with(KEY, slurm.folder, tmp_path)
 
 
+def expect_resumed(folder: Path, alone: Path) -> None:
+    """Expect that a search went on from what it had, to the digest of this machine."""
+    assert "resumed after" in (folder / "all" / "launch" / f"{NONE}.log").read_text()
+    assert digest(folder) == digest(alone)
+
+
 def test_cancelled_job_is_a_failure_and_the_same_command_resumes_it(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
     """The command ends, though Slurm has no accounting; the next one ends the search."""
     sweep = start(slurm, tmp_path, *SWEEP, ONE)
@@ -90,29 +96,31 @@ def test_cancelled_job_is_a_failure_and_the_same_command_resumes_it(slurm: Slurm
     assert ends(tmp_path), processes_of(tmp_path)
     assert not digest(tmp_path)
     ended(start(slurm, tmp_path, *SWEEP, ONE))
-    assert "resumed after" in (tmp_path / "all" / "launch" / f"{NONE}.log").read_text()
-    assert digest(tmp_path) == digest(alone)
+    expect_resumed(tmp_path, alone)
 
 
 @pytest.mark.slow
-def test_requeued_job_continues_by_itself(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
-    """The command waits for the second attempt, though the first one has left a result."""
-    sweep = start(slurm, tmp_path, *SWEEP, ONE)
-    slurm.run("scontrol", "requeue", interrupted(slurm, sweep, tmp_path))
-    ended(sweep)
-    assert "resumed after" in (tmp_path / "all" / "launch" / f"{NONE}.log").read_text()
-    assert digest(tmp_path) == digest(alone)
+@pytest.mark.parametrize("how", ["requeue", "warning", "dead node"])
+def test_job_that_slurm_queues_again_continues_by_itself(how: str, slurm: Slurm, tmp_path: Path, alone: Path) -> None:
+    """The command waits for the second attempt, though the first one has left a result.
 
-
-@pytest.mark.slow
-def test_job_that_is_warned_of_its_end_queues_itself_again(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
-    """With `max_num_timeout`; the warning reaches submitit, and the search resumes."""
-    again = ["hydra.launcher.timeout_min=9", "hydra.launcher.max_num_timeout=1"]
+    A warning of the end of its time queues a job again with `max_num_timeout`; the job of a dead node goes to another.
+    """
+    again = ["hydra.launcher.timeout_min=9", "hydra.launcher.max_num_timeout=1"] if how == "warning" else []
     sweep = start(slurm, tmp_path, *SWEEP, ONE, *again)
-    slurm.run("scancel", "--signal=USR2", interrupted(slurm, sweep, tmp_path))
+    job = interrupted(slurm, sweep, tmp_path)
+    node = slurm.node_of(job)
+    match how:
+        case "requeue":
+            slurm.run("scontrol", "requeue", job)
+        case "warning":
+            slurm.run("scancel", "--signal=USR2", job)
+        case "dead node":
+            slurm.kill_node(node)
     ended(sweep)
-    assert "resumed after" in (tmp_path / "all" / "launch" / f"{NONE}.log").read_text()
-    assert digest(tmp_path) == digest(alone)
+    if how == "dead node":
+        slurm.start_node(node)
+    expect_resumed(tmp_path, alone)
 
 
 @pytest.mark.slow
@@ -147,18 +155,6 @@ def test_ctrl_c_cancels_the_jobs(slurm: Slurm, tmp_path: Path) -> None:
     ended(sweep, status=130)
     assert slurm.is_idle()
     assert ends(tmp_path), processes_of(tmp_path)
-
-
-@pytest.mark.slow
-def test_job_of_a_node_that_dies_continues_on_another(slurm: Slurm, tmp_path: Path, alone: Path) -> None:
-    """Slurm queues it again, and the search resumes from its directory."""
-    sweep = start(slurm, tmp_path, *SWEEP, ONE)
-    node = slurm.node_of(interrupted(slurm, sweep, tmp_path))
-    slurm.kill_node(node)
-    ended(sweep)
-    slurm.start_node(node)
-    assert "resumed after" in (tmp_path / "all" / "launch" / f"{NONE}.log").read_text()
-    assert digest(tmp_path) == digest(alone)
 
 
 def _searches(folder: Path) -> list[Path]:

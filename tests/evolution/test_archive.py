@@ -60,51 +60,38 @@ def test_hundred_thousand_insertions_agree_with_pyribs() -> None:
     assert qd_score(ours) == pytest.approx(peer.stats.qd_score, rel=1e-12)
 
 
-def test_tie_keeps_the_incumbent() -> None:
-    """An equal objective does not replace: the order of arrival decides."""
-    archive, first = insert(Archive(), 0, elite("first", 1.0))
-    archive, second = insert(archive, 0, elite("second", 1.0))
-    assert (first, second) == (AddStatus.new, AddStatus.rejected)
-    assert archive.elites[0].name == "first"
-
-
-def test_strictly_better_replaces() -> None:
-    """A higher objective takes the niche."""
-    archive, _ = insert(Archive(), 0, elite("first", 1.0))
-    archive, status = insert(archive, 0, elite("second", math.nextafter(1.0, 2.0)))
-    assert (status, archive.elites[0].name) == (AddStatus.improved, "second")
-
-
-def test_insert_leaves_the_old_archive_unchanged() -> None:
-    """An archive is a value."""
-    before = Archive()
-    insert(before, 0, elite("a", 1.0))
-    assert before.elites == {}
-
-
-def test_nan_objective_is_refused_by_name() -> None:
-    """A NaN compares with nothing, so it may not enter."""
-    with pytest.raises(ValueError, match="the objective of broken must be a number; got nan"):
-        insert(Archive(), 0, elite("broken", math.nan))
-
-
-@pytest.mark.parametrize("point", [(math.nan, 0.5), (math.inf, 0.5), (0.5,)])
-def test_point_outside_the_space_is_refused(point: tuple[float, ...]) -> None:
-    """A point needs as many finite coordinates as the space has."""
-    with pytest.raises(ValueError, match="a point needs 2 finite coordinates"):
-        QUARTERS.niche_of(point)
-
-
 @given(st.lists(st.tuples(st.sampled_from(range(4)), st.integers(-3, 3)), max_size=40))
 def test_every_niche_holds_its_first_maximum(offers: list[tuple[int, int]]) -> None:
-    """In any order of arrival a niche ends with the best that was offered to it, the first of equals."""
+    """In any order of arrival a niche ends with the best offered to it, the first of equals; archives are values."""
     archive = Archive()
     for index, (niche, objective) in enumerate(offers):
-        archive, _ = insert(archive, niche, elite(str(index), objective))
+        before, standing = archive, dict(archive.elites)
+        archive, status = insert(archive, niche, elite(str(index), objective))
+        assert before.elites == standing
+        held = standing.get(niche)
+        better = AddStatus.new if held is None else AddStatus.improved
+        assert status is (better if held is None or objective > held.objective else AddStatus.rejected)
     for niche in {niche for niche, _ in offers}:
         best = max(objective for where, objective in offers if where == niche)
         first = next(index for index, offer in enumerate(offers) if offer == (niche, best))
         assert archive.elites[niche] == elite(str(first), best)
+
+
+@given(st.lists(st.tuples(UNIT, UNIT), max_size=30))
+def test_niches_of_points_are_those_of_the_nearest_centroids(points: list[tuple[float, float]]) -> None:
+    """Asked for all at once, as a rebuilt archive does, or for each, as a newcomer does."""
+    niches = QUARTERS.niches_of(points)
+    assert niches == [QUARTERS.niche_of(point) for point in points]
+    for niche, (x, y) in zip(niches, points, strict=True):
+        distances = np.hypot(*(QUARTERS.centroids - [x, y]).T)
+        assert distances[niche] == pytest.approx(distances.min(), abs=1e-12)
+
+
+@pytest.mark.parametrize("point", [(math.nan, 0.5), (math.inf, 0.5), (0.5,)])
+def test_point_outside_the_space_is_refused(point: tuple[float, ...]) -> None:
+    """A point needs as many finite coordinates as the space has, wherever it stands among others."""
+    with pytest.raises(ValueError, match="a point needs 2 finite coordinates"):
+        QUARTERS.niches_of([(0.5, 0.5), point])
 
 
 def test_centroids_are_even_and_repeatable() -> None:
@@ -121,30 +108,12 @@ def test_centroids_are_even_and_repeatable() -> None:
     assert counts.max() < 1.5 * counts.mean()
 
 
-@given(UNIT, UNIT)
-def test_niche_is_that_of_the_nearest_centroid(x: float, y: float) -> None:
-    """No centroid is nearer than the niche's own."""
-    distances = np.hypot(*(QUARTERS.centroids - [x, y]).T)
-    assert distances[QUARTERS.niche_of((x, y))] == pytest.approx(distances.min(), abs=1e-12)
-
-
 def test_bounds_clip_and_centre() -> None:
     """Outside is clipped; an axis without extent gives its middle."""
     bounds = Bounds(low=(0.0, 5.0), high=(2.0, 5.0))
     assert bounds.normalise((1.0, 5.0)) == (0.5, 0.5)
     assert bounds.normalise((-1.0, 9.0)) == (0.0, 0.5)
     assert bounds.normalise((3.0, 0.0)) == (1.0, 0.5)
-
-
-def test_moving_bounds_rebuild_the_archive() -> None:
-    """A candidate outside the bounds renumbers the niches of those before it, and two of them now compete."""
-    networks, niche, status = NetworkArchive().offer(QUARTERS, individual("a", 1.0, (0.0, 0.0)))
-    networks, niche, status = networks.offer(QUARTERS, individual("b", 2.0, (1.0, 1.0)))
-    assert (niche, status) == (3, AddStatus.new)
-    networks, niche, status = networks.offer(QUARTERS, individual("c", 0.5, (9.0, 9.0)))
-    assert (niche, status) == (3, AddStatus.new)
-    assert {niche: e.name for niche, e in networks.archive.elites.items()} == {0: "b", 3: "c"}
-    assert networks.bounds == Bounds(low=(0.0, 0.0), high=(9.0, 9.0))
 
 
 def test_fixed_bounds_never_move() -> None:
@@ -160,8 +129,11 @@ def test_grown_archive_equals_one_rebuilt_from_scratch(offers: list[tuple[float,
     """However the bounds moved on the way, the end is the insertion of all candidates under the last bounds."""
     networks = NetworkArchive()
     for index, (x, y, objective) in enumerate(offers):
-        networks, _, _ = networks.offer(QUARTERS, individual(str(index), objective, (x, y)))
-    assert networks.bounds is not None
+        networks, niche, _ = networks.offer(QUARTERS, individual(str(index), objective, (x, y)))
+        assert networks.bounds is not None
+        assert niche == QUARTERS.niche_of(networks.bounds.normalise((x, y)))
+    xs, ys, _ = zip(*offers, strict=True)
+    assert networks.bounds == Bounds(low=(min(xs), min(ys)), high=(max(xs), max(ys)))
     fresh = Archive()
     for index, (x, y, objective) in enumerate(offers):
         fresh, _ = insert(fresh, QUARTERS.niche_of(networks.bounds.normalise((x, y))), elite(str(index), objective))
@@ -178,18 +150,6 @@ def test_qd_score_sums_quality_exactly() -> None:
     assert qd_score(one) == qd_score(other) == math.fsum(1 / (1 + loss) for loss in losses)
 
 
-@given(st.lists(st.tuples(UNIT, UNIT), max_size=30))
-def test_niches_of_many_points_are_those_of_each(points: list[tuple[float, float]]) -> None:
-    """A rebuilt archive asks for all niches at once, and every one is what a newcomer at that point would get."""
-    assert QUARTERS.niches_of(points) == [QUARTERS.niche_of(point) for point in points]
-
-
-def test_one_bad_point_among_many_is_named() -> None:
-    """A coordinate that is not a number is refused wherever it stands."""
-    with pytest.raises(ValueError, match=r"a point needs 2 finite coordinates; got \(nan, 0\.5\)"):
-        QUARTERS.niches_of([(0.5, 0.5), (math.nan, 0.5)])
-
-
 def kept_after(*objectives: float) -> tuple[Archive, list[AddStatus]]:
     """Offer candidates to an archive of two places for the best."""
     networks, said = NetworkArchive(), []
@@ -200,18 +160,20 @@ def kept_after(*objectives: float) -> tuple[Archive, list[AddStatus]]:
     return networks.archive, said
 
 
-def test_places_hold_the_best_wherever_they_lie() -> None:
-    """Free places fill first; then the least fit goes for one that is strictly fitter."""
-    archive, said = kept_after(1, 3, 2, 0)
-    assert {place: found.name for place, found in archive.elites.items()} == {0: "2", 1: "1"}
-    assert said == [AddStatus.new, AddStatus.new, AddStatus.improved, AddStatus.rejected]
-
-
-def test_network_that_comes_twice_holds_one_place() -> None:
-    """The same fitness twice takes no second place, not even an empty one."""
-    archive, said = kept_after(1, 1, 0)
-    assert [found.name for found in archive.elites.values()] == ["0", "2"]
-    assert said == [AddStatus.new, AddStatus.rejected, AddStatus.new]
+@pytest.mark.parametrize(
+    ("objectives", "kept", "statuses"),
+    [
+        ((1, 3, 2, 0), {0: "2", 1: "1"}, ("new", "new", "improved", "rejected")),  # the least fit has to go
+        ((1, 1, 0), {0: "0", 1: "2"}, ("new", "rejected", "new")),  # equal fitness takes no second place
+    ],
+)
+def test_places_fill_first_and_then_go_to_the_strictly_fitter(
+    objectives: tuple[float, ...], kept: dict[int, str], statuses: tuple[str, ...]
+) -> None:
+    """Wherever the candidates lie."""
+    archive, said = kept_after(*objectives)
+    assert {place: elite.name for place, elite in archive.elites.items()} == kept
+    assert tuple(said) == statuses
 
 
 @given(st.lists(st.integers(-5, 5), min_size=1, max_size=25))
@@ -219,11 +181,11 @@ def test_places_hold_the_best_distinct_objectives(objectives: list[int]) -> None
     """In any order of arrival, what is kept are the two highest objectives, each from the first that had it."""
     archive, _ = kept_after(*objectives)
     best = sorted(set(objectives), reverse=True)[:2]
-    assert sorted((found.objective for found in archive.elites.values()), reverse=True) == best
+    assert sorted((kept.objective for kept in archive.elites.values()), reverse=True) == best
 
 
 def test_place_of_nan_is_refused() -> None:
-    """A newcomer that can be compared with nothing is refused by places as by niches."""
+    """A newcomer that can be compared with nothing is refused, by places as by niches: `insert` decides in both."""
     with pytest.raises(ValueError, match="the objective of 1 must be a number; got nan"):
         kept_after(1, math.nan)
 

@@ -1,9 +1,10 @@
 """Promise: work finishes in any order and outcomes come in slot order; equal sources are trained once."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import fakes
@@ -23,17 +24,23 @@ Evaluate = Callable[[str, int], Training | Rejection]
 
 
 class FakeLLM:
-    """Answers each request with its own text, the last one first; stops with an error after so many answers."""
+    """Answers the last request first: by its text, or, where an answer was sent back, by what comes after that one.
 
-    def __init__(self, answers: int = 1000) -> None:
-        self._answers = answers
+    It stops with an error after so many answers, and counts each round.
+    """
+
+    def __init__(self, corrections: Mapping[str, str] = MappingProxyType({}), *, answers: int = 1000) -> None:
+        self._corrections, self._answers = corrections, answers
+        self.rounds: list[int] = []
 
     def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
         """Answer in reverse."""
+        self.rounds.append(len(requests))
         for number, position in enumerate(reversed(range(len(requests)))):
             if number == self._answers:
                 raise TransportError("no network")
-            text = requests[position].messages[0].content
+            turns = [turn.content for turn in requests[position].messages]
+            text = turns[0] if len(turns) == 1 else self._corrections.get(turns[-2], turns[-2])
             yield position, Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
 
 
@@ -90,14 +97,6 @@ def weights(outcomes: list[Outcome]) -> list[str]:
     return [outcome.result.weights_sha256 for outcome in outcomes if isinstance(outcome.result, Training)]
 
 
-@pytest.mark.parametrize("workers", [1, 2, 8])
-def test_outcomes_come_in_slot_order(workers: int) -> None:
-    """Answers arrive backwards, and outcomes come forwards, for any number of workers."""
-    outcomes = run(proposals("a", "b", "c"), workers=workers)
-    assert [outcome.proposal.slot for outcome in outcomes] == [0, 1, 2, 3]
-    assert weights(outcomes) == ["baseline", "a", "b", "c"]
-
-
 def test_slot_order_holds_whatever_finishes_first() -> None:
     """Each training here waits for that of the slot after it, so that they finish in exactly the reverse order."""
     order = ["baseline", "a", "b", "c"]
@@ -111,57 +110,43 @@ def test_slot_order_holds_whatever_finishes_first() -> None:
         done[source].set()
         return trained(source)
 
-    assert weights(run(proposals("a", "b", "c"), evaluate)) == order
+    outcomes = run(proposals("a", "b", "c"), evaluate)
+    assert weights(outcomes) == order
     assert finished == order[::-1]
+    assert [outcome.completion and outcome.completion.text for outcome in outcomes] == [None, "a", "b", "c"]
 
 
-def test_baseline_was_asked_of_nobody() -> None:
-    """The baseline's source is given, so it has no completion; every other outcome has its own."""
-    outcomes = run(proposals("a", "b"))
-    assert [outcome.completion and outcome.completion.text for outcome in outcomes] == [None, "a", "b"]
-
-
-def test_equal_sources_are_trained_once() -> None:
-    """Of four equal sources and the baseline's one more, each gets the one answer."""
-    calls = []
+def test_equal_sources_are_trained_once_and_keep_one_worker_only() -> None:
+    """Of two workers one trains what several slots ask for, and the other goes on with the rest."""
+    done, calls = threading.Event(), list[str]()
 
     def evaluate(source: str, seed: int) -> Training:
         calls.append(source)
-        return trained(source)
-
-    outcomes = run(proposals("same", "same", "baseline", "same", "other"), evaluate)
-    assert weights(outcomes) == ["baseline", "same", "same", "baseline", "same", "other"]
-    assert sorted(calls) == ["baseline", "other", "same"]
-
-
-def test_equal_sources_meet_while_training() -> None:
-    """A later asker waits for the training that is under way, and does not start a second one."""
-    calls = []
-    held = threading.Event()
-
-    def evaluate(source: str, seed: int) -> Training:
-        calls.append(source)
-        if source == "other":
-            held.set()
-        assert source != "same" or held.wait(timeout=30)
-        return trained(source)
-
-    assert weights(run(proposals("other", "same", "same"), evaluate)) == ["baseline", "other", "same", "same"]
-    assert calls.count("same") == 1
-
-
-def test_equal_sources_keep_one_worker_only() -> None:
-    """Of two workers one trains what two slots ask for, and the other goes on with the rest."""
-    done = threading.Event()
-
-    def evaluate(source: str, seed: int) -> Training:
         assert source != "same" or done.wait(timeout=30)
         if source == "other":
             done.set()
         return trained(source)
 
-    outcomes = run(proposals("other", "same", "same"), evaluate, workers=2)
-    assert weights(outcomes) == ["baseline", "other", "same", "same"]
+    outcomes = run(proposals("same", "other", "same", "baseline", "same"), evaluate, workers=2)
+    assert weights(outcomes) == ["baseline", "same", "other", "same", "baseline", "same"]
+    assert sorted(calls) == ["baseline", "other", "same"]
+
+
+def test_what_gate_or_training_rejects_is_a_value() -> None:
+    """A refused answer reaches no trainer; a failed training was admitted and is not sent back. Others go on."""
+    llm, calls = FakeLLM(), list[str]()
+
+    def evaluate(source: str, seed: int) -> Training | Rejection:
+        calls.append(source)
+        return CRASH if source == "a" else trained(source)
+
+    outcomes = run(proposals("a", "bad", "b"), evaluate, llm=llm)
+    assert weights(outcomes) == ["baseline", "b"]
+    admitted = Admitted(source="a", profile=PROFILE)
+    assert [(one.admitted, one.result) for one in outcomes[1:3]] == [(admitted, CRASH), (None, REFUSAL)]
+    assert sorted(calls) == ["a", "b", "baseline"]
+    run(proposals("a"), evaluate, llm=llm, repairs=3)
+    assert llm.rounds == [3, 1]
 
 
 def test_longest_that_waits_is_trained_first() -> None:
@@ -204,27 +189,6 @@ def test_gate_sees_what_the_model_was_asked() -> None:
     assert len({len(asked) for _, asked in seen}) == 2
 
 
-def test_refused_answer_is_never_trained() -> None:
-    """What the gate turns away keeps its rejection and reaches no trainer."""
-    calls = []
-
-    def evaluate(source: str, seed: int) -> Training:
-        calls.append(source)
-        return trained(source)
-
-    refused = run(proposals("bad text"), evaluate)[1]
-    assert (refused.admitted, refused.result) == (None, REFUSAL)
-    assert calls == ["baseline"]
-
-
-def test_failed_training_is_a_value() -> None:
-    """A candidate that fails to train was admitted, has its rejection, and stops nobody else."""
-    outcomes = run(proposals("a", "b"), lambda source, seed: CRASH if source == "a" else trained(source))
-    assert outcomes[1].result == CRASH
-    assert outcomes[1].admitted == Admitted(source="a", profile=PROFILE)
-    assert weights(outcomes) == ["baseline", "b"]
-
-
 @pytest.mark.parametrize("text", ["a", "b"])
 def test_broken_sandbox_passes_through(text: str) -> None:
     """An exception is not a verdict: it reaches the search, and every slot that waited for the same training."""
@@ -244,31 +208,10 @@ def test_unreachable_model_passes_through() -> None:
         run(proposals("a", "b", "c"), llm=FakeLLM(answers=1))
 
 
-def test_empty_generation_has_no_outcomes() -> None:
-    """Nothing planned, nothing done."""
-    assert run([]) == []
-
-
-class Correctable:
-    """Answers the first turn by its text, or what was sent back by the text of the last answer; counts each round."""
-
-    def __init__(self, answers: dict[str, str]) -> None:
-        self._answers = answers
-        self.rounds: list[int] = []
-
-    def complete(self, requests: Sequence[Request]) -> Iterator[tuple[int, Completion]]:
-        """Answer in reverse."""
-        self.rounds.append(len(requests))
-        for position in reversed(range(len(requests))):
-            turns = [turn.content for turn in requests[position].messages]
-            text = turns[0] if len(turns) == 1 else self._answers[turns[-2]]
-            yield position, Completion(text=text, model="m", stop_reason="end_turn", input_tokens=1, output_tokens=1)
-
-
 @pytest.mark.parametrize("workers", [1, 8])
 def test_rejected_answers_are_sent_back_together(workers: int) -> None:
     """One round corrects what it can, the next what is left; what is still bad at the end stays rejected."""
-    llm = Correctable({"bad a": "good a", "bad b": "bad c", "bad c": "good c", "bad d": "bad d"})
+    llm = FakeLLM({"bad a": "good a", "bad b": "bad c", "bad c": "good c"})
     outcomes = run(proposals("fine", "bad a", "bad b", "bad d"), llm=llm, repairs=2, workers=workers)
     assert llm.rounds == [4, 3, 2]
     assert weights(outcomes) == ["baseline", "fine", "good a", "good c"]
@@ -277,23 +220,7 @@ def test_rejected_answers_are_sent_back_together(workers: int) -> None:
     assert [attempt.rejection for attempt in outcomes[3].attempts] == [REFUSAL, REFUSAL]
 
 
-def test_without_repairs_nothing_is_sent_back() -> None:
-    """The paper discards: one round, and no attempt."""
-    llm = Correctable({})
-    outcomes = run(proposals("bad a", "b"), llm=llm)
-    assert llm.rounds == [2]
-    assert [outcome.attempts for outcome in outcomes] == [(), (), ()]
-
-
-def test_failed_training_is_not_sent_back() -> None:
-    """A repair mends what the gate found, not how a network trains."""
-    llm = Correctable({})
-    outcomes = run(proposals("a"), lambda source, seed: CRASH, llm=llm, repairs=3)
-    assert [outcome.result for outcome in outcomes] == [CRASH, CRASH]
-    assert sum(llm.rounds) == 1
-
-
 def test_repairs_end_when_nothing_is_sent_back() -> None:
-    """However many a stranger's run.json allows."""
-    outcomes = run(proposals("good"), repairs=10**12)
-    assert [outcome.attempts for outcome in outcomes] == [(), ()]
+    """However many a stranger's run.json allows; nothing planned is nothing done."""
+    assert [outcome.attempts for outcome in run(proposals("good"), repairs=10**12)] == [(), ()]
+    assert run([]) == []

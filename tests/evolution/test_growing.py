@@ -1,6 +1,5 @@
 """Promise: a mapping that grew stays what it was, whatever is grown from it later, and equals the plain dictionary."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -31,11 +30,3 @@ def test_mapping_may_grow_while_an_earlier_one_is_read() -> None:
     assert next(keys) == "a"
     before.adding("c", 3)
     assert list(keys) == ["b"]
-
-
-def test_missing_key_is_named() -> None:
-    """A key that came later is missing from the mapping before it."""
-    before = Growing[str, int]().adding("a", 1)
-    before.adding("b", 2)
-    with pytest.raises(KeyError, match="b"):
-        before["b"]

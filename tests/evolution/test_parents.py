@@ -38,36 +38,26 @@ def archive(*names: str) -> Archive:
 
 
 @pytest.mark.parametrize(
-    ("policy", "names"),
+    ("policy", "population", "names"),
     [
-        *((policy, "g4 g2 g0") for policy in (ParentPolicy.uniform, ParentPolicy.best, ParentPolicy.curiosity)),
-        (ParentPolicy.trained, "g0 g1 g2 g3 g4 g5"),
-        (ParentPolicy.best_k, "g1 g4 g0"),
-        (ParentPolicy.tournament, "g2 g3 g4 g5"),
+        *((policy, 4, "g4 g2 g0") for policy in (ParentPolicy.uniform, ParentPolicy.best, ParentPolicy.curiosity)),
+        (ParentPolicy.trained, 4, "g0 g1 g2 g3 g4 g5"),
+        (ParentPolicy.best_k, 4, "g1 g4 g0"),
+        (ParentPolicy.tournament, 4, "g2 g3 g4 g5"),
+        (ParentPolicy.tournament, 7, "g0 g1 g2 g3 g4 g5"),
     ],
 )
-def test_pool_is_that_of_the_policy(policy: ParentPolicy, names: str) -> None:
-    """Elites by niche; all; the three fittest for three elites, a network that came twice once; the four youngest."""
-    pool = pool_of_parents(policy, CANDIDATES, archive("g0", "g2", "g4"), population=4)
+def test_pool_is_that_of_the_policy(policy: ParentPolicy, population: int, names: str) -> None:
+    """Elites by niche; all; the three fittest for three elites; the youngest, of whom none leaves before it is full."""
+    pool = pool_of_parents(policy, CANDIDATES, archive("g0", "g2", "g4"), population=population)
     assert " ".join(one.id for one in pool) == names
-
-
-def test_population_that_is_not_full_holds_all() -> None:
-    """Nobody leaves before it is full."""
-    pool = pool_of_parents(ParentPolicy.tournament, CANDIDATES, archive("g0"), population=7)
-    assert list(pool) == list(CANDIDATES.values())
 
 
 @pytest.mark.parametrize(("count", "names"), [(1, "g1"), (5, "g1 g4 g0 g5 g2"), (6, "g1 g4 g0 g5 g2")])
 def test_fittest_are_different_ones(count: int, names: str) -> None:
-    """Best first, the first of equals; fewer than asked for where there are no more."""
-    assert " ".join(one.id for one in fittest(CANDIDATES.values(), count)) == names
-
-
-def test_network_that_failed_again_is_not_among_the_fittest() -> None:
-    """However few there are."""
-    failed = replace(CANDIDATES["g1"], fitness=math.inf)
-    assert [one.id for one in fittest([failed, CANDIDATES["g2"]], 2)] == ["g2"]
+    """Best first, the first of equals, none that failed when trained again; fewer where there are no more."""
+    failed = replace(CANDIDATES["g1"], id="failed", fitness=math.inf)
+    assert " ".join(one.id for one in fittest([failed, *CANDIDATES.values()], count)) == names
 
 
 def test_more_parents_than_elites_are_refused() -> None:
@@ -76,44 +66,31 @@ def test_more_parents_than_elites_are_refused() -> None:
         draw_parents(ParentPolicy.uniform, ELITES[:1], number=2, best=1, tournament=1, rng=stream(0))
 
 
-def first_parents(policy: ParentPolicy, best: int = 2) -> Counter[str]:
-    """Count whom a policy draws."""
+@pytest.mark.parametrize(
+    ("policy", "shares"),
+    [
+        (ParentPolicy.uniform, (1 / 4, 1 / 4, 1 / 4, 1 / 4)),
+        (ParentPolicy.best, (0, 1 / 2, 1 / 2, 0)),  # the two fittest alike
+        (ParentPolicy.tournament, (3 / 16, 7 / 16, 5 / 16, 1 / 16)),  # of two draws with replacement
+        (ParentPolicy.curiosity, (1 / 8, 1 / 8, 3 / 8, 3 / 8)),
+    ],
+)
+def test_parents_come_as_often_as_their_policy_says(policy: ParentPolicy, shares: tuple[float, ...]) -> None:
+    """Alike, by fitness, or in proportion to curiosity."""
     rng = stream(0, "parents")
-    drawn = (draw_parents(policy, ELITES, number=1, best=best, tournament=2, rng=rng) for _ in range(DRAWS))
-    return Counter(parent.id for (parent,) in drawn)
+    drawn = (draw_parents(policy, ELITES, number=1, best=2, tournament=2, rng=rng) for _ in range(DRAWS))
+    counts = Counter(parent.id for (parent,) in drawn)
+    for elite, share in zip(ELITES, shares, strict=True):
+        assert agrees(counts[elite.id], share, DRAWS) if share else elite.id not in counts
 
 
-def test_uniform_parents_are_all_alike() -> None:
-    """Every elite is as likely, whatever its fitness."""
-    drawn = first_parents(ParentPolicy.uniform)
-    assert all(agrees(drawn[elite.id], 1 / 4, DRAWS) for elite in ELITES)
-
-
-def test_best_parents_are_the_fittest() -> None:
-    """Only the `best` elites of lowest loss are drawn, and these alike."""
-    drawn = first_parents(ParentPolicy.best)
-    assert set(drawn) == {"g00s01", "g00s02"}
-    assert agrees(drawn["g00s01"], 1 / 2, DRAWS)
-
-
-def test_best_is_at_least_as_many_as_are_drawn() -> None:
-    """A crossover with `best=1` takes the two fittest."""
+def test_best_are_at_least_as_many_as_are_drawn_and_ranked_by_id_on_a_tie() -> None:
+    """A crossover with `best=1` takes the two fittest; the order of niches decides nothing."""
     pair = draw_parents(ParentPolicy.best, ELITES, number=2, best=1, tournament=1, rng=stream(0))
     assert {parent.id for parent in pair} == {"g00s01", "g00s02"}
-
-
-def test_equally_fit_elites_rank_by_id() -> None:
-    """A tie for the last place among the best is decided by the id, not by the order of niches."""
     tied = [replace(elite, fitness=0.5) for elite in reversed(ELITES)]
     (parent,) = draw_parents(ParentPolicy.best, tied, number=1, best=1, tournament=1, rng=stream(0))
     assert parent.id == "g00s00"
-
-
-def test_tournament_is_won_by_the_fittest_of_its_draws() -> None:
-    """Of two draws with replacement the r-th fittest of four wins 7, 5, 3 and 1 times of 16."""
-    drawn = first_parents(ParentPolicy.tournament)
-    shares = {"g00s01": 7 / 16, "g00s02": 5 / 16, "g00s00": 3 / 16, "g00s03": 1 / 16}
-    assert all(agrees(drawn[name], share, DRAWS) for name, share in shares.items())
 
 
 def test_tie_of_a_tournament_is_won_by_the_earlier_one() -> None:
@@ -122,10 +99,3 @@ def test_tie_of_a_tournament_is_won_by_the_earlier_one() -> None:
     for number in range(20):
         drawn = draw_parents(ParentPolicy.tournament, tied, number=1, best=1, tournament=30, rng=stream(0, number))
         assert drawn[0].id == "g00s00"
-
-
-def test_curious_parents_come_in_proportion() -> None:
-    """An elite of three times the curiosity comes three times as often."""
-    drawn = first_parents(ParentPolicy.curiosity)
-    expected = {"g00s00": 1 / 8, "g00s01": 1 / 8, "g00s02": 3 / 8, "g00s03": 3 / 8}
-    assert all(agrees(drawn[name], share, DRAWS) for name, share in expected.items())

@@ -8,6 +8,7 @@ import itertools
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import pytest
 from checkout import GOLDEN
@@ -71,6 +72,9 @@ ELITES = [
 ]
 
 
+SOURCES = {elite.id: elite.source for elite in ELITES}
+
+
 def planned(
     settings: Settings = SETTINGS,
     *,
@@ -115,30 +119,6 @@ def test_request_is_golden(name: str, settings: Settings) -> None:
     assert text_of(requests_of(planned(settings))[0]) == golden
 
 
-def test_mutation_message_holds_parent_and_instruction() -> None:
-    """The parent's source is fenced and loses only blank ends."""
-    text = mutation_text("\nclass A:\n    pass\n\n", "Widen it.")
-    assert text == "Parent network:\n\n```python\nclass A:\n    pass\n```\n\nInstruction: Widen it.\n"
-
-
-def test_crossover_message_holds_both_parents_in_order() -> None:
-    """The first parent stands first."""
-    text = crossover_text("class A: ...", "class B: ...", "Combine.")
-    assert text.index("class A") < text.index("Second parent") < text.index("class B") < text.index("Combine.")
-
-
-def test_system_prompt_is_filled_in() -> None:
-    """Every placeholder has a value from the contract, and a doubled dollar is one."""
-    assert TASK.system == "Write ImageRegressionCNN for 3 x 64 x 64 images; num_outputs is 3: Fx, Fy, Fz.\n"
-    assert system_prompt("$$5", CONTRACT, []) == "$5"
-
-
-def test_unknown_placeholder_is_refused() -> None:
-    """The message lists the placeholders there are."""
-    with pytest.raises(ValueError, match=r"names \$sise; it may name \$class_name, .*\$names$"):
-        system_prompt("$sise", CONTRACT, [])
-
-
 def test_generation_zero_is_the_baseline_and_its_mutations() -> None:
     """Slot 0 holds a0 itself and asks nothing; every other slot mutates it."""
     baseline, *mutations = plan_initial(TASK, SETTINGS, mutations=3, temperature=0.6)
@@ -149,17 +129,18 @@ def test_generation_zero_is_the_baseline_and_its_mutations() -> None:
     assert all(TASK.baseline.strip() in text_of(request) for request in requests_of(tuple(mutations)))
 
 
-def test_generation_zero_draws_uniformly_under_every_policy() -> None:
-    """Nothing is known yet, so curiosity starts like the others."""
-    curious = replace(SETTINGS, prompts=PromptPolicy.curiosity, parents=ParentPolicy.curiosity)
-    plans = [plan_initial(TASK, settings, mutations=5, temperature=0.6) for settings in (SETTINGS, curious)]
+@pytest.mark.parametrize("other", [{"prompts": PromptPolicy.curiosity, "parents": ParentPolicy.curiosity}, {"pool": 1}])
+def test_generation_zero_draws_uniformly_from_the_whole_library(other: dict[str, Any]) -> None:
+    """Nothing is known yet, and pools belong to the generations of Algorithm 1's loop."""
+    plans = [plan_initial(TASK, one, mutations=9, temperature=0.6) for one in (SETTINGS, replace(SETTINGS, **other))]
     assert plans[0] == plans[1]
 
 
-def test_one_operator_a_generation() -> None:
-    """All slots of a generation have the same operator."""
-    for generation in range(1, 40):
-        assert len({proposal.operator for proposal in planned(generation=generation)}) == 1
+def test_unknown_placeholder_is_refused() -> None:
+    """The message lists the placeholders there are; a doubled dollar is one."""
+    assert system_prompt("$$5", CONTRACT, []) == "$5"
+    with pytest.raises(ValueError, match=r"names \$sise; it may name \$class_name, .*\$names$"):
+        system_prompt("$sise", CONTRACT, [])
 
 
 def test_operator_is_mutation_with_probability_p_m() -> None:
@@ -170,43 +151,25 @@ def test_operator_is_mutation_with_probability_p_m() -> None:
     assert drawn[Operator.mutation] + drawn[Operator.crossover] == GENERATIONS
 
 
-@pytest.mark.parametrize(("settings", "operator"), [(ALWAYS, Operator.mutation), (NEVER, Operator.crossover)])
-def test_certain_probabilities_are_certain(settings: Settings, operator: Operator) -> None:
-    """With p_m = 1 every generation mutates, with p_m = 0 none does."""
-    drawn = {planned(settings, generation=generation)[0].operator for generation in range(1, 100)}
-    assert drawn == {operator}
-
-
-def test_single_elite_mutates() -> None:
-    """With nobody to cross with, the generation mutates even where crossover was drawn."""
-    assert {proposal.operator for proposal in planned(NEVER, elites=ELITES[:1])} == {Operator.mutation}
-
-
 def test_mutation_asks_with_parent_and_instruction_it_names() -> None:
-    """What the proposal says of itself is what the request holds."""
-    for proposal in planned(ALWAYS):
-        assert proposal.prompt is not None
-        assert proposal.request is not None
-        (parent,) = (elite for elite in ELITES if (elite.id,) == proposal.parents)
-        text = TASK.instructions[proposal.prompt].text
-        assert proposal.request.messages[0].content == mutation_text(parent.source, text)
+    """With p_m = 1 every slot; what the proposal says of itself is what the request holds."""
+    mutated = [one for number in range(1, 100) for one in planned(ALWAYS, generation=number)]
+    for one, request in zip(mutated, requests_of(tuple(mutated)), strict=True):
+        assert one.operator is Operator.mutation
+        assert one.prompt is not None
+        (source,) = (SOURCES[name] for name in one.parents)
+        assert request.messages[0].content == mutation_text(source, TASK.instructions[one.prompt].text)
 
 
-def test_crossover_has_two_different_parents() -> None:
-    """Nobody is crossed with itself; the instruction is the fixed one and is not a prompt of the library."""
-    for generation in range(1, 100):
-        for proposal in planned(NEVER, generation=generation, elites=ELITES[:2]):
-            assert sorted(proposal.parents) == ["g00s00", "g00s01"]
-            assert proposal.prompt is None
-            assert proposal.request is not None
-            assert proposal.request.messages[0].content.endswith("Instruction: Combine both.\n")
-
-
-def test_parents_come_in_both_orders() -> None:
-    """Which parent stands first is drawn, too."""
-    pairs = {proposal.parents for number in range(1, 50) for proposal in planned(NEVER, generation=number)}
-    ids = [elite.id for elite in ELITES]
-    assert pairs == set(itertools.permutations(ids, 2))
+def test_crossover_has_two_different_parents_in_both_orders() -> None:
+    """With p_m = 0 every slot, if there is somebody to cross with; the instruction is not of the library."""
+    crossed = [one for number in range(1, 100) for one in planned(NEVER, generation=number)]
+    assert {(one.operator, one.prompt) for one in crossed} == {(Operator.crossover, None)}
+    assert {one.parents for one in crossed} == set(itertools.permutations(SOURCES, 2))
+    for one, request in zip(crossed, requests_of(tuple(crossed)), strict=True):
+        first, second = (SOURCES[name] for name in one.parents)
+        assert request.messages[0].content == crossover_text(first, second, "Combine both.")
+    assert {one.operator for one in planned(NEVER, elites=ELITES[:1])} == {Operator.mutation}
 
 
 def test_sample_asks_for_no_parent_and_for_another_network_in_every_slot() -> None:
@@ -228,15 +191,9 @@ def test_jitter_is_narrow_and_clipped(temperature: float, jitter: float, seed: i
         assert 0 <= request.temperature <= 1
 
 
-def test_jitter_differs_from_slot_to_slot() -> None:
-    """Every slot has noise of its own; without jitter all have T_g itself."""
-    assert len({request.temperature for request in requests_of(planned())}) == 4
-    still = replace(SETTINGS, jitter=0.0)
-    assert {request.temperature for request in requests_of(planned(still))} == {0.6}
-
-
 def test_draw_number_belongs_to_seed_generation_and_slot() -> None:
-    """No two slots share a draw, so that equal questions get different answers."""
+    """No two slots share a draw, so that equal questions get different answers; each has noise of its own."""
+    assert len({request.temperature for request in requests_of(planned())}) == 4
     seeds = [replace(SETTINGS, seed=seed) for seed in (0, 1)]
     plans = [planned(settings, generation=generation) for settings in seeds for generation in (1, 2, 3)]
     draws = [request.draw for proposals in plans for request in requests_of(proposals)]
@@ -244,52 +201,30 @@ def test_draw_number_belongs_to_seed_generation_and_slot() -> None:
     assert all(0 <= draw < 2**31 for draw in draws)
 
 
-def test_plan_is_a_function_of_its_arguments() -> None:
-    """Planning again gives the same proposals, whatever was planned between."""
-    first = planned(generation=5)
-    planned(generation=4)
-    assert planned(generation=5) == first
+def shared(proposals: tuple[Proposal, ...]) -> list[tuple[object, ...]]:
+    """Return what all arms of an ablation have in common."""
+    return [(one.parents, one.request.temperature, one.request.draw) for one in proposals if one.request is not None]
 
 
 @given(st.integers(0, 2**31), st.integers(1, 50), st.sampled_from([0.0, 0.5, 1.0]))
-def test_without_prompt_archive_the_requests_are_the_same(seed: int, generation: int, p_m: float) -> None:
-    """`prompts=none` only stops the recording: its requests equal those of `uniform`, whatever A_P holds."""
-    uniform = replace(SETTINGS, seed=seed, mutation_probability=p_m)
-    none = replace(uniform, prompts=PromptPolicy.none)
-    recorded = planned(uniform, generation=generation, prompts=productive_archive())
-    assert planned(none, generation=generation) == recorded
+def test_arms_share_their_random_numbers(seed: int, generation: int, p_m: float) -> None:
+    """Whatever A_P holds: `none` only stops its recording, a pool of all is none, and a larger B adds slots."""
+    plain = replace(SETTINGS, seed=seed, mutation_probability=p_m)
+    expected = planned(plain, generation=generation)
 
+    def arm(**changes: Any) -> tuple[Proposal, ...]:
+        return planned(replace(plain, **changes), generation=generation, prompts=productive_archive())
 
-@given(st.integers(0, 2**31), st.integers(1, 50))
-def test_dropped_draw_leaves_the_others_alone(seed: int, generation: int) -> None:
-    """Under another prompt policy, parents, temperatures and draws stay: the arms share their random numbers."""
-    uniform = replace(ALWAYS, seed=seed)
-    curious = replace(uniform, prompts=PromptPolicy.curiosity)
-    pairs = zip(
-        planned(uniform, generation=generation),
-        planned(curious, generation=generation, prompts=productive_archive()),
-        strict=True,
-    )
-    for one, other in pairs:
-        assert one.request is not None
-        assert other.request is not None
-        assert (one.parents, one.request.temperature, one.request.draw) == (
-            other.parents,
-            other.request.temperature,
-            other.request.draw,
-        )
-
-
-def drawn(settings: Settings, generation: int = 1, prompts: PromptArchive | None = None) -> set[int | None]:
-    """Return the instructions that one generation asks for."""
-    return {proposal.prompt for proposal in planned(settings, generation=generation, prompts=prompts)}
+    assert arm(prompts=PromptPolicy.none) == arm(pool=len(TASK.instructions)) == arm(candidates=9)[:4] == expected
+    assert shared(arm(prompts=PromptPolicy.curiosity)) == shared(arm(pool=1)) == shared(expected)
 
 
 @pytest.mark.parametrize("policy", PromptPolicy)
 def test_generation_draws_its_instructions_from_one_pool(policy: PromptPolicy) -> None:
     """All slots of a generation, whatever their number and the policy, draw from `pool` different instructions."""
     many = replace(ALWAYS, candidates=60, prompts=policy, pool=2)
-    pools = [drawn(many, generation, productive_archive()) for generation in range(1, 21)]
+    plans = [planned(many, generation=generation, prompts=productive_archive()) for generation in range(1, 21)]
+    pools = [{one.prompt for one in plan} for plan in plans]
     assert {len(pool) for pool in pools} == {2}
     assert set().union(*pools) == set(range(5))
 
@@ -305,23 +240,3 @@ def test_curious_draw_prefers_what_is_productive_in_its_pool() -> None:
         shares.append(0.75 if 4 in counts else 0.5)
         assert agrees(max(counts.values()) if 4 not in counts else counts[4], shares[-1], GENERATIONS)
     assert set(shares) == {0.5, 0.75}
-
-
-def test_pool_of_the_whole_library_changes_no_draw() -> None:
-    """The default, and a pool as large as the library, give the plans that there were before pools."""
-    assert planned(replace(ALWAYS, pool=len(TASK.instructions))) == planned(ALWAYS)
-
-
-def test_pool_leaves_generation_0_and_all_other_draws_alone() -> None:
-    """Pools belong to the generations of Algorithm 1's loop; parents, temperatures and draw numbers stay."""
-    small = replace(ALWAYS, pool=1)
-    begun = [plan_initial(TASK, settings, mutations=9, temperature=0.6) for settings in (ALWAYS, small)]
-    assert begun[0] == begun[1]
-    assert [proposal.parents for proposal in planned(small)] == [proposal.parents for proposal in planned(ALWAYS)]
-    pairs = zip(requests_of(planned(small)), requests_of(planned(ALWAYS)), strict=True)
-    assert all((one.temperature, one.draw) == (other.temperature, other.draw) for one, other in pairs)
-
-
-def test_fewer_slots_are_the_first_of_more() -> None:
-    """A larger B adds slots and changes none."""
-    assert planned(replace(SETTINGS, candidates=9))[:4] == planned(SETTINGS)

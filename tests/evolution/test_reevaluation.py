@@ -4,28 +4,22 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 from statistics import median
 
 import fakes
 import pytest
 from hand_runs import altered, closed
 from hand_runs import run as hand_run
-from refusals import refused
 
 from analysis.runs.archive_history import archive_history
-from tacevo.errors import DivergenceError
 from tacevo.evolution.archive import Elite, Individual, NetworkArchive, TopK
-from tacevo.evolution.files import line_kind
 from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine
-from tacevo.evolution.reevaluation import Estimates, fitness_by_id
+from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.profile import Admitted
 from tacevo.records import Completion, Given, Operator, Reason, Rejection, Request, Stage, Training
 from tacevo.rounding import rounded
-from tacevo.storage.ledger import read_lines
 
 #: Two slots of each generation train an elite again.
 PLAN = replace(fakes.plan(generations=8), reevaluations=2)
@@ -38,11 +32,6 @@ class Copies(fakes.FakeLLM):
         """Answer every request alike."""
         for place, completion in super().complete(requests):
             yield place, replace(completion, text=fakes.TASK.baseline)
-
-
-def search(plan: Plan = PLAN, path: Path | None = None, **changes: object) -> tuple[str, fakes.Recorder]:
-    """Search the usual plan; see `fakes.search`."""
-    return fakes.search(plan, path, **changes)
 
 
 def again(recorder: fakes.Recorder) -> list[ReevaluationLine]:
@@ -66,7 +55,7 @@ def losses_by_source(lines: list[SearchLine]) -> dict[str, dict[int, float]]:
 def test_every_elite_competes_by_the_median_of_its_losses(seeds: int) -> None:
     """At the end of every generation: in each niche none of all candidates has a lower median."""
     plan = replace(PLAN, seeds=seeds)
-    _, recorder = search(plan)
+    _, recorder = fakes.search(plan)
     seen: list[SearchLine] = []
     for line, state in zip(recorder.lines, recorder.states, strict=True):
         seen.append(line)
@@ -95,7 +84,7 @@ def _check_archive(plan: Plan, lines: list[SearchLine], state: SearchState) -> N
 
 def test_budget_is_that_of_a_search_without() -> None:
     """Every generation has as many slots as before, of which the last train elites again and ask nothing."""
-    _, recorder = search()
+    _, recorder = fakes.search(PLAN)
     for generation in range(1, 9):
         slots = [line for line in recorder.lines if line.kind != "generation" and line.generation == generation]
         assert [line.slot for line in slots] == list(range(6))
@@ -107,7 +96,7 @@ def test_budget_is_that_of_a_search_without() -> None:
 
 def test_elites_with_the_fewest_trainings_come_first_each_time_with_new_seeds() -> None:
     """No elite is trained again while another one has fewer trainings; no seed comes twice for a source."""
-    _, recorder = search()
+    _, recorder = fakes.search(PLAN)
     counts: Counter[str] = Counter()
     held: dict[str, str] = {}
     for line, state in zip(recorder.lines, recorder.states, strict=True):
@@ -141,7 +130,7 @@ def test_copy_of_a_network_that_was_trained_again_cannot_win_by_the_old_draw() -
         assert isinstance(result, Training)
         return replace(result, validation_losses=(1.0, unlucky if seed else lucky))
 
-    _, recorder = search(replace(PLAN, generations=2), evaluate=luck, llm=Copies())
+    _, recorder = fakes.search(replace(PLAN, generations=2), evaluate=luck, llm=Copies())
     last = recorder.states[-1]
     assert [line.seed for line in again(recorder)] == [1, 2]
     assert {elite.name: -elite.objective for elite in last.networks.archive.elites.values()} == {"g00s00": unlucky}
@@ -156,24 +145,19 @@ def test_elite_that_fails_when_trained_again_leaves_the_archive_for_good() -> No
             return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
         return fakes.noisy(source, 0)
 
-    _, recorder = search(evaluate=failing)
+    _, recorder = fakes.search(PLAN, evaluate=failing)
     (failed,) = (line for line in again(recorder) if line.stage is Stage.train)
-    assert (failed.id, failed.reason, failed.estimate, failed.kept, failed.fitness) == (
-        "g00s00",
-        Reason.not_finite,
-        None,
-        False,
-        None,
-    )
-    elites = recorder.states[-1].networks.archive.elites.values()
-    assert elites
-    assert "g00s00" not in {elite.name for elite in elites}
+    assert (failed.id, failed.reason) == ("g00s00", Reason.not_finite)
+    assert (failed.estimate, failed.kept, failed.fitness) == (None, False, None)
+    names = {elite.name for elite in recorder.states[-1].networks.archive.elites.values()}
+    assert names
+    assert "g00s00" not in names
 
 
 def test_elite_that_the_gate_rejects_later_keeps_its_estimate() -> None:
     """A stricter probe says nothing about its losses: it stays in the archive by those that it has."""
     refusal = Rejection(stage=Stage.probe, reason=Reason.bad_output, detail="stricter")
-    _, recorder = search(replace(PLAN, generations=1), measure=lambda source: refusal)
+    _, recorder = fakes.search(replace(PLAN, generations=1), measure=lambda source: refusal)
     first, *_ = again(recorder)
     before = next(line for line in recorder.lines if isinstance(line, CandidateLine) and line.id == first.id)
     assert (first.stage, first.evaluation, first.kept) == (Stage.probe, None, True)
@@ -189,7 +173,7 @@ def test_policy_is_asked_once_about_a_source() -> None:
         return fakes.inspect(source)
 
     given = (Given(name="mine", source="class Net: mine = 1\n"),)
-    _, recorder = search(replace(PLAN, task=replace(fakes.TASK, given=given), generations=2), inspect=inspect)
+    _, recorder = fakes.search(replace(PLAN, task=replace(fakes.TASK, given=given), generations=2), inspect=inspect)
     assert again(recorder)
     assert any(line.operator is Operator.given for line in recorder.lines if isinstance(line, CandidateLine))
     assert seen == [fakes.TASK.baseline]
@@ -203,7 +187,7 @@ def test_search_whose_elites_all_fail_again_goes_on_from_the_baseline() -> None:
             return Rejection(stage=Stage.train, reason=Reason.not_finite, detail="loss is nan")
         return fakes.evaluate(source)
 
-    _, recorder = search(replace(PLAN, generations=2), evaluate=once, llm=Copies())
+    _, recorder = fakes.search(replace(PLAN, generations=2), evaluate=once, llm=Copies())
     first, second = (line for line in recorder.lines if isinstance(line, GenerationLine) and line.generation)
     assert (first.reevaluated, first.best, first.coverage) == (1, None, 0)
     assert (second.reevaluated, second.best, second.candidates) == (None, None, 6)
@@ -213,7 +197,7 @@ def test_search_whose_elites_all_fail_again_goes_on_from_the_baseline() -> None:
 
 def test_archive_can_lose_its_best_and_the_temperature_hears_of_it() -> None:
     """The printed rule lowers T where the best is worse than before, which no other archive can bring about."""
-    _, recorder = search(replace(PLAN, generations=20))
+    _, recorder = fakes.search(replace(PLAN, generations=20))
     ended = [line for line in recorder.lines if isinstance(line, GenerationLine)]
     steps = [
         (now.best > before.best, now.next_temperature < now.temperature)
@@ -226,53 +210,16 @@ def test_archive_can_lose_its_best_and_the_temperature_hears_of_it() -> None:
 
 def test_slots_that_ask_share_the_draws_of_a_search_without() -> None:
     """Generation 0 is the same, and in generation 1 the first slots ask the same, if the elites are the same."""
-    one, other = search()[1], search(replace(PLAN, reevaluations=0))[1]
-    asked = [
-        [
-            (line.generation, line.slot, line.request)
-            for line in recorder.lines
-            if isinstance(line, CandidateLine) and line.generation < 2 and line.slot < 4
-        ]
-        for recorder in (one, other)
-    ]
+    plans = (PLAN, replace(PLAN, reevaluations=0))
+    lines = [[line for line in fakes.search(plan)[1].lines if isinstance(line, CandidateLine)] for plan in plans]
+    asked = [[(one.id, one.request) for one in of if one.generation < 2 and one.slot < 4] for of in lines]
     assert asked[0] == asked[1]
-
-
-def test_digest_is_that_of_one_worker_after_a_kill_and_in_a_replay(tmp_path: Path) -> None:
-    """Further trainings are part of the fold."""
-    path = tmp_path / "ledger.jsonl"
-    with ThreadPoolExecutor(8) as executor, pytest.raises(KeyboardInterrupt):
-        search(PLAN, path, evaluate=fakes.until_killed(29), executor=executor)
-    with ThreadPoolExecutor(8) as executor:
-        digest, _ = search(PLAN, path, executor=executor)
-    assert digest == search()[0] == search(PLAN, path)[0]
-
-
-def test_changed_further_training_is_a_named_divergence(tmp_path: Path) -> None:
-    """At its generation, slot and field."""
-    path = tmp_path / "ledger.jsonl"
-    _, recorder = search(PLAN, path)
-    first = next(line for line in again(recorder) if line.fitness is not None)
-
-    def drifting(source: str, seed: int) -> Training | Rejection:
-        result = fakes.noisy(source, seed)
-        return replace(result, weights_sha256="2" * 64) if seed and isinstance(result, Training) else result
-
-    with refused(DivergenceError, place=f"generation {first.generation}, slot {first.slot}, weights", got="2" * 64):
-        search(PLAN, path, evaluate=drifting)
-
-
-def test_lines_are_read_back_as_they_were_written(tmp_path: Path) -> None:
-    """For a retraining, say."""
-    path = tmp_path / "ledger.jsonl"
-    _, recorder = search(PLAN, path)
-    assert list(read_lines(path, line_kind).lines) == recorder.lines
 
 
 def test_what_a_search_knew_follows_from_its_lines() -> None:
     """Fitness by id, as the state has it at the end; of a search without further trainings, as recorded."""
     for plan in (PLAN, replace(PLAN, reevaluations=0)):
-        _, recorder = search(plan)
+        _, recorder = fakes.search(plan)
         last = recorder.states[-1]
         known = {name: one.fitness for name, one in last.candidates.items()}
         assert fitness_by_id(recorder.lines) == {name: loss for name, loss in known.items() if loss < math.inf}
@@ -281,7 +228,7 @@ def test_what_a_search_knew_follows_from_its_lines() -> None:
 
 def test_archive_of_every_generation_is_rebuilt_from_the_lines() -> None:
     """For tables and figures, which do not replay a search."""
-    _, recorder = search()
+    _, recorder = fakes.search(PLAN)
     candidates = [line for line in recorder.lines if isinstance(line, CandidateLine)]
     ends = [state for line, state in zip(recorder.lines, recorder.states, strict=True) if line.kind == "generation"]
     found = altered(
@@ -298,11 +245,3 @@ def test_archive_without_niches_trains_nothing_again() -> None:
     archive, *_ = archive.offer(TopK(niches=2), Individual(elite=Elite(name="a", objective=-1.0), point=(0.0, 0.0)))
     with pytest.raises(ValueError, match="niches"):
         archive.reestimated(TopK(niches=2), ["a"], -2.0)
-
-
-def test_median_of_an_even_number_is_the_mean_of_the_middle_two() -> None:
-    """And a failure outweighs any number of losses."""
-    line = ReevaluationLine(generation=1, slot=0, id="g00s00", source="s", evaluation="e", fitness=0.5)
-    found = Estimates().after(line).after(replace(line, fitness=0.7))
-    assert found.fitness("s") == pytest.approx(0.6)
-    assert found.after(replace(line, fitness=None)).fitness("s") == math.inf

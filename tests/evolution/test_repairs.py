@@ -30,24 +30,19 @@ def test_repair_goes_on_with_the_conversation() -> None:
     assert answer == Message(role="assistant", content="class A: ...")
     assert reason.role == "user"
     assert "'probe' for the reason 'bad_output': expected (2, 3); got (2, 4)" in reason.content
+    again = repair_request(repair, "two", FAULT)
+    assert again is not None
+    assert again.messages[:3] == repair.messages
+    assert [turn.role for turn in again.messages] == ["user", "assistant"] * 2 + ["user"]
 
 
-def test_second_repair_holds_the_first() -> None:
-    """Each attempt sees all that was said before it."""
-    once = repair_request(ASKED, "one", FAULT)
-    assert once is not None
-    twice = repair_request(once, "two", FAULT)
-    assert twice is not None
-    assert twice.messages[:3] == once.messages
-    assert [turn.role for turn in twice.messages] == ["user", "assistant"] * 2 + ["user"]
-
-
-@pytest.mark.parametrize("reason", [Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long])
-def test_what_no_turn_can_mend_is_not_sent_back(reason: Reason) -> None:
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        *(("text", reason) for reason in (Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long)),
+        (" \n", Reason.truncated),  # a provider takes no empty turn
+    ],
+)
+def test_what_no_turn_can_mend_is_not_sent_back(answer: str, reason: Reason) -> None:
     """There is nothing to correct, or nothing that could be sent."""
-    assert repair_request(ASKED, "text", replace(FAULT, stage=Stage.extract, reason=reason)) is None
-
-
-def test_blank_answer_is_not_sent_back() -> None:
-    """A provider takes no empty turn, whatever the reason."""
-    assert repair_request(ASKED, " \n", replace(FAULT, stage=Stage.extract, reason=Reason.truncated)) is None
+    assert repair_request(ASKED, answer, replace(FAULT, stage=Stage.extract, reason=reason)) is None

@@ -2,10 +2,7 @@
 
 import itertools
 import math
-import random
-import time
 import tracemalloc
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -25,17 +22,9 @@ from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.storage.ledger import Ledger, read_lines
 
 
-def opened(path: Path | None) -> Ledger:
-    """Open a ledger in a file, or one in memory."""
-    return Ledger() if path is None else Ledger.open(path, line_kind)
-
-
-def run(plan: Plan, path: Path | None = None, **effects: object) -> tuple[str, fakes.Recorder]:
-    """Run a plan with fake effects; give its digest and what an observer saw."""
-    recorder = fakes.Recorder()
-    with opened(path) as ledger:
-        run_search(plan, replace(fakes.effects(), **effects), ledger, recorder)  # type: ignore[arg-type]
-        return ledger.digest, recorder
+def run(plan: Plan, path: Path | None = None, **changes: object) -> tuple[str, fakes.Recorder]:
+    """Run a plan with losses that no seed changes; return its digest, and what an observer saw."""
+    return fakes.search(plan, path, **{"evaluate": fakes.evaluate, **changes})
 
 
 def candidates(recorder: fakes.Recorder) -> list[CandidateLine]:
@@ -48,63 +37,47 @@ def generations(recorder: fakes.Recorder) -> list[GenerationLine]:
     return [line for line in recorder.lines if isinstance(line, GenerationLine)]
 
 
-def test_same_seed_gives_the_same_digest_and_another_seed_another() -> None:
-    """A run is a function of its configuration and seed."""
-    first, _ = run(fakes.plan())
-    assert first == run(fakes.plan())[0]
-    assert first != run(fakes.plan(seed=1))[0]
-
-
 #: Ends the search of `fakes.plan(generations=9)` after some of its generations.
 BUDGET = Budget(flops=1e6, images=10, epochs=2)
 
-#: Searches with parents of every kind, and one that its budget ends.
+#: Searches with parents of every kind, and with all that a generation may do beside the paper's.
 PLANS = {
     **{parents.value: fakes.plan(generations=2, parents=parents) for parents in ParentPolicy},
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
+    "repairs": replace(fakes.plan(), repairs=2),
+    "seeds": replace(fakes.plan(), seeds=3),
+    "reevaluations": replace(fakes.plan(generations=8), reevaluations=2),
 }
 
 
 @pytest.mark.parametrize("plan", PLANS.values(), ids=PLANS)
 def test_many_workers_with_uneven_delays_give_the_digest_of_one(plan: Plan) -> None:
     """Work that finishes in any order is committed in slot order."""
-    delays = random.Random(0)  # delays of a test; the order of threads is not reproducible anyway
-
-    def slow(source: str, seed: int) -> Training | Rejection:
-        time.sleep(delays.random() / 200)
-        return fakes.evaluate(source)
-
     with ThreadPoolExecutor(8) as executor:
-        many, _ = run(plan, executor=executor, evaluate=slow)
-    assert many == run(plan)[0]
+        many, _ = fakes.search(plan, executor=executor, evaluate=fakes.until_killed(10**6))
+    assert many == fakes.search(plan)[0]
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(5)
 @pytest.mark.parametrize(("name", "step"), [(name, 1 if name == "uniform" else 6) for name in PLANS])
 def test_run_killed_at_any_training_continues_to_the_same_bytes(name: str, step: int, tmp_path: Path) -> None:
-    """Whenever it stops, the same command ends with the ledger of an uninterrupted run; `step` thins the stops."""
-    plan = PLANS[name]
-    whole = tmp_path / "whole.jsonl"
-    trainings: list[str] = []
+    """Whenever it stops, with whatever is at work, the same command ends with the ledger of an uninterrupted run.
+
+    That ledger comes again in a replay; `step` thins the stops.
+    """
+    plan, whole, trainings = PLANS[name], tmp_path / "whole.jsonl", list[str]()
 
     def counted(source: str, seed: int) -> Training | Rejection:
         trainings.append(source)
-        return fakes.evaluate(source)
+        return fakes.noisy(source, seed)
 
-    run(plan, whole, evaluate=counted)
+    assert fakes.search(plan, whole, evaluate=counted)[0] == fakes.search(plan, whole)[0]
     for last in range(0, len(trainings), step):
         path = tmp_path / f"killed{last}.jsonl"
-        left = iter(range(last))
-
-        def until_killed(source: str, seed: int, left: Iterator[int] = left) -> Training | Rejection:
-            if next(left, None) is None:
-                raise KeyboardInterrupt
-            return fakes.evaluate(source)
-
-        with pytest.raises(KeyboardInterrupt):
-            run(plan, path, evaluate=until_killed)
+        with ThreadPoolExecutor(8) as executor, pytest.raises(KeyboardInterrupt):
+            fakes.search(plan, path, evaluate=fakes.until_killed(last), executor=executor)
         assert path.stat().st_size < whole.stat().st_size
-        run(plan, path)
+        fakes.search(plan, path)
         assert path.read_bytes() == whole.read_bytes()
 
 
@@ -192,47 +165,31 @@ def test_rejected_candidates_change_no_archive() -> None:
 
 
 def test_prompt_archive_records_mutations_after_generation_0_only() -> None:
-    """A_P starts empty, and neither crossover nor the initial mutations enter it."""
+    """A trial is s = (i, T_g): neither crossover, nor initial mutations, nor the noise of a request enter A_P."""
     _, recorder = run(fakes.plan(generations=8))
+    of_generation = {line.generation: line.temperature for line in generations(recorder)}
     for line in candidates(recorder):
         enters = line.operator == "mutation" and line.generation > 0 and line.fitness is not None
         assert (line.prompt_niche is not None) == enters
-    assert recorder.states[-1].prompts.trials
-
-
-def test_prompt_trials_carry_the_temperature_of_the_generation() -> None:
-    """A trial is s = (i, T_g): the noise of a single request does not enter the prompt archive."""
-    _, recorder = run(fakes.plan(generations=8))
-    of_generation = {line.generation: line.temperature for line in generations(recorder)}
     final = recorder.states[-1].prompts
+    assert final.trials
     for niche, trial in final.trials.items():
-        generation = int(final.archive.elites[niche].name[1:3])
-        assert trial.temperature == of_generation[generation]
+        assert trial.temperature == of_generation[int(final.archive.elites[niche].name[1:3])]
 
 
-def test_curiosity_follows_the_insertion() -> None:
-    """Curiosity is 0.5 for a child that was not inserted, else 1 + 1 / (1 + f)."""
-    _, recorder = run(fakes.plan(generations=6))
-    for line in candidates(recorder):
-        if line.fitness is not None:
-            inserted = line.status != "rejected"
-            assert line.curiosity == (1 + 1 / (1 + line.fitness) if inserted else 0.5)
-
-
-def test_sum_of_curiosities_is_that_of_all_of_them() -> None:
+def test_curiosity_follows_the_insertions_of_all_mutation_children() -> None:
     """However often a candidate was a parent, its mean curiosity is that of the list of scores, to the last bit."""
     _, recorder = run(fakes.plan(generations=20))
     scores: dict[str, list[float]] = {}
     for line in candidates(recorder):
         if line.fitness is not None:
+            assert line.curiosity == (0.5 if line.status == "rejected" else 1 + 1 / (1 + line.fitness))
             taught = line.parents if line.operator == "mutation" else []
             for name in (*taught, line.id):
-                scores.setdefault(name, []).append(line.curiosity or 0.0)
+                scores.setdefault(name, []).append(line.curiosity)
     kept = recorder.states[-1].candidates
-    assert {name: float(found.curiosities) for name, found in kept.items()} == {
-        name: math.fsum(values) for name, values in scores.items()
-    }
-    assert {name: found.scores for name, found in kept.items()} == {n: len(v) for n, v in scores.items()}
+    means = {name: math.fsum(values) / len(values) for name, values in scores.items()}
+    assert {name: candidate.curiosity for name, candidate in kept.items()} == means
 
 
 @pytest.mark.slow
@@ -252,41 +209,27 @@ def test_states_share_what_they_have_in_common() -> None:
     assert kept < 8e6  # bytes; 4.5 million are kept here, and 12.8 million where every state has copies of its own
 
 
-def test_best_never_gets_worse_and_the_papers_temperature_only_rises() -> None:
-    """The literal rule compares an archive's best with itself, so T climbs by eta to 1."""
-    _, recorder = run(fakes.plan(generations=12))
+@pytest.mark.parametrize("rule", [TemperatureRule.paper, TemperatureRule.stall])
+def test_temperature_follows_the_best_of_the_archive(rule: TemperatureRule) -> None:
+    """It never gets worse, so the printed rule climbs by eta to 1; the other falls where it gets better."""
+    _, recorder = run(fakes.plan(generations=8, rule=rule))
     lines = generations(recorder)
-    bests = [_best(line) for line in lines]
-    assert bests == sorted(bests, reverse=True)
-    assert [line.temperature for line in lines] == pytest.approx(
-        [0.6, *(min(0.6 + 0.05 * step, 1.0) for step in range(12))]
-    )
+    assert [line.temperature for line in lines[1:]] == [line.next_temperature for line in lines[:-1]]
+    for before, line in itertools.pairwise(lines):
+        assert _best(line) <= _best(before)
+        falls = rule is TemperatureRule.stall and _best(line) < _best(before)
+        assert line.next_temperature - line.temperature == pytest.approx(-0.05 if falls else 0.05)
 
 
 def _best(line: GenerationLine) -> float:
     return math.inf if line.best is None else line.best
 
 
-def test_stall_rule_lowers_the_temperature_when_the_best_improves() -> None:
-    """Up on a stall, down on a better best."""
-    _, recorder = run(fakes.plan(generations=8, rule=TemperatureRule.stall))
-    lines = generations(recorder)
-    for before, line in itertools.pairwise(lines):
-        change = line.next_temperature - line.temperature
-        assert change == pytest.approx(-0.05 if _best(line) < _best(before) else 0.05)
-
-
-def test_without_prompt_archive_the_network_archive_is_the_same() -> None:
-    """Under uniform prompts A_P only records, so the ablation that drops it leaves every network as it was."""
-    _, uniform = run(fakes.plan(generations=6))
-    _, none = run(fakes.plan(generations=6, prompts=PromptPolicy.none))
-    assert none.states[-1].networks == uniform.states[-1].networks
-    assert not none.states[-1].prompts.trials
-
-
-def test_curious_prompts_change_the_search() -> None:
-    """The abstract's reading of the method is another search."""
-    assert run(fakes.plan(generations=6, prompts=PromptPolicy.curiosity))[0] != run(fakes.plan(generations=6))[0]
+def test_prompt_policies_are_other_searches_or_the_same() -> None:
+    """Without A_P all networks stay as they are under uniform prompts, where it only records; the abstract's do not."""
+    uniform, curious, none = (run(fakes.plan(generations=6, prompts=policy)) for policy in PromptPolicy)
+    assert none[1].states[-1].networks == uniform[1].states[-1].networks != curious[1].states[-1].networks
+    assert not none[1].states[-1].prompts.trials
 
 
 def test_outcomes_are_observed_before_their_line() -> None:
@@ -323,14 +266,9 @@ def test_small_run_is_golden() -> None:
         assert ledger.committed == ledger.recorded
 
 
-def repairing() -> Plan:
-    """Return a plan that sends answers back twice."""
-    return replace(fakes.plan(generations=4), repairs=2)
-
-
 def test_repaired_candidates_are_counted_apart() -> None:
     """A generation's `trained` are first answers; a repaired line tells every answer that was sent back, and why."""
-    _, recorder = run(repairing())
+    _, recorder = run(PLANS["repairs"])
     repaired = [line for line in candidates(recorder) if line.repairs]
     assert any(line.fitness is not None for line in repaired)
     for line in repaired:
@@ -354,21 +292,3 @@ def test_repairs_leave_first_answers_as_they_are() -> None:
     assert {slot for slot in plain if mended[slot].repairs} == rejected
     kept = plain.keys() - rejected
     assert [mended[slot].answer for slot in kept] == [plain[slot].answer for slot in kept]
-
-
-def test_repairing_run_gives_one_digest_with_any_workers_resumed_or_not(tmp_path: Path) -> None:
-    """Sending back is part of the fold: many workers, a kill in the middle and a replay change nothing."""
-    path = tmp_path / "ledger.jsonl"
-    digest, _ = run(repairing())
-    left = iter(range(9))
-
-    def until_killed(source: str, seed: int) -> Training | Rejection:
-        if next(left, None) is None:
-            raise KeyboardInterrupt
-        return fakes.evaluate(source)
-
-    with pytest.raises(KeyboardInterrupt):
-        run(repairing(), path, evaluate=until_killed)
-    with ThreadPoolExecutor(8) as executor:
-        assert run(repairing(), path, executor=executor)[0] == digest
-    assert run(repairing(), path)[0] == digest

@@ -1,11 +1,9 @@
 """Promise: with several training seeds the fitness is the median of their losses, and the ledger names each of them."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import fakes
-import pytest
 
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.state import Plan
@@ -67,12 +65,6 @@ def test_every_training_names_what_has_no_deterministic_form() -> None:
         assert ["not_deterministic" in written(one) for one in line.seeds] == [False, False, True]
 
 
-def test_one_seed_writes_what_was_written_before() -> None:
-    """No line names seeds, so the ledgers of one seed keep their bytes; the golden ledger shows that they do."""
-    lines = search(replace(three(), seeds=1))[1]
-    assert not any({"seed", "seeds"} & written(line).keys() for line in lines)
-
-
 def test_each_source_is_trained_once_with_each_seed() -> None:
     """Candidates of one source share their trainings within a generation."""
     calls: list[tuple[str, int]] = []
@@ -84,16 +76,6 @@ def test_each_source_is_trained_once_with_each_seed() -> None:
     search(replace(three(), generations=0, initial=60), evaluate=counted)
     assert len(calls) == len(set(calls))
     assert {seed for _, seed in calls} == {0, 1, 2}
-
-
-def test_digest_is_that_of_one_worker_after_a_kill_and_in_a_replay(tmp_path: Path) -> None:
-    """Seeds finish in any order, in any generation; the losses are in the order of the seeds."""
-    path = tmp_path / "ledger.jsonl"
-    with ThreadPoolExecutor(8) as executor, pytest.raises(KeyboardInterrupt):
-        search(three(), path, evaluate=fakes.until_killed(17), executor=executor)
-    with ThreadPoolExecutor(8) as executor:
-        digest, _ = search(three(), path, executor=executor)
-    assert digest == search(three())[0] == search(three(), path)[0]
 
 
 def test_every_training_of_a_line_can_be_compared_with_a_retraining() -> None:

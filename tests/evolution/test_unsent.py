@@ -7,7 +7,7 @@ import fakes
 import numpy as np
 from hand_runs import altered, closed, of_lines, run, trained
 from hand_sweeps import finished, run_to, sweep_of
-from ledger_lines import candidate, header
+from ledger_lines import header
 from refusals import refused
 
 from analysis.figures.maps import prompt_map
@@ -18,10 +18,8 @@ from analysis.runs.niches import Niches
 from analysis.tables.dynamics import generations_table, temperatures_table
 from tacevo.config.compose import compose
 from tacevo.errors import IncomparableError
-from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import find_centroids
 from tacevo.evolution.lines import CandidateLine, SearchLine, not_sent
-from tacevo.evolution.state import Plan
 from tacevo.records import Completion, Request
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise
@@ -43,16 +41,6 @@ class Refusing(fakes.FakeLLM):
             yield position, replace(completion, dropped=("temperature", "top_p"))
 
 
-def searched(
-    plan: Plan,
-    llm: fakes.FakeLLM,
-) -> list[SearchLine]:
-    """Run a plan; return the lines of its ledger."""
-    recorder = fakes.Recorder()
-    run_search(plan, fakes.effects(llm), Ledger(), recorder)
-    return recorder.lines
-
-
 def answered_in(lines: Sequence[SearchLine]) -> list[CandidateLine]:
     """List the lines of candidates that a model answered for."""
     return [line for line in lines if isinstance(line, CandidateLine) and line.answer]
@@ -64,49 +52,38 @@ def without_temperatures() -> RecordedRun:
     return run([trained(0, 0), *asked], [closed(0), closed(1, temperature=1.0)])
 
 
+def searched(llm: fakes.FakeLLM, core: int = 2) -> list[SearchLine]:
+    """Search under the rules of a core, with answers that are sent back; return the lines of the ledger."""
+    recorder, plan = fakes.Recorder(), replace(fakes.plan(generations=2), repairs=1)
+    run_under(replace(FIRST, core=core), plan, lambda _: fakes.effects(llm), Ledger(), recorder)
+    return recorder.lines
+
+
 def test_ledger_names_what_was_not_sent() -> None:
-    """Every answered line does, and nothing else in it changes; where all was sent, no line does."""
-    told, plain = (searched(fakes.plan(generations=2), llm) for llm in (Refusing(), fakes.FakeLLM()))
-    answered = answered_in(told)
-    assert answered
-    assert all(line.dropped == ("temperature", "top_p") for line in answered)
-    assert plain == [replace(line, dropped=()) if isinstance(line, CandidateLine) else line for line in told]
+    """Every answer does, also one that was sent back, and nothing else in its line changes.
+
+    Where all was sent, no line does; nor under the first core, whose answers are recorded with what was dropped.
+    """
+    told, plain, first = searched(Refusing()), searched(fakes.FakeLLM()), searched(Refusing(), core=1)
+    assert {line.dropped for line in answered_in(told)} == {("temperature", "top_p")}
+    assert {sent.dropped for line in answered_in(told) for sent in line.repairs} == {("temperature", "top_p")}
+    assert plain == first == [without(line) if isinstance(line, CandidateLine) else line for line in told]
+    assert {line.sent_temperature is None for line in answered_in(told)} == {True}
+    assert {line.sent_temperature == line.temperature for line in answered_in(plain)} == {True}
 
 
-def test_answers_that_were_sent_back_name_it_too() -> None:
-    """Each of them is an answer of its own."""
-    lines = searched(replace(fakes.plan(), repairs=1), Refusing())
-    assert {sent.dropped for line in answered_in(lines) for sent in line.repairs} == {("temperature", "top_p")}
+def without(line: CandidateLine) -> CandidateLine:
+    """Take what was not sent out of a line."""
+    return replace(line, dropped=(), repairs=tuple(replace(sent, dropped=()) for sent in line.repairs))
 
 
-def test_ledger_under_the_first_core_gains_no_field() -> None:
-    """Its answers are recorded with what was dropped, its lines name nothing; a replay gives these very lines."""
-    plan = fakes.plan(generations=2)
-    for core in (1, 2):
-        recorder = fakes.Recorder()
-        run_under(replace(FIRST, core=core), plan, lambda _: fakes.effects(Refusing()), Ledger(), recorder)
-        assert any(line.dropped for line in answered_in(recorder.lines)) is (core == 2)
-
-
-def test_temperature_that_was_not_sent_is_none() -> None:
-    """What was planned is not a temperature of the request."""
-    assert candidate("g01s00", temperature=0.5).sent_temperature == 0.5
-    assert candidate("g01s00", temperature=0.5, dropped=("top_p",)).sent_temperature == 0.5
-    assert candidate("g01s00", temperature=0.5, dropped=("temperature",)).sent_temperature is None
-
-
-def test_number_of_requests_is_told_where_it_is_not_all() -> None:
-    """A model may change its mind, or be another one from some day on."""
-    assert not_sent([(), ()]) == {}
+def test_summary_says_it() -> None:
+    """And that T is what was planned; of a model that changed its mind, with how many requests."""
     assert not_sent([("temperature",), ("temperature", "top_p")]) == {
         "temperature": WORDS,
         "top_p": "top_p was not sent with 1 of 2 requests: the model refuses it",
     }
-
-
-def test_summary_says_it() -> None:
-    """And that T is what was planned."""
-    lines, plain = (searched(fakes.plan(generations=1), llm) for llm in (Refusing(), fakes.FakeLLM()))
+    lines, plain = searched(Refusing()), searched(fakes.FakeLLM())
     config = compose(["experiment=published_force"])
     page = summarise(of_lines(header(), *lines, config=config))
     assert f"{WORDS}. top_p was not sent: the model refuses it. T, and the temperatures of the prompt archive" in page
@@ -132,14 +109,9 @@ def test_figures_of_temperatures_say_it() -> None:
         picture.name: picture.caption for picture in run_pictures(hand, Niches(networks=NICHES, prompts=NICHES))
     }
     assert {name for name, caption in captions.items() if WORDS in caption} == {"temperature", "prompt_map"}
-
-
-def test_figures_of_sent_temperatures_have_no_title() -> None:
-    """Nothing is said where nothing is missing."""
-    hand = run([trained(0, 0), trained(1, 0)], [closed(0), closed(1)])
-    assert [
-        figure.axes[0].get_title() for figure in (temperature(hand), prompt_map(hand, NICHES, range(len(NICHES))))
-    ] == ["", ""]
+    sent = run([trained(0, 0), trained(1, 0)], [closed(0), closed(1)])
+    for figure in (temperature(sent), prompt_map(sent, NICHES, range(len(NICHES)))):
+        assert figure.axes[0].get_title() == ""
 
 
 def test_tables_of_temperatures_say_it() -> None:

@@ -16,7 +16,6 @@ from tacevo.errors import RunError
 from tacevo.evolution.files import Line, RunLine, read_ledger, rules_of
 from tacevo.records import written
 from tacevo.rules import CORES, CURRENT, FIRST, LAST_RELEASES, TRAININGS, check_known
-from tacevo.storage.canonical import canonical
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 from tacevo.typed import convert
@@ -104,11 +103,11 @@ def test_what_was_dropped_has_a_release() -> None:
         assert dropped == {number for of, number in LAST_RELEASES if of == part}
 
 
-def test_header_without_rules_means_the_first_ones() -> None:
-    """Those of the runs that were published before rules were recorded."""
+def test_run_says_which_rules_made_it(published: Path) -> None:
+    """In the first line of its ledger; without them they are the first, as of runs published before."""
     assert "rules" not in written(header())
     assert rules_of([header()]) == FIRST
-    assert rules_of([header(rules=CURRENT)]) == CURRENT
+    assert rules_of(read_ledger(RunDirectory(published / "run")).lines) == CURRENT
 
 
 @pytest.mark.parametrize("lines", [[], [candidate("g00s00"), header()], [header(), candidate("g00s00"), header()]])
@@ -116,16 +115,6 @@ def test_ledger_has_one_header(lines: list[Line]) -> None:
     """A ledger can be edited."""
     with refused(RunError, place="ledger.jsonl", expected="one header, in the first line"):
         rules_of(lines)
-
-
-def test_second_set_of_rules_is_refused(published: Path, tmp_path: Path) -> None:
-    """As earlier releases wrote where a run was continued under their own rules; the message says who reads it."""
-    run = Path(shutil.copytree(published / "run", tmp_path / "run"))
-    change: dict[str, Any] = {"generation": 2, "hash": "0", "kind": "rules", "previous": "0", "rules": asdict(FIRST)}
-    with (run / "ledger.jsonl").open("a") as ledger:
-        ledger.write(f"{canonical(change)}\n")
-    with refused(RunError, place="ledger.jsonl", got="several rules", remedy="the release that continued the run"):
-        read_ledger(RunDirectory(run))
 
 
 @pytest.mark.parametrize("value", [{}, {"static": 1}, {**asdict(FIRST), "core": "1"}, {**asdict(FIRST), "more": 1}])
@@ -140,9 +129,3 @@ def test_rules_of_a_later_release_ask_for_an_update() -> None:
     check_known("core", CURRENT.core, CORES, "run")
     with refused(RunError, place="run", expected="core rules", got="99", remedy="a later release made it"):
         check_known("core", 99, CORES, "run")
-
-
-def test_run_says_which_rules_made_it(published: Path) -> None:
-    """In the first line of its ledger, unless they are the first rules; they count for the digest."""
-    lines = read_ledger(RunDirectory(published / "run")).lines
-    assert rules_of(lines) == CURRENT

@@ -312,12 +312,6 @@ def test_sweep_is_not_a_run(command: list[str], sweep: Path, capsys: pytest.Capt
     assert {path for path in sweep.rglob("*")} == before
 
 
-def test_epochs_of_a_noise_run_are_the_searchs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """After others a loss would not be a fitness, so they are not a setting."""
-    assert main(["noise", "run", "epochs=3"]) == 2
-    assert "epochs" in capsys.readouterr().err
-
-
 def test_study_that_trains_otherwise_gives_no_re_estimates(noisy: Path) -> None:
     """Where the search trained for longer, with other batches, or on other data."""
     run = read_run(noisy / "run")

@@ -169,26 +169,12 @@ def test_terms_are_stated_in_the_study_and_change_no_training(folder: Path) -> N
     stated = {"alpha": 0.01, "margin": {"value": 0.2, "kind": "absolute"}}
     assert to_json(second.read().terms) == to_json(second.read_scores().header.terms) == stated
     assert to_json(first.read().terms) == {"alpha": 0.05, "margin": {"value": 0.1, "kind": "relative"}}
+    assert main(["study", *STUDY, "margins.classification.value=0.5"]) == 0  # of another kind of task: not a term
+    assert len(studies_of(folder / "run")) == 2
     lines = [[row.evaluation for row in directory.read_scores().rows] for directory in (first, second)]
     assert lines[0] == lines[1]
     assert {path: path.stat().st_mtime_ns for path in folder.glob("cache/studies/*/*")} == before
     assert main(["replay", "run"]) == 0
-
-
-def test_margin_of_another_kind_of_task_changes_nothing(folder: Path) -> None:
-    """It is not a term of this study."""
-    before = files(folder)
-    assert main(["study", *STUDY, "margins.classification.value=0.5"]) == 0
-    assert files(folder) == before
-
-
-@pytest.mark.slow
-def test_one_worker_gives_the_bytes_of_two(folder: Path) -> None:
-    """Trained anew, one after the other, in whatever order."""
-    before = files(folder)
-    forget(folder)
-    assert main(["study", *STUDY, "executor.workers=1"]) == 0
-    assert files(folder) == before
 
 
 @pytest.mark.slow

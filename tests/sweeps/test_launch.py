@@ -26,7 +26,7 @@ from tacevo.config.schema import ExecutorConfig
 from tacevo.errors import ConfigError
 from tacevo.evolution.files import finished_digest
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
-from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
+from tacevo.sweeps.launch import SLURM, Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
 from tacevo.sweeps.status import Standing, Status, status_of
 
 pytestmark = unhurried
@@ -76,16 +76,23 @@ def has_begun(folder: Path, name: str) -> bool:
 def test_launcher_is_separated_from_the_jobs() -> None:
     """Only what names a launcher goes to it."""
     settings = ["seed=0,1", "hydra/launcher=submitit_slurm", "hydra.launcher.partition=gpu", "hydra.launcher.nodes=1"]
-    launcher = Launcher(cluster="submitit_slurm", options={"partition": "gpu", "nodes": 1})
+    launcher = Launcher(cluster=SLURM, options={"partition": "gpu", "nodes": 1})
     assert split_launcher(settings) == (launcher, ("seed=0,1",))
     assert split_launcher(["seed=0,1"]) == (Launcher(options={}), ("seed=0,1",))
 
 
-@pytest.mark.parametrize("names", [("joblib",), ("submitit_local", "submitit_slurm")])
-def test_launcher_that_is_not_known_is_rejected(names: tuple[str, ...]) -> None:
-    """A sweep has one of two launchers, or none."""
-    with refused(ConfigError, place="hydra/launcher", expected="submitit_slurm", got=" and ".join(names)):
-        split_launcher([f"hydra/launcher={name}" for name in names])
+@pytest.mark.parametrize(
+    ("overrides", "place", "expected"),
+    [
+        (["hydra/launcher=joblib"], "hydra/launcher", "submitit_slurm"),
+        (["hydra/launcher=submitit_slurm"] * 2, "hydra/launcher", "submitit_slurm"),
+        (["hydra.launcher.n_jobs=[1", "seed=0"], "hydra.launcher", "NAME=VALUE"),
+    ],
+)
+def test_launcher_that_is_not_known_is_rejected(overrides: list[str], place: str, expected: str) -> None:
+    """A sweep has one launcher, or none; the message names its options, and no parser."""
+    with refused(ConfigError, place=place, expected=expected):
+        split_launcher(overrides)
 
 
 @pytest.mark.parametrize(
@@ -94,9 +101,9 @@ def test_launcher_that_is_not_known_is_rejected(names: tuple[str, ...]) -> None:
         (Launcher(options={"njobs": 2}), "hydra.launcher"),
         (Launcher(options={"n_jobs": "x"}), "hydra.launcher"),
         (Launcher(options={"n_jobs": 0}), "hydra.launcher"),
-        (Launcher(cluster="submitit_local", options={"partition": "gpu"}), "hydra/launcher=submitit_local"),
-        (Launcher(cluster="submitit_local", options={"timeout_min": "x"}), "hydra/launcher=submitit_local"),
-        (Launcher(cluster="submitit_local", options={"max_num_timeout": "x"}), "hydra/launcher=submitit_local"),
+        (Launcher(cluster=SLURM, options={"partitions": "gpu"}), "hydra/launcher=submitit_slurm"),
+        (Launcher(cluster=SLURM, options={"timeout_min": "x"}), "hydra/launcher=submitit_slurm"),
+        (Launcher(cluster=SLURM, options={"max_num_timeout": "x"}), "hydra/launcher=submitit_slurm"),
     ],
 )
 def test_option_that_a_launcher_does_not_have_is_rejected(launcher: Launcher, place: str) -> None:
@@ -109,7 +116,7 @@ def test_key_among_the_options_is_rejected_and_not_repeated() -> None:
     """Options become the script of a job, which Slurm and the sweep's directory keep."""
     setup = {"setup": ["export ANTHROPIC_API_KEY=sk-secret"]}
     with refused(ConfigError) as caught:
-        check_launcher(Launcher(cluster="submitit_slurm", options=setup))
+        check_launcher(Launcher(cluster=SLURM, options=setup))
     assert caught.value.got.endswith("ANTHROPIC_API_KEY=...")
     assert caught.value.remedy
     assert "sk-secret" not in str(caught.value)
@@ -119,8 +126,12 @@ def test_key_among_the_options_is_rejected_and_not_repeated() -> None:
     ("jobs", "workers", "cores", "n_jobs"), [(10, 2, 8, 4), (10, 3, 8, 2), (3, 2, 8, 3), (10, 4, 2, 1), (10, 1, 1, 1)]
 )
 def test_jobs_times_workers_fit_the_cores(jobs: int, workers: int, cores: int, n_jobs: int) -> None:
-    """At most as many jobs as there are, and as cores for their workers, and always one job."""
+    """At most as many jobs as there are, and as cores for their workers, and always one; the user has the last word."""
     assert fitted(Launcher(options={}), jobs=jobs, needed=workers, cores=cores).options == {"n_jobs": n_jobs}
+    assert fitted(Launcher(options={"n_jobs": 7}), jobs=jobs, needed=workers, cores=cores).options == {"n_jobs": 7}
+    slurm = Launcher(cluster=SLURM, options={"timeout_min": 9})
+    told = fitted(slurm, jobs=jobs, needed=workers, cores=cores).options
+    assert told == {"cpus_per_task": workers, "timeout_min": 9}
 
 
 @pytest.mark.parametrize(("address", "n_jobs", "cpus"), [("head:6379", 10, 1), ("auto", 10, 1), (None, 1, 64)])
@@ -130,15 +141,8 @@ def test_jobs_that_share_a_ray_cluster_are_not_bounded_by_the_cores_here(
     """Only their searches run here; a Ray that each starts for itself runs here as well."""
     needed = needed_cores(ExecutorConfig(kind=ExecutorKind.ray, workers=64, address=address))
     assert fitted(Launcher(options={}), jobs=10, needed=needed, cores=4).options == {"n_jobs": n_jobs}
-    slurm = Launcher(cluster="submitit_slurm", options={})
+    slurm = Launcher(cluster=SLURM, options={})
     assert fitted(slurm, jobs=10, needed=needed, cores=4).options == {"cpus_per_task": cpus, "timeout_min": 60}
-
-
-def test_user_has_the_last_word_on_the_launcher() -> None:
-    """What the user set stays; a cluster is told how many cores a job needs."""
-    assert fitted(Launcher(options={"n_jobs": 7}), jobs=4, needed=2, cores=8).options == {"n_jobs": 7}
-    slurm = Launcher(cluster="submitit_slurm", options={"timeout_min": 9})
-    assert fitted(slurm, jobs=4, needed=2, cores=8).options == {"cpus_per_task": 2, "timeout_min": 9}
 
 
 @pytest.mark.slow
@@ -266,26 +270,3 @@ def test_sweep_killed_again_and_again_ends_with_the_digests_of_its_searches(tmp_
         place = [f"run.dir={tmp_path}/alone/{status.job.name}", f"store.root={tmp_path}/elsewhere"]
         assert main(["search", *alone, *sizes[:2], *status.job.overrides, *place]) == 0
         assert finished_digest(SweepDirectory(tmp_path / "alone").run(status.job)) == status.digest
-
-
-@pytest.mark.slow
-def test_submitit_runs_a_sweep_and_stops_it(tmp_path: Path) -> None:
-    """With the executor for one machine: on Ctrl-C of a terminal all jobs end, and the next call ends the sweep."""
-    pytest.importorskip("submitit")
-    sweep = start(tmp_path, "hydra/launcher=submitit_local")
-    assert comes(sweep, lambda: has_begun(tmp_path, NONE))
-    os.killpg(sweep.pid, signal.SIGINT)
-    _, errors = sweep.communicate()
-    assert sweep.returncode == 130
-    assert "Traceback" not in errors
-    assert ends(tmp_path), processes_of(tmp_path)
-    again = start(tmp_path, "hydra/launcher=submitit_local")
-    out, errors = again.communicate()
-    assert again.returncode == 0, errors
-    assert "2 jobs: 2 finished" in out
-
-
-def test_option_of_the_launcher_that_is_not_yaml_is_refused() -> None:
-    """The message names the launcher's options, and no parser."""
-    with refused(ConfigError, place="hydra.launcher", expected="NAME=VALUE"):
-        split_launcher(["hydra.launcher.n_jobs=[1", "seed=0"])

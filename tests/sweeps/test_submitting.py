@@ -1,6 +1,7 @@
 """Promise: no job that a cluster took is left behind, and how the cluster ended one is not put down to its search."""
 
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,10 +16,10 @@ JOB = Job(name="none-seed0", arm="none", seed=0, overrides=(), config="a" * 64)
 
 
 class Task:
-    """A job that the cluster took; Ctrl-C comes when its number is first read."""
+    """A job that Slurm took; Ctrl-C comes when its number is first read."""
 
-    is_cancelled = False
-    is_heard = False
+    is_cancelled = is_heard = False
+    paths = SimpleNamespace(stderr=Path("nowhere"))
 
     @property
     def job_id(self) -> str:
@@ -33,37 +34,38 @@ class Task:
         assert not check
         self.is_cancelled = True
 
-    def done(self) -> bool:
-        """Return whether it has ended."""
-        return self.is_cancelled
 
-    def exception(self) -> None:
-        """Return what went wrong."""
+@pytest.fixture
+def launching(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[object], SweepDirectory]:
+    """Return what launches the job as a task of a Slurm whose node died."""
+    monkeypatch.setattr(slurm, "_TICK", 0.0)
+    monkeypatch.setattr(slurm, "_QUEUE", ["echo", "7 NODE_FAIL"])
+
+    def launch(task: object) -> SweepDirectory:
+        monkeypatch.setattr(slurm, "executor_of", lambda *_: SimpleNamespace(map_array=lambda *_: [task]))
+        slurm.launch_on_slurm(SweepDirectory(tmp_path), [JOB], {}, print)
+        return SweepDirectory(tmp_path)
+
+    return launch
 
 
 def test_ctrl_c_before_the_first_look_cancels_what_was_submitted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    launching: Callable[[object], SweepDirectory],
 ) -> None:
     """The cluster has the job by then, and would run it for nobody."""
-    task = Task()
-    executor = SimpleNamespace(map_array=lambda *_: [task])
-    monkeypatch.setattr(slurm, "executor_of", lambda *_: executor)
-    monkeypatch.setattr(slurm, "_TICK", 0.0)
     with pytest.raises(KeyboardInterrupt):
-        slurm.launch_on_cluster(SweepDirectory(tmp_path), [JOB], "submitit_local", {}, print)
+        launching(task := Task())
     assert task.is_cancelled
 
 
 def test_what_the_cluster_says_of_a_job_is_no_failure_of_its_search(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    launching: Callable[[object], SweepDirectory], tmp_path: Path
 ) -> None:
-    """The record says so, for whoever compares arms."""
-    task = SimpleNamespace(job_id="7", done=lambda: True, exception=lambda: RuntimeError("the node is gone\nat ..."))
-    monkeypatch.setattr(slurm, "executor_of", lambda *_: SimpleNamespace(map_array=lambda *_: [task]))
-    monkeypatch.setattr(slurm, "_TICK", 0.0)
-    directory = SweepDirectory(tmp_path)
-    slurm.launch_on_cluster(directory, [JOB], "submitit_local", {}, print)
-    assert directory.failure(JOB) == Failure(job=JOB.name, reason="the node is gone", by_scheduler=True)
+    """The record says so, for whoever compares arms, with the last line of the job's own."""
+    (tmp_path / "stderr").write_text("the node is gone\nsrun: error: again\n")
+    directory = launching(SimpleNamespace(job_id="7", paths=SimpleNamespace(stderr=tmp_path / "stderr")))
+    reason = "Slurm: NODE_FAIL (the node is gone)"
+    assert directory.failure(JOB) == Failure(job=JOB.name, reason=reason, by_scheduler=True)
 
 
 def test_search_that_runs_out_of_the_schedulers_time_did_not_fail(

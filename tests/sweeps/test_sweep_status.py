@@ -16,7 +16,8 @@ from tacevo.sweeps.status import Standing, best_in_words, describe_jobs, status_
 @pytest.fixture
 def job() -> Job:
     """Return a job."""
-    return plan(SHARED, [("ablation=none", "seed=0")])[0].job
+    (job,) = plan(SHARED, [("ablation=none", "seed=0")])
+    return job
 
 
 def test_job_goes_through_its_standings(tmp_path: Path, job: Job) -> None:
@@ -102,7 +103,7 @@ def test_hash_leaves_out_where_a_job_is_computed(change: str) -> None:
 def test_description_lists_every_job(tmp_path: Path, job: Job) -> None:
     """How many stand how, a row for each, and why one failed."""
     directory = SweepDirectory(tmp_path)
-    other = plan(SHARED, [("ablation=none", "seed=1")])[0].job
+    (other,) = plan(SHARED, [("ablation=none", "seed=1")])
     begin(directory, job)
     directory.fail(other, "the disk is full")
     text = describe_jobs([status_of(directory, one) for one in (job, other)])

@@ -11,17 +11,17 @@ from refusals import refused
 from sweeps import SHARED, Heard, Launched
 
 from tacevo.bundles.publish import published_terms
-from tacevo.choices import ChosenBy, Primary, Varied
+from tacevo.choices import Primary, Varied
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.results.sweep_jobs import check_jobs
 from tacevo.storage.plan import plan_text
-from tacevo.storage.sweep_directory import UNSTATED, Retraining, SweepDirectory, SweepTerms
+from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory, SweepTerms
 from tacevo.sweeps.plan import sweep
 from tacevo.sweeps.searches import overrides_of
-from tacevo.sweeps.terms import Asked, read_primary, read_varied
+from tacevo.sweeps.terms import Asked, read_varied
 
 ALL = Path("all")
 MODELS = [*SHARED, "temperature=paper,stall", "seed=0"]
@@ -54,22 +54,6 @@ def test_any_arm_may_be_the_reference(place: Path) -> None:
     sweep(MODELS, "other", view, Launched())
     assert SweepDirectory(Path("other")).read().terms.reference is None
     assert any("--reference" in line for line in view.lines)
-
-
-def test_test_score_may_be_called_by_its_name_in_the_task(place: Path) -> None:
-    """The sweep regresses forces, so it is the MSE; another name is refused before a job runs, with the one that is."""
-    begun(MODELS, Asked(primary="test_mse"))
-    assert SweepDirectory(ALL).read().terms.primary is Primary.test_score
-    assert begun(MODELS, Asked(primary="test_score")).read().terms.primary is Primary.test_score
-    for name in ("test_accuracy", "test_cross_entropy", "mse", ""):
-        expected = "test_score, which is test_mse in task force, or best_fitness or qd_score or coverage"
-        with refused(ConfigError, place="--primary", expected=expected, got=repr(name)):
-            sweep(MODELS, "other", Heard(), Launched(), asked=Asked(primary=name))
-    assert not Path("other").exists()
-    classes = compose(["task=grating"]).task
-    assert read_primary("test_accuracy", classes) is Primary.test_score
-    with refused(ConfigError, expected="test_accuracy in task grating", got="'test_mse'"):
-        read_primary("test_mse", classes)
 
 
 def test_reference_that_is_not_an_arm_is_refused_before_a_job_runs(place: Path) -> None:
@@ -112,15 +96,6 @@ def test_sweep_of_an_earlier_release_keeps_its_bytes(place: Path) -> None:
         begun([*SHARED, "seed=0,1"], Asked(reference="none"))
 
 
-def test_how_jobs_are_tested_is_kept_when_jobs_are_added(place: Path) -> None:
-    """A later command writes sweep.json again."""
-    directory = begun([*SHARED, "seed=0"], Asked())
-    stated = SweepTerms(retraining=Retraining(seeds=3, epochs=2, choose=ChosenBy.reestimated))
-    directory.write(replace(directory.read(), terms=stated))
-    begun([*SHARED, "seed=0,1"], Asked())
-    assert directory.read().terms == stated
-
-
 @pytest.mark.parametrize(
     ("terms", "place_of"),
     [
@@ -137,8 +112,8 @@ def test_damaged_terms_are_named(terms: object, place_of: str, place: Path) -> N
         SweepDirectory(place).read()
 
 
-def test_data_follow_from_the_seed_of_a_job(place: Path) -> None:
-    """Each job runs as its command line would, with its seed as that of the split; arms keep their names."""
+def test_data_follow_from_the_seed_of_a_job_only_where_the_sweep_says_so(place: Path) -> None:
+    """Each job runs as its command line would, and arms keep their names; nobody says so after the fact."""
     directory = begun([*SHARED, "ablation=none,fixed_temperature", "seed=3,4"], Asked(vary=SEEDED))
     jobs = directory.read().jobs
     assert {job.arm for job in jobs} == {"none", "fixed_temperature"}
@@ -147,11 +122,6 @@ def test_data_follow_from_the_seed_of_a_job(place: Path) -> None:
         assert (config.data.split_seed, config.data.sensor_seed) == (job.seed, job.seed)
         assert config_hash(config) == job.config
     check_jobs(directory)
-
-
-def test_runs_of_other_data_are_one_arm_only_where_the_sweep_says_so(place: Path) -> None:
-    """Otherwise a difference between seeds could be chosen after the fact."""
-    directory = begun([*SHARED, "seed=3,4"], Asked(vary=SEEDED))
     directory.write(replace(directory.read(), terms=UNSTATED))
     with refused(DivergenceError, place="job none-seed4", expected="the settings of arm 'none', except for the seed"):
         check_jobs(directory)
@@ -176,23 +146,17 @@ def test_setting_that_cannot_follow_from_the_seed_is_refused(
 
 
 def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
-    """It is copied: a file that is changed later changes nothing, and is not taken in its place."""
-    Path("plan.json").write_text(plan_text(PLAN))
-    directory = begun(MODELS, Asked(plan=Path("plan.json")))
-    assert directory.read().terms.plan == PLAN
-    begun(MODELS, Asked(plan=Path("plan.json")))
-    Path("plan.json").write_text(plan_text(replace(PLAN, seeds=4)))
-    with refused(RunError, place="terms.plan", expected="the plan for 12 jobs of each arm", got="for 4 jobs"):
-        begun(MODELS, Asked(plan=Path("plan.json")))
-    assert directory.read().terms.plan == PLAN
-
-
-def test_plan_of_another_task_is_refused_before_a_job_runs(place: Path) -> None:
-    """Its spread is that of other values."""
+    """It is copied: a file that is changed later changes nothing. One of another task has another spread."""
     Path("plan.json").write_text(plan_text(replace(PLAN, task="grating")))
     with refused(ConfigError, place="plan.json, task", expected="'force'", got="'grating'"):
         begun(MODELS, Asked(plan=Path("plan.json")), launched := Launched())
     assert not launched.calls
+    Path("plan.json").write_text(plan_text(PLAN))
+    directory = begun(MODELS, Asked(plan=Path("plan.json")))
+    Path("plan.json").write_text(plan_text(replace(PLAN, seeds=4)))
+    with refused(RunError, place="terms.plan", expected="the plan for 12 jobs of each arm", got="for 4 jobs"):
+        begun(MODELS, Asked(plan=Path("plan.json")))
+    assert directory.read().terms.plan == PLAN
 
 
 @pytest.mark.parametrize("option", ["--reference=none", "--primary=coverage", "--vary=data.seed", "--plan=plan.json"])
@@ -202,16 +166,16 @@ def test_one_search_has_no_terms(option: str, capsys: pytest.CaptureFixture[str]
     assert "terms of a sweep, so they need -m" in capsys.readouterr().err
 
 
-def test_published_reference_has_the_published_name() -> None:
-    """An arm that is a path is published by its last part, and so is the reference that names it."""
-    terms = SweepTerms(reference="data.root=/home/ada/force")
-    assert published_terms(terms, {"data.root=/home/ada/force": "data.root=force"}).reference == "data.root=force"
-    assert published_terms(UNSTATED, {"none": "none"}) == UNSTATED
-
-
 def test_varied_settings_are_read_from_the_command_line() -> None:
     """In one order, whatever the user's."""
     assert read_varied("data.split_seed,data.sensor_seed,data.split_seed") == SEEDED
     for wrong in ("", "seed", "data.split_seed, data.sensor_seed", "data.images"):
         with refused(ConfigError, place="--vary", expected="data.split_seed"):
             read_varied(wrong)
+
+
+def test_published_reference_has_the_published_name() -> None:
+    """An arm that is a path is published by its last part, and so is the reference that names it."""
+    terms = SweepTerms(reference="data.root=/home/ada/force")
+    assert published_terms(terms, {"data.root=/home/ada/force": "data.root=force"}).reference == "data.root=force"
+    assert published_terms(UNSTATED, {"none": "none"}) == UNSTATED

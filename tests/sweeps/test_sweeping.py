@@ -85,29 +85,20 @@ def test_arm_is_what_is_compared(own: tuple[str, ...], arm: str, name: str) -> N
     assert name_job(own, 3) == name
 
 
-def test_no_value_leads_out_of_the_sweep() -> None:
-    """Characters that no directory should have are replaced, and what was replaced still tells arms apart."""
-    arms = (
-        "task.system=../a",
-        "task.system=../b",
-        "task.system=..-a",
-        f"ablation={'x' * 500}",
-        f"ablation={'x' * 501}",
-    )
+@pytest.mark.parametrize(
+    "arms",
+    [
+        ["task.system=../a", "task.system=../b", "task.system=..-a"],
+        [f"ablation={'x' * length}" for length in (500, 501)],
+        ["data.root=/home/ada/force", "data.root=/home/bob/force"],  # names are published: the last part of a path
+    ],
+)
+def test_names_lead_nowhere_and_tell_arms_apart(arms: list[str]) -> None:
+    """Characters that no directory should have, and folders of this machine, are left out."""
     names = {name_job([arm], 0) for arm in arms}
-
-    assert len(names) == 5
+    assert len(names) == len(arms)
     assert all("/" not in name and len(name) < 120 for name in names)
-
-
-def test_no_job_is_called_after_a_folder_of_this_machine() -> None:
-    """Names of jobs are published: a path gives its last part, and two that share it are still two."""
-    names = [name_job([f"data.root=/home/{user}/force", "ablation=none"], 0) for user in ("ada", "bob")]
-
-    assert len(set(names)) == 2
-    assert all(
-        name.startswith("none-data.root-force-") and not {"home", "ada", "bob"} & {*name.split("-")} for name in names
-    )
+    assert not {"home", "ada", "bob"} & {part for name in names for part in name.split("-")}
 
 
 @pytest.mark.slow
@@ -140,16 +131,16 @@ def test_same_search_runs_once(place: Path) -> None:
     """A seed given twice is one job; a search that stands in the sweep under another name keeps that name."""
     launched = Launched()
     sweep([*SHARED, "seed=0,0"], "all", Heard(), launched)
-    asked = sweep([*SHARED, "temperature=paper,stall"], "all", Heard(), launched)
+    _, asked = sweep([*SHARED, "temperature=paper,stall"], "all", Heard(), launched)
 
     assert launched.calls == [["none-seed0"], ["temperature-stall-seed0"]]
-    assert [status.job.name for status in asked.statuses] == ["none-seed0", "temperature-stall-seed0"]
+    assert [status.job.name for status in asked] == ["none-seed0", "temperature-stall-seed0"]
 
 
 def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
     """It follows from what the jobs share, and from nothing that leaves results alone."""
     first, more, watched, other = (
-        plan(*part([*SHARED, *settings], ()))[0].config
+        next(iter(plan(*part([*SHARED, *settings], ())).values()))
         for settings in (
             ["ablation=none", "seed=0"],
             ["ablation=stall_temperature", "seed=3"],
@@ -175,15 +166,15 @@ def test_finished_jobs_are_left_alone(place: Path) -> None:
 
     assert launched.calls == [NAMES]
     assert again == first
-    assert [status.standing for status in again.statuses] == [Standing.finished] * 4
+    assert [status.standing for status in again[1]] == [Standing.finished] * 4
     assert {name: files_of(place / "all" / name) for name in NAMES} == before
 
 
 def test_failed_and_stopped_jobs_are_given_again(place: Path) -> None:
     """A failure stops no other job, is shown with its reason, and is repeated; a stopped job is resumed."""
     view = Heard()
-    first = sweep(TWO_BY_TWO, "all", view, Launched(failing=("none-seed1",)))
-    assert [status.reason for status in first.statuses] == ["", "the disk is full", "", ""]
+    _, first = sweep(TWO_BY_TWO, "all", view, Launched(failing=("none-seed1",)))
+    assert [status.reason for status in first] == ["", "the disk is full", "", ""]
     assert "none-seed1: failed, the disk is full (1 of 4 jobs finished)" in view.lines
     assert view.counts == [(0, 4), (1, 4), (1, 4), (2, 4), (3, 4)]
 
@@ -192,7 +183,7 @@ def test_failed_and_stopped_jobs_are_given_again(place: Path) -> None:
     run = directory.run(stopped).read_run()
     directory.run(stopped).write_run(replace(run, digest=None))
     second = Launched()
-    assert all(status.digest for status in sweep(TWO_BY_TWO, "all", Heard(), second).statuses)
+    assert all(status.digest for status in sweep(TWO_BY_TWO, "all", Heard(), second)[1])
     assert second.calls == [["none-seed0", "none-seed1"]]
 
 
@@ -200,37 +191,35 @@ def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
     """A command with others runs those only, and sweep.json lists all, each once."""
     launched = Launched()
     sweep([*SHARED, "ablation=none", "seed=0,1"], "all", Heard(), launched)
-    asked = sweep([*SHARED, "ablation=none,fixed_temperature", "seed=1"], "all", Heard(), launched)
+    _, asked = sweep([*SHARED, "ablation=none,fixed_temperature", "seed=1"], "all", Heard(), launched)
 
     assert launched.calls == [NAMES[:2], [NAMES[3]]]
-    assert [status.job.name for status in asked.statuses] == [NAMES[1], NAMES[3]]
+    assert launched.launchers[1] == Launcher(options={"n_jobs": 1})  # of two jobs one is finished
+    assert [status.job.name for status in asked] == [NAMES[1], NAMES[3]]
     assert [job.name for job in SweepDirectory(place / "all").read().jobs] == [*NAMES[:2], NAMES[3]]
 
 
-@pytest.mark.slow
-def test_other_shared_settings_are_another_sweep(place: Path) -> None:
-    """Jobs of two budgets are not put into one directory; where results cannot change, the newest settings hold."""
-    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
-    with refused(RunError, place="all", got="none-seed0 would be another search", remedy="choose another --into"):
-        sweep([*SHARED, "search.candidates=3", "seed=1"], "all", Heard(), Launched())
-    sweep([*SHARED, "executor.workers=1", "seed=1"], "all", Heard(), Launched())
-    assert SweepDirectory(place / "all").read().overrides[-1] == "executor.workers=1"
+CROSSED = "proposals.mutation_probability"
 
 
-def test_shared_settings_are_compared_with_every_job(place: Path) -> None:
-    """An arm may override what differs, and would hide that another arm's jobs are others now."""
-    sweep([*SHARED, "ablation=no_prompt_archive,none", "seed=0"], "all", Heard(), Launched())
-    with refused(RunError, place="all", got="none-seed0 would be another search"):
-        sweep([*SHARED, "prompts=curiosity", "ablation=none", "seed=1"], "all", Heard(), launched := Launched())
+@pytest.mark.parametrize(
+    ("first", "then", "job"),
+    [
+        pytest.param([], ["search.candidates=3"], "none-seed0", marks=pytest.mark.slow),
+        # An arm may override what differs, and would hide that another arm's jobs are others now.
+        (["ablation=no_prompt_archive,none"], ["prompts=curiosity", "ablation=none"], "none-seed0"),
+        # Where the baseline is every parent nothing is crossed, as one of the earlier jobs does: it is no search.
+        ([f"{CROSSED}=0.5,1"], ["proposals.parents=baseline", f"{CROSSED}=1"], f"{CROSSED}-0.5-seed0"),
+    ],
+)
+def test_other_shared_settings_are_another_sweep(first: list[str], then: list[str], job: str, place: Path) -> None:
+    """They are compared with every job; where results cannot change, the newest hold."""
+    sweep([*SHARED, *first, "seed=0"], "all", Heard(), Launched())
+    with refused(RunError, place="all", got=f"{job} would be another search", remedy="choose another --into"):
+        sweep([*SHARED, *then, "seed=1"], "all", Heard(), launched := Launched())
     assert not launched.calls
-
-
-def test_shared_settings_with_which_an_earlier_job_is_no_search_are_another_sweep(place: Path) -> None:
-    """Where the baseline is every parent, nothing is crossed, as one of the earlier jobs does."""
-    share = "proposals.mutation_probability"
-    sweep([*SHARED, f"{share}=0.5,1", "seed=0"], "all", Heard(), Launched())
-    with refused(RunError, place="all", got=f"{share}-0.5-seed0 would be another search"):
-        sweep([*SHARED, "proposals.parents=baseline", f"{share}=1", "seed=1"], "all", Heard(), launched := Launched())
+    sweep([*SHARED, *first, "executor.workers=1", "seed=0"], "all", Heard(), launched)
+    assert "executor.workers=1" in SweepDirectory(place / "all").read().overrides
     assert not launched.calls
 
 
@@ -238,10 +227,10 @@ def test_shared_settings_with_which_an_earlier_job_is_no_search_are_another_swee
 def test_setting_that_was_varied_once_is_never_shared(place: Path) -> None:
     """One value of a setting that was varied before is not shared: its job would have the arm of another."""
     sweep([*SHARED, "temperature=paper,stall", "seed=0"], "all", Heard(), Launched())
-    asked = sweep([*SHARED, "temperature=stall", "seed=0,1"], "all", Heard(), launched := Launched())
+    _, asked = sweep([*SHARED, "temperature=stall", "seed=0,1"], "all", Heard(), launched := Launched())
 
     assert launched.calls == [["temperature-stall-seed1"]]
-    assert {status.job.arm for status in asked.statuses} == {"temperature=stall"}
+    assert {status.job.arm for status in asked} == {"temperature=stall"}
 
 
 def test_finished_job_has_not_failed_whatever_was_written_before(place: Path) -> None:
@@ -256,28 +245,21 @@ def test_finished_job_has_not_failed_whatever_was_written_before(place: Path) ->
     assert directory.failure(job) is None
 
 
-def test_folder_of_another_run_is_named(place: Path) -> None:
-    """What lies where a job belongs, and is another configuration's, is neither used nor overwritten."""
+def test_run_that_is_not_the_jobs_is_named(place: Path) -> None:
+    """Of another configuration, or of a task whose texts in conf/ were edited since: it is neither used nor changed."""
     directory = SweepDirectory(place / "all")
-    job = plan(SHARED, [("ablation=none", "seed=0")])[0].job
+    (job,) = plan(SHARED, [("ablation=none", "seed=0")])
     begin(directory, job, [*SHARED, "search.candidates=3"])
     before = files_of(place / "all" / "none-seed0")
-    with refused(
-        RunError, place="none-seed0", got="a run whose configuration has the hash ", remedy="move that directory away"
-    ):
-        sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
-    assert files_of(place / "all" / "none-seed0") == before
-
-
-def test_run_with_other_texts_is_named(place: Path) -> None:
-    """It was begun before the task's texts in conf/ were edited, and would go on with both."""
-    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
-    directory = SweepDirectory(place / "all")
-    run = directory.run(directory.read().jobs[0])
-    record = run.read_run()
-    run.write_run(replace(record, task=replace(record.task, crossover="Combine.")))
-    with refused(RunError, place="none-seed0", got="a run with other texts of task force", remedy="another --into"):
+    got, remedy = "a run whose configuration has the hash ", "move that directory away"
+    with refused(RunError, place="none-seed0", got=got, remedy=remedy):
         sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
+    assert files_of(place / "all" / "none-seed0") == before
+    begin(directory, job)
+    record = directory.run(job).read_run()
+    directory.run(job).write_run(replace(record, task=replace(record.task, crossover="Combine.")))
+    with refused(RunError, place="none-seed0", got="a run with other texts of task force", remedy="another --into"):
+        sweep([*SHARED, "seed=0"], "all", Heard(), launched)
     assert not launched.calls
 
 
@@ -298,11 +280,11 @@ def test_sweep_whose_shared_settings_are_not_a_search_is_named_by_the_user(place
 def test_job_that_another_process_runs_is_left_to_it(place: Path) -> None:
     """Jobs of a cluster outlive the process that launched them."""
     directory = SweepDirectory(place / "all")
-    job = plan(SHARED, [("seed=0",)])[0].job
+    (job,) = plan(SHARED, [("seed=0",)])
     with directory.run(job).locked():
-        swept = sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
+        _, statuses = sweep([*SHARED, "seed=0"], "all", Heard(), launched := Launched())
     assert not launched.calls
-    assert [status.standing for status in swept.statuses] == [Standing.running]
+    assert [status.standing for status in statuses] == [Standing.running]
 
 
 def test_one_process_at_a_time_runs_a_sweep(place: Path) -> None:
@@ -312,10 +294,3 @@ def test_one_process_at_a_time_runs_a_sweep(place: Path) -> None:
         refused(RunError, place="=all", expected="an idle directory", remedy="choose another --into"),
     ):
         sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
-
-
-def test_launcher_is_fitted_to_the_jobs_that_are_left(place: Path) -> None:
-    """Of two jobs one is finished, so that one process is enough, however many cores there are."""
-    sweep([*SHARED, "seed=0"], "all", Heard(), Launched())
-    sweep([*SHARED, "seed=0,1", "executor.workers=1"], "all", Heard(), launched := Launched())
-    assert launched.launchers == [Launcher(options={"n_jobs": 1})]

@@ -189,7 +189,7 @@ def noisy(source: str, seed: int) -> Training | Rejection:
 
 def until_killed(trainings: int) -> Evaluate:
     """Train as `noisy` does, with delays that differ, and end the search like Ctrl-C after so many trainings."""
-    delays, left = random.Random(0), iter(range(trainings))
+    delays, left = random.Random(0), iter(range(trainings))  # the order of threads is not reproducible anyway
 
     def train(source: str, seed: int) -> Training | Rejection:
         time.sleep(delays.random() / 500)
