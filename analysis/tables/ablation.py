@@ -133,6 +133,7 @@ def metric_table(sweep: RecordedSweep, found: Ablation, metric: Metric, archive:
         frame.reset_index(),
         layout,
         name=f"ablation_{metric.name}",
+        kind="ablation_primary" if metric is found.primary else "ablation_metric",
         caption=f"The arms ({sweep.task}): {metric.value}.",
         last=[("trivial", None, trivial, *(None,) * (len(layout) - 3))] if trivial is not None else [],
         notes=(

@@ -47,6 +47,7 @@ def published_tables() -> tuple[Table, ...]:
     set_up = PRINTED["set-up"]
     searches = Table(
         name="published_searches",
+        kind="published",
         caption="What the paper prints of its searches.",
         columns=("task", "trainable candidates", "improvement of the best fitness", "coverage"),
         rows=tuple(
@@ -60,6 +61,7 @@ def published_tables() -> tuple[Table, ...]:
     )
     scores = Table(
         name="published_scores",
+        kind="published",
         caption="What the paper prints of its networks.",
         columns=("task", "network", "measure", "value"),
         rows=tuple(map(tuple, PRINTED["scores"])),
@@ -153,6 +155,7 @@ def _test_table(test: dict[str, Any]) -> Table:
     wrong = found.index[found.finding.isin([Finding.too_small, Finding.too_large])]
     return Table(
         name=f"published_{test['task']}",
+        kind="published",
         caption=f"{test['name']} of the paper ({test['task']}, {test['metric']}) beside Holm's correction of its "
         "p-values.",
         columns=("network", "p", "adjusted, printed", "adjusted, Holm", "printed value"),

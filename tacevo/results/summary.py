@@ -21,6 +21,7 @@ from tacevo.evolution.lines import (
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import Operator
 from tacevo.results.run import answered_by
+from tacevo.rounding import significant
 from tacevo.storage.run_directory import RunRecord
 from tacevo.text import counted, drawn, listed, table
 
@@ -188,7 +189,7 @@ def _gate(lines: Collection[CandidateLine]) -> tuple[str, ...]:
         return ("Gate: no model was asked.",)
     answers = counted(left + sum(one.rejected for one in stages), "first answer")
     rejected = listed(f"{one.stage} {one.rejected} ({_reasons(one)})" for one in stages if one.rejected)
-    rate = f"Gate: {left} of {answers} trained ({share:.1%}); rejected: {rejected}."
+    rate = f"Gate: {left} of {answers} trained ({_percent(share)}); rejected: {rejected}."
     return (rate, *misreported(stages), *_repaired(lines))
 
 
@@ -235,8 +236,8 @@ def _cost(candidates: Mapping[str, CandidateLine], spent: Mapping[str, Spending]
 def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
     rows = [
         [str(line.generation), _trained(line), _number(line.best),
-         _number(line.generation_median), f"{line.coverage:.0%}", f"{line.prompt_coverage:.0%}",
-         f"{line.qd_score:.3f}", f"{line.temperature:.2f}"]
+         _number(line.generation_median), _percent(line.coverage), _percent(line.prompt_coverage),
+         _number(line.qd_score), _number(line.temperature)]
         for line in generations
     ]  # fmt: skip
     header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
@@ -258,4 +259,8 @@ def _trained(line: GenerationLine) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return "-" if value is None else significant(value)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"

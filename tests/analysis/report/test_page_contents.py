@@ -51,8 +51,8 @@ def test_page_says_what_was_not_learned() -> None:
     held = [elite("g01s00", niche=0, fitness=0.4)]
     given = run([trained(0, 0, 0.5), trained(1, 0, 0.4)], [closed(0, 0.5), closed(1, 0.4)], elites=held)
     at_chance, better = (contents(altered(given, trivial=trivial)) for trivial in (0.41, 0.6))
-    assert at_chance["headlines"][1].startswith("Lowest fitness 0.4 by g01s00; ")
-    assert "the trivial loss is 0.41" in at_chance["headlines"][1]
+    assert at_chance["headlines"][1].startswith("Lowest fitness 0.400 by g01s00; ")
+    assert "the trivial loss is 0.410" in at_chance["headlines"][1]
     assert at_chance["remarks"][0].startswith("At chance: ")
     assert not any("chance" in one for one in better["remarks"])
     assert "trivial" not in str(contents(given)["headlines"])
