@@ -286,9 +286,8 @@ def _contrast(
     p_holm = _corrected(family, {name: test.p for name, test in tests.items()})
     least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
     for name, test in tests.items():
-        found = effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
         rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
-        rows[name] |= found.columns()
+        rows[name] |= effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
         rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
 
 
