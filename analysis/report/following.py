@@ -111,7 +111,7 @@ class Followed:
         self._path = path
         self._store = store
         self._readings: dict[Path, _Reading] = {}
-        self._shown = page_contents([], title=path.resolve().name, live=True, checked=_CHECKED, commands=[])
+        self._shown = page_contents([], title=path.resolve().name, live=True, checked=_CHECKED)
         #: Whether all its searches were finished when it was last read, and whether a process was at work on one.
         self.is_finished = self.is_at_work = False
 
@@ -140,7 +140,6 @@ class Followed:
             live=True,
             state=f"{finished} of {counted(len(readings), 'run')} finished, {busy} at work.{reason}",
             checked=_CHECKED,
-            commands=[],
         )
 
     def _read(self, run: RunDirectory) -> _Reading:
@@ -154,8 +153,9 @@ class Followed:
             found, material = self._collected(run, is_finished=is_finished), None
             if found is not None:
                 remarks = [*read_note(run.path), *found.run.not_sent.values(), *found.left_out, *found.remarks]
-                recorded, tables = read_texts(found.run), tables_of(found, None)
-                material = RunMaterial(found=found, recorded=recorded, tables=tables, remarks=remarks)
+                texts, edited = read_texts(found.run)
+                tables = tables_of(found, None)
+                material = RunMaterial(found=found, texts=texts, edited=edited, tables=tables, remarks=remarks)
             known = _Reading(seen=seen, is_finished=is_finished, is_busy=is_busy, material=material)
             self._readings[run.path] = known
         return known

@@ -176,7 +176,7 @@ def _results(run: RecordedRun) -> tuple[tuple[str, Cell, Cell], ...]:
     """Return quantity, published and own value of what a search found."""
     theirs, ours = PRINTED["searches"].get(run.task, {}), improvement(run)
     return tuple(
-        (quantity, percent(theirs.get(printed)), percent(getattr(ours, own, None)))
+        (quantity, percent(theirs.get(printed)), percent(ours.get(own)))
         for quantity, printed, own in (
             ("trainable candidates", "trainable", "trainable"),
             ("improvement on generation 0", "improvement", "over_first"),

@@ -79,9 +79,8 @@ def _gathered(run: Run, place: Opened, name: str) -> Gathered:
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]
     notes = [words for folder in dict.fromkeys((place.folder, run.path)) for words in read_note(folder)]
-    material = RunMaterial(
-        found=run.collection, recorded=read_texts(run.recorded), tables=tables, remarks=[*notes, *remarks]
-    )
+    texts, edited = read_texts(run.recorded)
+    material = RunMaterial(found=run.collection, texts=texts, edited=edited, tables=tables, remarks=[*notes, *remarks])
     return run, material, missing
 
 

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from analysis.report.collection import side_by_side, with_largest_studies
-from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
+from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.following import follow
 from analysis.report.page.html import as_html
 from tacevo.api.report import gather, page_of_run, page_of_sweep
@@ -111,7 +111,7 @@ def _with_largest(run: Run) -> Run:
     return run
 
 
-def _chapter(one: Run | Sweep, directory: Path) -> Chapter:
+def _chapter(one: Run | Sweep, directory: Path) -> str:
     """Write the tables and figures of a run or a sweep into a directory."""
     say(remarks_of(one))
     tables, missing = one.all_tables()
