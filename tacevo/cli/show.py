@@ -88,7 +88,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
     directory, run, ledger = _read_begun(path)
     finished = run.digest == ledger.digest
     state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
-    known = finished_run(directory, run, ledger) if finished else None
+    known = finished_run(directory, run, ledger, None if store is None else str(store)) if finished else None
     elites = [elite.id for elite in (known.elites if known else read_elites(directory))]
     trained = {line.id for line in ledger.lines if isinstance(line, CandidateLine) and line.fitness is not None}
     if unknown := sorted(set(elites) - trained):
@@ -97,7 +97,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
     summary = summarise(run, read_config(path, run), ledger.lines, elites, directory.read_spending())
     paragraphs = read_note(path)
     note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
-    return f"{summary}\n{_studied(known, store) if known else ''}{note}{state}\n"
+    return f"{summary}\n{_studied(known) if known else ''}{note}{state}\n"
 
 
 def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
@@ -110,11 +110,11 @@ def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
     return directory, run, ledger
 
 
-def _studied(run: RecordedRun, store: Path | None) -> str:
+def _studied(run: RecordedRun) -> str:
     """Write what the studies and noise runs of a finished run found; nothing without any."""
     if not studies_of(run.path):
         return ""
-    found = read_studies(run, store)
+    found = read_studies(run)
     parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
     return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])
 
