@@ -18,10 +18,9 @@ Halves go the way of the binary number, as Python's `format` rounds. A number th
 import re
 
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, finite
+from tacevo.rounding import SMALLEST, decimals, significant
 
 _MINUS, _DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
-
-_SMALLEST = 1e-4
 
 #: The sign of a number, not of an exponent.
 _NEGATIVE = re.compile(r"(?<!e)-")
@@ -39,7 +38,7 @@ def shown(cell: Cell) -> str:
         case int():
             text = f"{cell:,}"
         case PValue(value):
-            text = "<0.001" if finite(value) < 0.001 else _significant(value, 2)
+            text = "<0.001" if finite(value) < 0.001 else significant(value, 2)
         case Halves(value):
             text = f"{finite(value):,.1f}"
         case Percent(value):
@@ -50,30 +49,15 @@ def shown(cell: Cell) -> str:
             low_end, high_end = (f"{finite(value) * 100:.1f}" for value in (low, high))
             text = f"{finite(estimate) * 100:.1f} % [{low_end}, {high_end}]"
         case _:
-            text = _significant(finite(cell), 3)
+            text = significant(finite(cell))
     return _NEGATIVE.sub(_MINUS, text)
-
-
-def _significant(value: float, digits: int) -> str:
-    """Write a number with so many significant digits, and all digits before its point."""
-    if 0 < abs(value) < _SMALLEST:
-        return f"{value:.{digits - 1}e}"
-    return f"{value:,.{_decimals(value, digits)}f}"
-
-
-def _decimals(value: float, digits: int) -> int:
-    """Count the decimals that give a number so many significant digits, once it is rounded to them."""
-    if value == 0:
-        return digits - 1
-    exponent = int(f"{abs(value):.{digits - 1}e}".partition("e")[2])  # of 9.996 as of 10.0
-    return max(digits - 1 - exponent, 0)
 
 
 def _interval(estimate: float, low: float, high: float) -> str:
     values = [finite(value) for value in (estimate, low, high)]
     largest = max(map(abs, values))
-    if 0 < largest < _SMALLEST:
-        texts = [_significant(value, 3) for value in values]
+    if 0 < largest < SMALLEST:
+        texts = [significant(value) for value in values]
     else:
-        texts = [f"{value:,.{_decimals(largest, 3)}f}" for value in values]
+        texts = [f"{value:,.{decimals(largest, 3)}f}" for value in values]
     return f"{texts[0]} [{texts[1]}, {texts[2]}]"

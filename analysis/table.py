@@ -95,9 +95,12 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     #: Sentences below it.
     notes: tuple[str, ...] = ()
+    #: Of the question that it answers (`analysis.report.writing`); where none is given, its name without a study's.
+    kind: str = ""
 
     def __post_init__(self) -> None:
         """Check the shape."""
+        object.__setattr__(self, "kind", self.kind or self.name.rpartition("/")[2])
         for number, row in enumerate(self.rows, start=1):
             if len(row) != len(self.columns):
                 raise ValueError(f"row {number} of table {self.name} needs {len(self.columns)} cells; got {len(row)}")
@@ -112,11 +115,12 @@ class Table:
         caption: str,
         notes: Iterable[str] = (),
         last: Iterable[tuple[Cell, ...]] = (),
+        kind: str = "",
     ) -> "Table":
         """Lay out a frame, a row for each of its rows and then the `last` ones."""
         cells = (_cells(frame, *((None, how) if isinstance(how, str) else how)) for how in layout.values())
         rows = (*zip(*cells, strict=True), *last)
-        return cls(name=name, caption=caption, columns=tuple(layout), rows=rows, notes=tuple(notes))
+        return cls(name=name, caption=caption, columns=tuple(layout), rows=rows, notes=tuple(notes), kind=kind)
 
     @property
     def frame(self) -> pd.DataFrame:

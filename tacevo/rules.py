@@ -59,7 +59,7 @@ KEPT_SINCE = 5
 #: records and decide nothing, so a replay compares the texts of its own number only.
 FIRST_PAGES = 1
 
-PAGES = 6
+PAGES = 7
 
 
 def check_known(part: str, number: int, known: frozenset[int], place: object) -> None:

@@ -80,29 +80,24 @@ class Collection(Studies):
 
 
 def collect(path: Path, store: Path | None = None) -> Collection:
-    """Read a finished run and its studies, with what their test images say.
+    """Read the directory of a finished run and its studies, with what their test images say; raises as `read_run`.
 
-    Args:
-        path: the run directory.
-        store: where its stores lie, if not where the run had them.
-
-    Raises:
-        RunError: the run is not finished, or it was edited.
+    `store` is where its stores lie, if not where the run had them.
     """
-    run = read_run(path)
-    return collection_of(run, read_studies(run, store), store)
+    run = read_run(path, None if store is None else str(store))
+    return collection_of(run, read_studies(run))
 
 
-def collection_of(run: RecordedRun, found: Studies, store: Path | None = None) -> Collection:
-    """Return a run with its studies, and what their test images say; `store` as in `collect`.
+def collection_of(run: RecordedRun, found: Studies) -> Collection:
+    """Return a run with its studies, and what their test images say.
 
     Raises:
         RunError: the niches are not those of the run.
     """
-    on_images = [_on_images(run, one, _store_of(run, store)) for one in found.studies]
+    on_images = [_on_images(run, one) for one in found.studies]
     return Collection(
         run=run,
-        niches=load_niches(run, store),
+        niches=load_niches(run),
         studies=tuple(replace(one, images=images) for one, (images, _) in zip(found.studies, on_images, strict=True)),
         reestimates=found.reestimates,
         left_out=found.left_out,
@@ -111,12 +106,11 @@ def collection_of(run: RecordedRun, found: Studies, store: Path | None = None) -
     )
 
 
-def read_studies(run: RecordedRun, store: Path | None = None) -> Studies:
+def read_studies(run: RecordedRun) -> Studies:
     """Read the finished studies of a run, without their test images.
 
     A study that is not finished or has holes is left out, and the reason is kept: the search's own results do not
-    depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only. `store` is where the
-    run's stores lie, if not where it had them.
+    depend on it. One that cannot be compared, with too few seeds, say, lacks its comparison only.
     """
     finished, left_out = [], []
     for directory in studies_of(run.path):
@@ -124,7 +118,7 @@ def read_studies(run: RecordedRun, store: Path | None = None) -> Studies:
             finished.append(_finished(directory, run))
         except RunError as error:
             left_out.append(_reason(error, run))
-    found = compared_studies(run, finished, store)
+    found = compared_studies(run, finished)
     return replace(found, left_out=(*left_out, *found.left_out))
 
 
@@ -133,8 +127,8 @@ def _reason(error: TacevoError, run: RecordedRun) -> str:
     return str(error).replace(f"{run.path}/", "")
 
 
-def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy], store: Path | None = None) -> Studies:
-    """Return studies that were read, compared; reasons and `store` as in `read_studies`."""
+def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Studies:
+    """Return studies that were read, compared; reasons as in `read_studies`."""
     studies, reestimates, left_out = [], [], []
     remarks: list[str] = []
     known = tuple(finished)
@@ -149,7 +143,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy], store:
             studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons))
             left_out += reasons
         try:
-            reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, _store_of(run, store)))
+            reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, run.stores))
         except (RunError, StoreError) as error:
             (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {_reason(error, run)}")
     return Studies(
@@ -174,10 +168,6 @@ def _finished(directory: StudyDirectory, run: RecordedRun) -> FinishedStudy:
     return finished
 
 
-def _store_of(run: RecordedRun, store: Path | None) -> Path:
-    return store or Path(run.config.store.root)
-
-
 def _compared(study: RecordedStudy, path: Path) -> tuple[pd.DataFrame | None, list[str]]:
     """Compare a study; where that fails, return the reason."""
     if len(study.networks) == 1:  # a baseline alone, as was asked for
@@ -188,10 +178,10 @@ def _compared(study: RecordedStudy, path: Path) -> tuple[pd.DataFrame | None, li
         return None, [f"the comparison of {path}: {error}"]
 
 
-def _on_images(run: RecordedRun, one: Compared, store: Path) -> tuple[ImageFindings | None, list[str]]:
+def _on_images(run: RecordedRun, one: Compared) -> tuple[ImageFindings | None, list[str]]:
     """Compare a study's networks on its test images; where it keeps them and they cannot be read, return the reason."""
     try:
-        predictions = load_predictions(one.study, store)
+        predictions = load_predictions(one.study, run.stores)
     except (CacheMissError, StoreError) as error:
         reason = error if run.has_predictions else "the bundle of a sweep holds no test predictions"
         return None, [f"no tables of the test images of {run.path / 'studies' / one.name}: {reason}"]

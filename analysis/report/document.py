@@ -1,8 +1,7 @@
 """The pages that hold all tables and figures of runs: a LaTeX document, and its PDF where LaTeX is installed."""
 
 import subprocess
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from analysis.report.figure_list import OnDrawn, Picture, write_pictures
@@ -34,32 +33,6 @@ _HEAD = r"""\documentclass[10pt]{article}
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Illustration:
-    """A figure's PDF file."""
-
-    #: Beside the document, e.g. `run1/lineage.pdf`.
-    file: str
-    caption: str
-    #: For references, e.g. `fig:run1:lineage`.
-    label: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chapter:
-    """What belongs together, on pages of its own."""
-
-    title: str
-    #: Files beside the document, e.g. `run1/gate.tex`.
-    tables: tuple[str, ...]
-    figures: tuple[Illustration, ...] = ()
-
-
-def document(chapters: Sequence[Chapter]) -> str:
-    """Write the LaTeX document."""
-    return _HEAD + "\n".join(map(_chapter, chapters)) + "\\end{document}\n"
-
-
 def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
     """Make the PDF of a document with what is installed.
 
@@ -82,10 +55,10 @@ def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
     return None
 
 
-def write_document(chapters: Sequence[Chapter], directory: Path) -> Path:
-    """Write the document into a directory; return it."""
+def write_document(chapters: Iterable[str], directory: Path) -> Path:
+    """Write the document of chapters (`write_chapter`) into a directory; return it."""
     path = directory / "paper.tex"
-    write_durably(path, document(chapters))
+    write_durably(path, _HEAD + "\n".join(chapters) + "\\end{document}\n")
     return path
 
 
@@ -95,27 +68,25 @@ def write_chapter(
     pictures: Sequence[Picture],
     directory: Path,
     on_drawn: OnDrawn = lambda name: None,
-) -> Chapter:
-    """Write what a chapter holds into a directory of its own, beside the document; labels begin with its name.
+) -> str:
+    """Write what belongs together, on pages of its own, into a directory beside the document.
+
+    Returns:
+        What the document has of it; labels begin with the name of the directory.
 
     Raises:
         StoreError: a file cannot be written.
     """
-    prefix = f"{directory.name}:"
-    write_tables(tables, directory, prefix=prefix)
+    name = directory.name
+    write_tables(tables, directory, prefix=f"{name}:")
     write_pictures(pictures, directory, (".pdf",), on_drawn)
-    return Chapter(
-        title=title,
-        tables=tuple(f"{directory.name}/{place_of(table)}.tex" for table in tables),
-        figures=tuple(
-            Illustration(
-                file=f"{directory.name}/{picture.name}.pdf",
-                caption=picture.caption,
-                label=f"fig:{prefix}{picture.name}",
-            )
-            for picture in pictures
-        ),
-    )
+    figures = [
+        rf"\begin{{figure}}[htbp]\centering\includegraphics{{{name}/{picture.name}.pdf}}"
+        rf"\caption{{{in_latex(picture.caption)}}}\label{{fig:{name}:{picture.name}}}\end{{figure}}"
+        for picture in pictures
+    ]
+    inputs = [rf"\input{{{name}/{place_of(table)}.tex}}" for table in tables]
+    return "\n".join([rf"\section*{{{in_latex(title)}}}", *figures, *inputs, r"\clearpage", ""])
 
 
 def _run(command: list[str], directory: Path) -> None:
@@ -123,14 +94,3 @@ def _run(command: list[str], directory: Path) -> None:
     if done.returncode != 0:
         last = (done.stdout + done.stderr).decode(errors="replace").strip()[-600:]
         raise RunError(f"{command[0]} failed; it ended with\n{last}", place=str(directory / command[-1]))
-
-
-def _chapter(chapter: Chapter) -> str:
-    parts = [rf"\section*{{{in_latex(chapter.title)}}}", *map(_figure, chapter.figures)]
-    parts += [rf"\input{{{file}}}" for file in chapter.tables]
-    return "\n".join([*parts, r"\clearpage", ""])
-
-
-def _figure(figure: Illustration) -> str:
-    caption = rf"\caption{{{in_latex(figure.caption)}}}\label{{{figure.label}}}"
-    return rf"\begin{{figure}}[htbp]\centering\includegraphics{{{figure.file}}}{caption}\end{{figure}}"

@@ -24,7 +24,7 @@ from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
 from analysis.table import PValue
-from analysis.tables.archives_of_arms import common_note
+from analysis.tables.ablation import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind

@@ -6,6 +6,7 @@ agree. Its script reloads it and keeps its place; the page that stands in the en
 
 import contextlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,10 @@ from tacevo.text import counted
 #: Seconds between two looks at the files.
 EVERY = 3.0
 
+#: Looks at which no run was at work, after which a sweep is not followed further: its next job takes a while to begin.
+#: A run is left at the second.
+PATIENCE = 20
+
 #: The files of a run that its page follows from.
 _FOLLOWED = (NOTE, "run.json", "ledger.jsonl", "studies/*/study.json")
 
@@ -37,7 +42,7 @@ _CHECKED = (
 )
 
 
-def follow(path: Path, page: Path, store: Path | None = None) -> None:
+def follow(path: Path, page: Path, store: Path | None = None, say: Callable[[str], object] = lambda line: None) -> None:
     """Write the page of a run or a sweep whenever it has changed, until all its searches are finished.
 
     However this ends, the last page that it writes does not reload itself.
@@ -46,25 +51,40 @@ def follow(path: Path, page: Path, store: Path | None = None) -> None:
         path: the directory of a run or a sweep that has begun.
         page: the file to write.
         store: where the stores lie, if not where the runs have them.
+        say: is called with a line whenever the page was written.
 
     Raises:
-        RunError: nothing has begun there.
+        RunError: nothing has begun there, or no process is at work on what is not finished.
     """
     if not any((path / name).exists() for name in ("run.json", "sweep.json")):
         got, expected = "a path without run.json and sweep.json", "the directory of a run or a sweep that has begun"
         raise RunError(got, place=str(path), expected=expected)
-    followed, written = Followed(path, store), None
+    followed, written, idle = Followed(path, store), None, 0
     try:
         while not followed.is_finished:
             shown = followed.now()
             if shown != written:
                 write_durably(page, as_html(shown))
                 written = shown
+                generations = sum(len(run["generations"]) for run in shown.runs)
+                say(f"written with {counted(generations, 'generation')}: {shown.state}")
             if not followed.is_finished:
+                idle = 0 if followed.is_at_work else idle + 1
+                if idle > (PATIENCE if SweepDirectory(path).is_one else 1):
+                    raise _stopped(path, shown)
                 time.sleep(EVERY)
     finally:
         if written is not None:
             write_durably(page, as_html(replace(written, live=False)))
+
+
+def _stopped(path: Path, shown: PageContents) -> RunError:
+    return RunError(
+        f"none. {shown.state}",
+        place=str(path),
+        expected="a process at work, since not all is finished",
+        remedy="the command that began it goes on with it; the page shows it as far as it came",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,9 +111,9 @@ class Followed:
         self._path = path
         self._store = store
         self._readings: dict[Path, _Reading] = {}
-        self._shown = page_contents([], title=path.resolve().name, live=True, checked=_CHECKED, commands=[])
-        #: Whether all its searches were finished when it was last read.
-        self.is_finished = False
+        self._shown = page_contents([], title=path.resolve().name, live=True, checked=_CHECKED)
+        #: Whether all its searches were finished when it was last read, and whether a process was at work on one.
+        self.is_finished = self.is_at_work = False
 
     def now(self) -> PageContents:
         """Return its page; where files cannot be read, the last one and why."""
@@ -102,6 +122,7 @@ class Followed:
             runs = [RunDirectory(self._path)]
             if directory.is_one:
                 runs = [directory.run(job) for job in directory.read().jobs]
+            self.is_at_work = any(run.is_busy for run in runs)
             readings = [self._read(run) for run in runs]
             self._shown = self._made(readings, *(self._compared() if directory.is_one else (None, "")))
             self.is_finished = all(one.is_finished for one in readings)
@@ -119,7 +140,6 @@ class Followed:
             live=True,
             state=f"{finished} of {counted(len(readings), 'run')} finished, {busy} at work.{reason}",
             checked=_CHECKED,
-            commands=[],
         )
 
     def _read(self, run: RunDirectory) -> _Reading:
@@ -133,8 +153,9 @@ class Followed:
             found, material = self._collected(run, is_finished=is_finished), None
             if found is not None:
                 remarks = [*read_note(run.path), *found.run.not_sent.values(), *found.left_out, *found.remarks]
-                recorded, tables = read_texts(found.run), tables_of(found, None)
-                material = RunMaterial(found=found, recorded=recorded, tables=tables, remarks=remarks)
+                texts, edited = read_texts(found.run)
+                tables = tables_of(found, None)
+                material = RunMaterial(found=found, texts=texts, edited=edited, tables=tables, remarks=remarks)
             known = _Reading(seen=seen, is_finished=is_finished, is_busy=is_busy, material=material)
             self._readings[run.path] = known
         return known

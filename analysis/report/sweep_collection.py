@@ -1,20 +1,17 @@
 """All that is known of a sweep: its runs, the archive that measures them, their comparison; its tables."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from analysis.runs.niches import load_niches
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
-from analysis.sweeps.common_archive import Extent, common_archive, extents
+from analysis.sweeps.common_archive import common_archive, extents
 from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Table
-from analysis.tables.ablation import ablation_tables
-from analysis.tables.archives_of_arms import common_note, extents_note
+from analysis.tables.ablation import ablation_tables, common_note, extents_note
 from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.results.run import RecordedRun
@@ -34,8 +31,8 @@ class SweepCollection:
     curves: pd.DataFrame
     #: Name of the job whose niches the common archive has.
     niches_of: str
-    #: Of the common archive, by axis.
-    extents: tuple[Extent, ...]
+    #: Of the common archive (`analysis.sweeps.common_archive.EXTENTS`).
+    extents: pd.DataFrame
 
 
 def collect_sweep(
@@ -58,9 +55,9 @@ def collect_sweep(
     check_sweep(sweep)
     _check_arm(sweep, reference)
     wanted = reference or sweep.terms.reference or REFERENCE
-    measure, centroids = measuring(sweep, lambda run: load_niches(run, store).networks, wanted)
-    runs = [one.run for one in sweep.finished]
-    common = common_archive(runs, measure.run, centroids)
+    measure, runs = measuring(sweep, wanted), [one.run for one in sweep.finished]
+    niches = load_niches(measure.run if store is None else measure.run.with_store(str(store)))
+    common = common_archive(runs, measure.run, niches.networks)
     curves = curves_frame(sweep.finished, common)
     jobs = jobs_frame(sweep.finished, curves)
     found = compare_arms(jobs, wanted=wanted, primary=primary_metric(sweep), failed=sweep.failed)
@@ -93,26 +90,15 @@ def _check_arm(sweep: RecordedSweep, reference: str | None) -> None:
         raise ConfigError(repr(reference), place="--reference", expected=expected)
 
 
-def measuring(
-    sweep: RecordedSweep, centroids_of: Callable[[RecordedRun], NDArray[np.float64]], wanted: str = REFERENCE
-) -> tuple[Finished, NDArray[np.float64]]:
+def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> Finished:
     """Choose the job in whose niches all are measured: the first with some over both descriptors, the reference first.
-
-    Args:
-        sweep: the sweep.
-        centroids_of: gives the centroids of a run's network archive, shape (niches, axes), in [0, 1].
-        wanted: the reference arm.
-
-    Returns:
-        The job, and its centroids.
 
     Raises:
         IncomparableError: no job has such niches.
     """
     for one in sorted(sweep.finished, key=lambda one: one.job.arm != wanted):
-        centroids = centroids_of(one.run)
-        if len(centroids) and one.run.config.archive.axes == PAPER_AXES:
-            return one, centroids
+        if one.run.has_niches and one.run.config.archive.axes == PAPER_AXES:
+            return one
     raise IncomparableError(
         f"{counted(len(sweep.finished), 'finished job')} without one",
         place=str(sweep.path),

@@ -1,26 +1,32 @@
 """Tables as files, those that a paper needs first; the page that says which question each answers."""
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable
 from pathlib import Path
+from urllib.parse import quote
 
 from analysis.table import Table
 from analysis.tables.rendering import table_texts
 from tacevo.results.study_directory import NAME
 from tacevo.storage.files import write_durably
+from tacevo.text import counted
 
-#: The tables that a paper needs, by name, with the question that each answers.
+#: The tables that a paper needs, by kind, with the question that each answers.
 PAPER = {
     "ablation": "How good are the arms, in every metric?",
+    "ablation_primary": "Which arms differ from the reference in the primary metric?",
     "verdicts": "Which networks are better than the baseline, and which are as good?",
     "noise": "What were the recorded fitnesses worth: losses under other training seeds?",
     "gate": "How many answers became networks, and why were the others rejected?",
     "searches": "Which of these searches found better networks?",
+    "published": "What does the paper print, and what would be correct?",
     "beside_published": "How does this compare with the published searches?",
 }
 
 #: The further ones, which lie in the directory `more`.
 FURTHER = {
+    "ablation_metric": "Which arms differ from the reference in this metric?",
     "ablation_settings": "In which settings do the arms differ?",
     "ablation_runs": "What did every job reach?",
     "corrected": "Which elites would the archive hold by their re-estimated fitness?",
@@ -48,24 +54,14 @@ INDEX = "index.md"
 
 
 def for_paper(tables: Iterable[Table]) -> list[Table]:
-    """Return the tables that a paper needs, in their order there: also the arms in every metric, and published ones."""
+    """Return the tables that a paper needs, in their order there."""
     order = list(PAPER)
-    return sorted((table for table in tables if _kind(table) in PAPER), key=lambda table: order.index(_kind(table)))
-
-
-def _kind(table: Table) -> str:
-    """Return the name of a table without its study; of those of one kind, the name of the kind."""
-    name = table.name.rpartition("/")[2]
-    if name in FURTHER:
-        return name
-    return {"ablation": "ablation", "published": "beside_published", "searches": "searches"}.get(
-        name.partition("_")[0], name
-    )
+    return sorted((table for table in tables if table.kind in PAPER), key=lambda table: order.index(table.kind))
 
 
 def place_of(table: Table) -> str:
     """Return the place of a table's files, without ending: `gate`, `STUDY/verdicts`, or below `more`."""
-    return table.name if _kind(table) in PAPER else f"more/{table.name}"
+    return table.name if table.kind in PAPER else f"more/{table.name}"
 
 
 def table_files(tables: Iterable[Table], *, prefix: str = "") -> dict[str, str]:
@@ -82,54 +78,58 @@ def table_files(tables: Iterable[Table], *, prefix: str = "") -> dict[str, str]:
     return {INDEX: index_of(known), **files}
 
 
-def index_of(tables: Iterable[Table]) -> str:
-    """Write the page that says which question each table answers, those that a paper needs first."""
+def index_of(tables: Iterable[Table], runs: Iterable[str] = ()) -> str:
+    """Write the page that says which question each table answers, those that a paper needs first.
+
+    `runs` are the names of runs and sweeps whose own pages lie in directories of these names beside it.
+    """
     known = list(tables)
-    more = [table for table in known if _kind(table) not in PAPER]
-    parts = ["# Tables", "", *map(_line, for_paper(known)), *(["", "## More", ""] if more else []), *map(_line, more)]
+    more = [table for table in known if table.kind not in PAPER]
+    parts = ["# Tables", "", *(f"- [{_text(name)}]({quote(name)}/{INDEX}): all tables of this one" for name in runs)]
+    parts += [*map(_line, for_paper(known)), *(["", "## More", ""] if more else []), *map(_line, more)]
     return "\n".join([*parts, "", "Each is there as .md, .tex and .csv; .csv is unrounded.", ""])
 
 
 def _line(table: Table) -> str:
-    return f"- [{table.name}]({place_of(table)}.md): {_question(table)}"
+    return f"- [{table.name}]({place_of(table)}.md): {(PAPER | FURTHER).get(table.kind, table.caption)}"
 
 
-def _question(table: Table) -> str:
-    name = table.name.rpartition("/")[2]
-    return PAPER.get(name) or FURTHER.get(name) or table.caption
+def _text(name: str) -> str:
+    return re.sub(r"([\\`*_\[\]<>])", r"\\\1", name)
 
 
-def write_tables(tables: Iterable[Table], directory: Path, *, prefix: str = "") -> None:
+def write_tables(tables: Iterable[Table], directory: Path, *, prefix: str = "", runs: Iterable[str] = ()) -> None:
     """Write tables in every format with their index, each file whole; older ones of the same names are replaced.
+
+    `prefix` is as in `table_files`, `runs` as in `index_of`.
 
     Raises:
         StoreError: a file cannot be written.
     """
-    for name, text in table_files(tables, prefix=prefix).items():
+    known = list(tables)
+    for name, text in (table_files(known, prefix=prefix) | {INDEX: index_of(known, runs)}).items():
         write_durably(directory / name, text)
 
 
-def remove_outdated(directory: Path, places: Collection[str], endings: Collection[str]) -> list[str]:
-    """Remove what an earlier command wrote there of studies that are missing or rejected now.
+def left_of_studies(directory: Path, places: Collection[str], endings: Collection[str]) -> list[str]:
+    """Name what lies there of studies and was not written now: of one that is left out, or of another run.
 
     Args:
         directory: of tables or of figures.
-        places: of those that are current, without ending; other files than those of a study are left alone.
+        places: of what was written, without ending.
         endings: of the files that the command writes.
 
     Returns:
-        A remark on each removed file.
+        A remark on each directory of a study.
     """
     of_study = re.compile(rf"(more/)?{NAME}/[^/]+")
-    found = {path: path.relative_to(directory).with_suffix("").as_posix() for path in sorted(directory.rglob("*.*"))}
-    gone = [
-        path
-        for path, place in found.items()
-        if path.suffix in endings and of_study.fullmatch(place) and place not in places
+    others: Counter[Path] = Counter()
+    for path in directory.rglob("*.*"):
+        file = path.relative_to(directory)
+        place = file.with_suffix("").as_posix()
+        if path.suffix in endings and of_study.fullmatch(place) and place not in places:
+            others[path.parent] += 1
+    return [
+        f"{folder}: {counted(number, 'file')} not written now, of a study that is left out, or of another run"
+        for folder, number in sorted(others.items())
     ]
-    for path in gone:
-        path.unlink()
-    for folder in {path.parent for path in gone}:
-        if not any(folder.iterdir()):
-            folder.rmdir()
-    return [f"removed {path.relative_to(directory)}: its study is missing or left out" for path in gone]

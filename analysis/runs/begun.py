@@ -33,8 +33,9 @@ def load_begun(path: Path, store: Path | None = None) -> tuple[RecordedRun, Nich
     ends = [number for number, line in enumerate(ledger.lines, start=1) if isinstance(line, GenerationLine)]
     if not ends:
         return None
-    run = without_archives(directory, record, Sealed(ledger.lines[: ends[-1]], ledger.hashes[: ends[-1]]))
-    niches = load_niches(run, store)
+    whole = Sealed(ledger.lines[: ends[-1]], ledger.hashes[: ends[-1]])
+    run = without_archives(directory, record, whole, None if store is None else str(store))
+    niches = load_niches(run)
     return replace(run, elites=_elites(run, niches), prompt_trials=_trials(run, niches)), niches
 
 

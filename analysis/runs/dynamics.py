@@ -5,7 +5,6 @@ A rate counts first answers, as the paper does: one that was rejected and then r
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -60,28 +59,6 @@ GENERATIONS = (
 #: archive took, the sum of the paper's r(s); inserted / tried with Wilson's interval, missing where nothing was tried.
 PRODUCTIVITY = {"name": "str"} | dict.fromkeys(("tried", "trained", "inserted"), "int64")
 PRODUCTIVITY |= dict.fromkeys(("rate", "rate_low", "rate_high"), "float64")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Improvement:
-    """How far a run came; fitness is a loss, so improvement is the part of it that is gone."""
-
-    baseline: float
-    #: Best of generation 0, as the search knew it at its end.
-    first: float
-    #: Best of the last generation.
-    last: float
-    #: (first - last) / first and (baseline - last) / baseline; 0 where the reference is 0 already.
-    over_first: float
-    over_baseline: float
-    #: First generation from which on it had `MOST` of the whole improvement over `first`; None without any improvement.
-    settled: int | None
-    #: Part of the whole improvement that each of `PUBLISHED_GENERATIONS` brought, as far as the run reached it.
-    by_generation: tuple[tuple[int, float], ...]
-    #: Mean of the trainable share over generations 1 to G; None where there is generation 0 only.
-    trainable: float | None
-    #: Occupied part of the niches at the end.
-    coverage: float
 
 
 def progress(run: RecordedRun) -> pd.DataFrame:
@@ -165,13 +142,23 @@ def temperature_follows_age(run: RecordedRun) -> bool:
     return bool(steps) and (min(steps) > 0 or max(steps) < 0)
 
 
-def improvement(run: RecordedRun) -> Improvement | None:
-    """Measure how far a run came; None where it lacks a trained baseline, as a fold of a search never does."""
+def improvement(run: RecordedRun) -> "pd.Series[Any]":
+    """Measure how far a run came; fitness is a loss, so improvement is the part of it that is gone.
+
+    Returns:
+        By name; empty where it lacks a trained baseline, as no fold of a search does. Losses: `baseline`; `first`, the
+        best of generation 0 as the search knew it at its end; `last`, the best of the last generation. Parts of the
+        first two that are gone at the end, 0 where they are 0 already: `over_first`, `over_baseline`. `settled`: the
+        first generation from which on it had `MOST` of the whole improvement over `first`; None without any. `by_7`,
+        `by_10`: the part of it that each of `PUBLISHED_GENERATIONS` brought, as far as the run reached it. `trainable`:
+        mean of the trainable share over generations 1 to G; None where there is generation 0 only. `coverage`: the
+        occupied part of the niches at the end.
+    """
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
     known = run.fitness
     baseline = known.get(run.baseline.id)
     if baseline is None or not bests:
-        return None
+        return pd.Series(dtype="object")
     first, last = bests[0][1], bests[-1][1]
     if run.reevaluations:  # the best that was recorded when generation 0 closed was one draw; this is known at the end
         first = min(known[line.id] for line in run.candidates if line.generation == 0 and line.id in known)
@@ -179,17 +166,16 @@ def improvement(run: RecordedRun) -> Improvement | None:
     # Where elites are trained again, the best may rise: what counts is from when on it stayed.
     before = max((generation for generation, share in gained.items() if share < MOST), default=-1)
     later = [line for line in run.generations if line.generation > 0]
-    return Improvement(
-        baseline=baseline,
-        first=first,
-        last=last,
-        over_first=(first - last) / first if first else 0.0,
-        over_baseline=(baseline - last) / baseline if baseline else 0.0,
-        settled=next((generation for generation in gained if generation > before), None),
-        by_generation=tuple((number, gained[number]) for number in PUBLISHED_GENERATIONS if number in gained),
-        trainable=sum(line.trained / line.candidates for line in later) / len(later) if later else None,
-        coverage=run.generations[-1].coverage,
-    )
+    found = {
+        **{"baseline": baseline, "first": first, "last": last},
+        "over_first": (first - last) / first if first else 0.0,
+        "over_baseline": (baseline - last) / baseline if baseline else 0.0,
+        "settled": next((generation for generation in gained if generation > before), None),
+        **{f"by_{number}": gained[number] for number in PUBLISHED_GENERATIONS if number in gained},
+        "trainable": sum(line.trained / line.candidates for line in later) / len(later) if later else None,
+        "coverage": run.generations[-1].coverage,
+    }
+    return pd.Series(found, dtype="object")
 
 
 def _mutations(run: RecordedRun) -> list[CandidateLine]:

@@ -4,9 +4,9 @@ An alarm is a hint, not a verdict; its threshold stands here with its reason.
 """
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,16 +56,15 @@ _USUAL = 5
 STUCK = 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Alarm:
+class Alarm(NamedTuple):
     """One thing that may be wrong."""
 
     #: What it is about, e.g. `few reachable niches`.
     name: str
     #: What was found and why that matters, for a person.
     sentence: str
-    #: The figures behind it, by name.
-    figures: tuple[tuple[str, float], ...]
+    #: Those behind it, by name.
+    figures: Mapping[str, float]
 
 
 def alarms(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
@@ -93,7 +92,7 @@ def _of_niches(placed: CoverageMap, centroids: NDArray[np.float64]) -> Iterator[
             name="few reachable niches",
             sentence=f"Only {reached} of {counted(total, 'niche')} lie where the run's networks lie or between them, "
             "so coverage cannot come near 100 %; a few unusual networks may stretch the bounds.",
-            figures=(("reachable", reached), ("niches", total), ("share", reached / total)),
+            figures={"reachable": reached, "niches": total, "share": reached / total},
         )
     share = np.unique(placed.niches, return_counts=True)[1].max() / len(placed.niches)
     if share > CROWDED and len(placed.niches) > 1:
@@ -101,7 +100,7 @@ def _of_niches(placed: CoverageMap, centroids: NDArray[np.float64]) -> Iterator[
             name="crowded niche",
             sentence=f"One niche drew {100 * share:.0f} % of the trained candidates; the archive keeps one network of "
             "them.",
-            figures=(("share", float(share)), ("effective niches", effective_niches(placed))),
+            figures={"share": float(share), "effective niches": effective_niches(placed)},
         )
 
 
@@ -111,7 +110,7 @@ def _of_descriptors(run: RecordedRun, placed: CoverageMap) -> Iterator[Alarm]:
             name="clipped descriptors",
             sentence=f"{100 * placed.clipped:.0f} % of the trained candidates lie outside the fixed bounds and were "
             f"moved to their edge; widen {' or '.join(f'archive.{axis}_bounds' for axis in run.config.archive.axes)}.",
-            figures=(("share", placed.clipped),),
+            figures={"share": placed.clipped},
         )
     last = run.generations[-1].generation
     late = [generation for generation in placed.moved if generation > LATE * last]
@@ -122,12 +121,7 @@ def _of_descriptors(run: RecordedRun, placed: CoverageMap) -> Iterator[Alarm]:
             sentence=f"The bounds of the descriptors moved {counted(len(late), 'time')} in the last half of the run, "
             f"lastly in generation {late[-1]}; each time the archive was rebuilt. All moves of the run together "
             f"emptied {counted(lost, 'niche')}; archive.bounds=fixed loses none.",
-            figures=(
-                ("late moves", len(late)),
-                ("moves", len(placed.moved)),
-                ("last", late[-1]),
-                ("lost niches", lost),
-            ),
+            figures={"late moves": len(late), "moves": len(placed.moved), "last": late[-1], "lost niches": lost},
         )
     if len(placed.points) > 1:
         for axis, values in zip(run.config.archive.axes, placed.points.T, strict=True):
@@ -144,7 +138,7 @@ def _of_axis(run: RecordedRun, axis: Axis, values: NDArray[np.float64]) -> Itera
             name=f"constant {name}",
             sentence=f"Nine tenths of the trained candidates lie within {100 * extent:.1f} % of the range of "
             f"{name}, which therefore distinguishes few networks.",
-            figures=(("extent", extent),),
+            figures={"extent": extent},
         )
     if share > CONCENTRATED:
         remedy, figures = _remedy(run, axis)
@@ -152,11 +146,11 @@ def _of_axis(run: RecordedRun, axis: Axis, values: NDArray[np.float64]) -> Itera
             name=f"concentrated {name}",
             sentence=f"{100 * share:.0f} % of the trained candidates lie in a tenth of the range of {name}, "
             f"where few niches distinguish them; {remedy}.",
-            figures=(("share", share), *figures),
+            figures={"share": share, **figures},
         )
 
 
-def _remedy(run: RecordedRun, axis: Axis) -> tuple[str, tuple[tuple[str, float], ...]]:
+def _remedy(run: RecordedRun, axis: Axis) -> tuple[str, dict[str, float]]:
     """Return what would spread the candidates along an axis; for a logarithm, with the share that remains then."""
     settings = run.config.archive
     adaptive = settings.bounds is BoundsRule.adaptive  # a fixed lower bound of 0 has no logarithm
@@ -165,8 +159,8 @@ def _remedy(run: RecordedRun, axis: Axis) -> tuple[str, tuple[tuple[str, float],
         after = fullest_tenth(logarithms, (logarithms.min(), logarithms.max()))
         if after <= CONCENTRATED:
             words = f"under archive.eff_ratio_scale=log the fullest tenth would hold {100 * after:.0f} %"
-            return words, (("share under log", after),)
-    return f"archive.bounds=fixed with narrower archive.{axis}_bounds would spread them", ()
+            return words, {"share under log": after}
+    return f"archive.bounds=fixed with narrower archive.{axis}_bounds would spread them", {}
 
 
 def _of_candidates(run: RecordedRun) -> Iterator[Alarm]:
@@ -176,7 +170,7 @@ def _of_candidates(run: RecordedRun) -> Iterator[Alarm]:
         yield Alarm(
             name="many duplicates",
             sentence=f"{len(known)} of {counted(len(asked), 'answer')} brought a source that was evaluated before.",
-            figures=(("duplicates", len(known)), ("answers", len(asked)), ("share", len(known) / len(asked))),
+            figures={"duplicates": len(known), "answers": len(asked), "share": len(known) / len(asked)},
         )
     for stage in gate_stages(run.candidates):
         share = stage.rejected / len(asked) if asked else 0.0
@@ -186,7 +180,7 @@ def _of_candidates(run: RecordedRun) -> Iterator[Alarm]:
                 name=f"strict gate: {stage.stage}",
                 sentence=f"The stage {stage.stage} rejected {100 * share:.0f} % of all first answers, most often "
                 f"for {reason} ({count}).",
-                figures=(("rejected", stage.rejected), ("share", share)),
+                figures={"rejected": stage.rejected, "share": share},
             )
     yield from _of_time(run)
 
@@ -208,7 +202,7 @@ def _of_time(run: RecordedRun) -> Iterator[Alarm]:
             name="unexplained processor time",
             sentence=f"The training of {worst} took {many[worst]:.0f} times the processor time that its operations "
             f"explain{others}: read what it does.",
-            figures=tuple(sorted(many.items())),
+            figures=dict(sorted(many.items())),
         )
 
 
@@ -222,7 +216,7 @@ def _of_prompts(run: RecordedRun) -> Iterator[Alarm]:
         yield Alarm(
             name="untried prompts",
             sentence=f"Never drawn (prompts={run.config.prompts.policy}): {', '.join(untried)}.",
-            figures=(("untried", len(untried)), ("prompts", len(found))),
+            figures={"untried": len(untried), "prompts": len(found)},
         )
     inserted, tried = int(found.inserted.sum()), int(found.tried.sum())
     for prompt in found.itertuples():
@@ -233,7 +227,7 @@ def _of_prompts(run: RecordedRun) -> Iterator[Alarm]:
                 name="fruitless prompt",
                 sentence=f"{prompt.name} was tried {prompt.tried} times, and no child of it entered the archive; "
                 f"of all other instructions {100 * others:.0f} % of the children did.",
-                figures=(("tried", prompt.tried), ("trained", prompt.trained), ("others", others)),
+                figures={"tried": prompt.tried, "trained": prompt.trained, "others": others},
             )
 
 
@@ -244,7 +238,7 @@ def _of_temperature(run: RecordedRun) -> Iterator[Alarm]:
             name="temperature not sent",
             sentence=f"{run.not_sent[TEMPERATURE]}. The temperatures of generations and of the prompt archive are what "
             "was planned; they explain no answer.",
-            figures=(("requests", missed),),
+            figures={"requests": missed},
         )
         return
     if run.config.temperature.rule is TemperatureRule.fixed:
@@ -257,5 +251,5 @@ def _of_temperature(run: RecordedRun) -> Iterator[Alarm]:
                 name="stuck temperature",
                 sentence=f"The temperature ended at its limit of {limit:g} and was there for {count} generations"
                 f"{rule}.",
-                figures=(("limit", limit), ("generations", count)),
+                figures={"limit": limit, "generations": count},
             )

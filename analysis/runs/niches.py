@@ -31,19 +31,14 @@ class Niches:
     prompts: NDArray[np.float64]
 
 
-def load_niches(run: RecordedRun, store: Path | None = None) -> Niches:
+def load_niches(run: RecordedRun) -> Niches:
     """Find the centroids that a run was searched with; where its store has none, they are computed as they were.
-
-    Args:
-        run: the run.
-        store: where its stores lie, if not where the run had them.
 
     Raises:
         RunError: they are not those of the run's ledger.
         StoreError: the store's entry is damaged.
     """
-    root = store or Path(run.config.store.root)
-    archive = run.config.archive
+    root, archive = run.stores, run.config.archive
     networks = _centroids(root, archive, archive.niches, len(archive.axes)) if run.has_niches else []
     prompts = _centroids(root, archive, archive.prompt_niches, 2)
     if content_hash([networks, prompts]) != run.header.centroids:

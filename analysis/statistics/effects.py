@@ -5,7 +5,7 @@ a single median one of order statistics: docs/statistics.md says why.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
@@ -34,24 +34,9 @@ class Interval:
         return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Effects:
-    """How a first sample x differs from a second one y."""
-
-    #: P(x > y) + P(x = y) / 2, in [0, 1]; at 0.5 there is no difference (Vargha & Delaney 2000).
-    a12: Interval
-    #: P(x > y) - P(x < y), in [-1, 1]; twice A12 less one (Cliff 1993).
-    cliffs_delta: Interval
-    #: Median of x less median of y, in the unit of the values.
-    median_difference: Interval
-
-    def columns(self) -> dict[str, float]:
-        """Return them as columns of a frame: `a12`, `cliffs_delta` and `difference`, each with its ends."""
-        parts = {"a12": self.a12, "cliffs_delta": self.cliffs_delta, "difference": self.median_difference}
-        return {key: value for name, part in parts.items() for key, value in part.columns(name).items()}
-
-
-#: The columns that `Effects.columns` gives.
+#: The columns of effect sizes of a first sample x and a second one y, each with the ends of its interval: A12, that is
+#: P(x > y) + P(x = y) / 2, in [0, 1], at 0.5 there is no difference (Vargha & Delaney 2000); Cliff's delta (1993), that
+#: is twice A12 less one; and the median of x less that of y, in the unit of the values.
 EFFECTS = tuple(f"{name}{end}" for name in ("a12", "cliffs_delta", "difference") for end in ("", "_low", "_high"))
 
 
@@ -76,7 +61,7 @@ def median(x: ArrayLike) -> Interval:
     ordered = np.sort(checked(x, name="x"))
     cut = _cut(len(ordered))
     low, high = float(ordered[cut]), float(ordered[-1 - cut])
-    return Interval(estimate=rounded(float(np.median(ordered))), low=rounded(low), high=rounded(high))
+    return _interval(float(np.median(ordered)), low, high)
 
 
 def median_confidence(n: int) -> float:
@@ -120,11 +105,11 @@ def superiority(x: ArrayLike, y: ArrayLike, *, level: float = LEVEL) -> Interval
     # The estimate itself is a root where it is 0 or 1, and not the one that is looked for.
     low = 0.0 if estimate == 0 else float(brentq(outside, 0.0, estimate * (1 - 1e-9), xtol=1e-14))
     high = 1.0 if estimate == 1 else float(brentq(outside, estimate + (1 - estimate) * 1e-9, 1.0, xtol=1e-14))
-    return Interval(estimate=rounded(estimate), low=rounded(low), high=rounded(high))
+    return _interval(estimate, low, high)
 
 
-def effects_of_constant(value: float, y: ArrayLike) -> Effects:
-    """Estimate how a value that knows no seeds, such as a trivial predictor's score, differs from a sample.
+def effects_of_constant(value: float, y: ArrayLike) -> dict[str, float]:
+    """Estimate how a value that knows no seeds, such as a trivial predictor's score, differs from a sample (`EFFECTS`).
 
     One sample, and nothing to resample: A12 is the part of y below the value, with Wilson's interval (1927), and the
     difference from y's median has the interval of that median (`median`).
@@ -142,23 +127,14 @@ def effects_of_constant(value: float, y: ArrayLike) -> Effects:
     centre = (part + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z * math.sqrt(part * (1 - part) / n + z**2 / (4 * n**2)) / (1 + z**2 / n)
     middle = median(sample)
-    return _effects(
-        Interval(estimate=rounded(part), low=rounded(max(0.0, centre - half)), high=rounded(min(1.0, centre + half))),
-        Interval(
-            estimate=rounded(value - middle.estimate),
-            low=rounded(value - middle.high),
-            high=rounded(value - middle.low),
-        ),
+    return _columns(
+        _interval(part, max(0.0, centre - half), min(1.0, centre + half)),
+        _interval(value - middle.estimate, value - middle.high, value - middle.low),
     )
 
 
-def _effects(a12: Interval, difference: Interval) -> Effects:
-    delta = Interval(**{name: rounded(2 * end - 1) for name, end in asdict(a12).items()})
-    return Effects(a12=a12, cliffs_delta=delta, median_difference=difference)
-
-
-def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: int = RESAMPLES) -> Effects:
-    """Estimate all effects with their 95 % intervals.
+def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: int = RESAMPLES) -> dict[str, float]:
+    """Estimate all effects with their 95 % intervals (`EFFECTS`).
 
     For the difference of medians values are drawn again within each sample, n of x and m of y, as its seeds were drawn.
     Its interval's ends are resampled estimates themselves, so nothing is interpolated.
@@ -170,19 +146,18 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
         resamples: at least 39, below which there is no 2.5 % on either side.
 
     Raises:
-        ValueError: a sample has another shape or values that are not finite, or there are too few resamples.
+        ValueError: a sample has another shape or values that are not finite.
     """
     first, second = checked(x, name="x"), checked(y, name="y")
-    _check_resamples(resamples)
     from_first = rng.integers(len(first), size=(resamples, len(first)))
     from_second = rng.integers(len(second), size=(resamples, len(second)))
     differences = np.median(first[from_first], axis=1) - np.median(second[from_second], axis=1)
-    return _effects(superiority(second, first), interval(median_difference(first, second), differences))
+    return _columns(superiority(second, first), interval(median_difference(first, second), differences))
 
 
-def _check_resamples(resamples: int) -> None:
-    if resamples < 39:
-        raise ValueError(f"a 95 % interval needs resamples >= 39; got {resamples}")
+def _columns(a12: Interval, difference: Interval) -> dict[str, float]:
+    delta = _interval(*(2 * end - 1 for end in (a12.estimate, a12.low, a12.high)))
+    return a12.columns("a12") | delta.columns("cliffs_delta") | difference.columns("difference")
 
 
 def interval(estimate: float, drawn: Sample) -> Interval:
@@ -194,4 +169,8 @@ def interval(estimate: float, drawn: Sample) -> Interval:
     """
     ends = np.sort(drawn)
     cut = round((1 - LEVEL) / 2 * (len(drawn) + 1))
-    return Interval(estimate=rounded(estimate), low=rounded(float(ends[cut - 1])), high=rounded(float(ends[-cut])))
+    return _interval(estimate, float(ends[cut - 1]), float(ends[-cut]))
+
+
+def _interval(estimate: float, low: float, high: float) -> Interval:
+    return Interval(estimate=rounded(estimate), low=rounded(low), high=rounded(high))

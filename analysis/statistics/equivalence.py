@@ -5,8 +5,6 @@ as the margin, in either direction, has to be rejected. Each side is a Mann-Whit
 is, so outliers among the seeds do not decide, and no normality is assumed.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -15,32 +13,17 @@ from analysis.statistics.tests import Method, mann_whitney
 from tacevo.rounding import DIGITS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Equivalence:
-    """What the two tests found."""
-
-    #: In the unit of the values.
-    margin: float
-    #: Of the hypothesis that x lies below y by the margin or more.
-    p_below: float
-    #: Of the hypothesis that x lies above y by the margin or more.
-    p_above: float
-    #: How the p came about, the weaker of the two.
-    method: Method
-
-    @property
-    def p(self) -> float:
-        """Both hypotheses must fall, so the larger p is that of equivalence."""
-        return max(self.p_below, self.p_above)
-
-
-def equivalence(x: ArrayLike, y: ArrayLike, *, margin: float) -> Equivalence:
+def equivalence(x: ArrayLike, y: ArrayLike, *, margin: float) -> tuple[float, Method]:
     """Test whether x is shifted against y by less than a margin.
 
     Args:
         x: shape (n,), n >= 2.
         y: shape (m,), m >= 2.
         margin: above 0, in the unit of the values.
+
+    Returns:
+        The larger p of both hypotheses, that x lies below y by the margin or more and that it lies above, since both
+        must fall; and how the p came about, the weaker of the two.
 
     Raises:
         ValueError: a sample has another shape or values that are not finite, or the margin is not above 0.
@@ -52,8 +35,7 @@ def equivalence(x: ArrayLike, y: ArrayLike, *, margin: float) -> Equivalence:
     raised, lowered, still = (np.round(sample, decimals) for sample in (first + margin, first - margin, second))
     below = mann_whitney(raised, still, alternative="greater")
     above = mann_whitney(lowered, still, alternative="less")
-    method = max(below.method, above.method, key=list(Method).index)
-    return Equivalence(margin=margin, p_below=below.p, p_above=above.p, method=method)
+    return max(below.p, above.p), max(below.method, above.method, key=list(Method).index)
 
 
 def _decimals(values: Sample) -> int:

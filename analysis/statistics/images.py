@@ -5,8 +5,6 @@ A network has a prediction for each of t images under each of S seeds. docs/stat
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,15 +28,16 @@ _DECIMALS = 12
 _COUNTED = 50
 
 
-def image_weights(images: int, *, rng: np.random.Generator, resamples: int = IMAGE_RESAMPLES) -> NDArray[np.int64]:
-    """Draw all images but one with replacement, again and again.
+def drawn_again(count: int, *, rng: np.random.Generator, resamples: int = IMAGE_RESAMPLES) -> NDArray[np.int64]:
+    """Draw all images, or seeds, but one with replacement, again and again.
 
     As many draws as images would make an interval too narrow, by the square root of (n - 1) / n (Rao & Wu 1988).
 
     Returns:
-        How often each was drawn, shape (resamples, images).
+        How often each was drawn, shape (resamples, count).
     """
-    return _drawn(images, resamples, rng)
+    chosen = rng.integers(count, size=(resamples, max(1, count - 1))) + count * np.arange(resamples)[:, None]
+    return np.bincount(chosen.ravel(), minlength=resamples * count).reshape(resamples, count)
 
 
 def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.random.Generator) -> Floats:
@@ -46,18 +45,15 @@ def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.ra
 
     Args:
         scores: shape (S, t), finite: of each seed on each image.
-        weights: of `image_weights`; the same for all networks, since they are tested on the same images.
+        weights: of the images, by `drawn_again`; the same for all networks, since they are tested on the same images.
         rng: draws the seeds, S - 1 with replacement in each resample (one of one); equal states give equal bits, on
             every machine.
 
     Returns:
         Shape (resamples,).
-
-    Raises:
-        ValueError: the shapes do not suit each other, or a score is NaN or infinite.
     """
-    whole, factor = _whole(_scores(scores, weights.shape[1]))
-    drawn = _drawn(len(whole), len(weights), rng)
+    whole, factor = _whole(np.asarray(scores, dtype=np.float64))
+    drawn = drawn_again(len(whole), rng=rng, resamples=len(weights))
     sums = np.einsum("ri,ri->r", drawn.astype(np.float64) @ whole, weights.astype(np.float64))
     return np.asarray(sums / (factor * drawn.sum(axis=1) * weights.sum(axis=1)), dtype=np.float64)
 
@@ -75,20 +71,7 @@ def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats
     return interval(difference, drawn_x - drawn_y)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Paired:
-    """How two networks' ensembles do on the same images."""
-
-    #: Images on which the first does better, and on which the second does; on the others they do equally well.
-    first: int
-    second: int
-    #: How far the first is ahead, in ranks; below 0 it is behind.
-    lead: float
-    #: Two-sided, in (0, 1].
-    p: float
-
-
-def signed_rank(first: ArrayLike, second: ArrayLike) -> Paired:
+def signed_rank(first: ArrayLike, second: ArrayLike) -> dict[str, float]:
     """Test whether two regressions err equally much on the same images: Wilcoxon's (1945) signed-rank test.
 
     Images on which both err equally are left out. Exact up to 50 others whose differences do not tie in size, and
@@ -98,24 +81,23 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> Paired:
         first: errors of the first, shape (t,), finite; less is better.
         second: of the second.
 
-    Raises:
-        ValueError: the shapes differ, the samples are empty, or an error is NaN or infinite.
+    Returns:
+        On how many images the first is `better` and `worse`; its `lead`, how far it is ahead, in ranks (below 0 it is
+        behind); `p`, two-sided, in (0, 1].
     """
-    x, y = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    _check_pair(x, y)
-    differences = x - y
+    differences = np.subtract(first, second, dtype=np.float64)
     differences = differences[differences != 0]
     if not differences.size:
-        return Paired(first=0, second=0, lead=0, p=1.0)
+        return {"better": 0, "worse": 0, "lead": 0.0, "p": 1.0}
     counted = len(differences) <= _COUNTED and len(np.unique(np.abs(differences))) == len(differences)
     found = wilcoxon(differences, method="exact" if counted else "approx", correction=not counted)
     ranks = rankdata(np.abs(differences))  # midranks are halves, so their sum is exact
-    return Paired(
-        first=int((differences < 0).sum()),
-        second=int((differences > 0).sum()),
-        lead=-float((np.sign(differences) * ranks).sum()),
-        p=rounded(float(found.pvalue)),
-    )
+    return {
+        "better": int((differences < 0).sum()),
+        "worse": int((differences > 0).sum()),
+        "lead": -float((np.sign(differences) * ranks).sum()),
+        "p": rounded(float(found.pvalue)),
+    }
 
 
 def average(predictions: Sequence[NDArray[np.floating]]) -> Floats:
@@ -150,12 +132,6 @@ def squared_errors(predictions: ArrayLike, labels: ArrayLike) -> Floats:
     return mean
 
 
-def _drawn(count: int, resamples: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Draw one fewer of `count` with replacement; return how often each was drawn, shape (resamples, count)."""
-    chosen = rng.integers(count, size=(resamples, max(1, count - 1))) + count * np.arange(resamples)[:, None]
-    return np.bincount(chosen.ravel(), minlength=resamples * count).reshape(resamples, count)
-
-
 def _whole(scores: Floats) -> tuple[Floats, float]:
     """Turn scores into whole numbers, by a power of two as a factor, so that sums over them are exact in any order."""
     largest = float(np.abs(scores).max())
@@ -169,19 +145,3 @@ def _whole(scores: Floats) -> tuple[Floats, float]:
 def _mean(scores: Floats) -> float:
     whole, factor = _whole(scores)
     return float(whole.sum() / (factor * whole.size))
-
-
-def _scores(scores: ArrayLike, images: int) -> Floats:
-    checked = np.asarray(scores, dtype=np.float64)
-    if checked.ndim != 2 or not checked.size or checked.shape[1] != images:
-        raise ValueError(f"expected scores of shape (seeds, {images}); got {checked.shape}")
-    if not np.isfinite(checked).all():
-        raise ValueError("expected finite scores; got NaN or infinity")
-    return checked
-
-
-def _check_pair(x: NDArray[Any], y: NDArray[Any]) -> None:
-    if x.ndim != 1 or not x.size or x.shape != y.shape:
-        raise ValueError(f"expected one value for each image, of both networks; got shapes {x.shape} and {y.shape}")
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise ValueError("expected finite errors; got NaN or infinity")

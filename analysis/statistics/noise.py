@@ -35,16 +35,8 @@ def noise(recorded: ArrayLike, estimates: ArrayLike) -> pd.DataFrame:
     Args:
         recorded: shape (n,), n >= 1; the first network is the reference.
         estimates: shape (n, S), S >= 1.
-
-    Raises:
-        ValueError: the shapes do not suit each other, or a value is NaN or infinite.
     """
     records, draws = np.asarray(recorded, dtype=np.float64), np.asarray(estimates, dtype=np.float64)
-    if draws.ndim != 2 or not draws.size or records.shape != draws.shape[:1]:
-        got = f"{records.shape}, {draws.shape}"
-        raise ValueError(f"expected a fitness for each of n networks, and n x S re-estimates; got shapes {got}")
-    if not (np.isfinite(records).all() and np.isfinite(draws).all()):
-        raise ValueError("expected finite losses; got NaN or infinity; drop or rerun those seeds first")
     found, reference, rows = icc(draws), draws[0], []
     for place, (record, values) in enumerate(zip(records.tolist(), draws, strict=True)):
         median = float(np.median(values))

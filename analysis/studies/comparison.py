@@ -5,6 +5,7 @@ variants are one family for Holm's correction, those for a difference and those 
 metric is a mean over several outputs, each variant is compared on each output, too; all of these are one more family.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from enum import StrEnum
 from typing import Any
@@ -16,7 +17,7 @@ from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
-from analysis.studies.warnings import cautions, late_share
+from analysis.studies.warnings import cautions
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
@@ -77,11 +78,12 @@ def of_whole(found: pd.DataFrame | None) -> pd.DataFrame:
 
 
 def late(study: RecordedStudy) -> dict[str, float]:
-    """Return, of each network, the part of its trainings whose best epoch lies in the last tenth, in [0, 1]."""
-    chosen: dict[str, list[int]] = {network.name: [] for network in study.networks}
-    for score in study.scores:
-        chosen[score.network].append(score.epoch)
-    return {name: rounded(late_share(epochs, epochs=study.recipe.epochs)) for name, epochs in chosen.items()}
+    """Return, of each network, the part of its trainings whose best epoch lies in the last tenth, in [0, 1].
+
+    Such a training may not have converged: against it, a network that is called better may only be faster.
+    """
+    late_ones = Counter(one.network for one in study.scores if 10 * one.epoch > 9 * study.recipe.epochs)  # in integers
+    return {network.name: rounded(late_ones[network.name] / study.seeds) for network in study.networks}
 
 
 def _outputs(study: RecordedStudy) -> list[str]:
@@ -102,7 +104,7 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int
         margin = _width(study.terms.margin, y, metric)
         for network in study.networks[1:]:
             x = study.values(network.name, metric)
-            test, equal = mann_whitney(x, y), equivalence(x, y, margin=margin)
+            test, (p, method) = mann_whitney(x, y), equivalence(x, y, margin=margin)
             row: dict[str, Any] = {
                 "output": output,
                 "network": network.name,
@@ -110,8 +112,8 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int
                 "margin": margin,
             }
             row |= {"u": test.u, "p": test.p, "method": test.method.value}
-            row |= {"p_equivalence": equal.p, "method_equivalence": equal.method.value}
-            row |= effects(x, y, rng=stream(seed, "bootstrap", network.name, metric)).columns()
+            row |= {"p_equivalence": p, "method_equivalence": method.value}
+            row |= effects(x, y, rng=stream(seed, "bootstrap", network.name, metric))
             rows.append(row | {"samples": (x, y)})
     for name in ("p", "p_equivalence"):
         for row, p in zip(rows, holm([row[name] for row in rows]), strict=True):

@@ -6,41 +6,25 @@ and carry no noise here, so every elite comes back to its niche, and coverage fa
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
 
 from analysis.studies.noise import Reestimates
 from tacevo.evolution.archive import Archive, Elite, coverage, insert, qd_score
 from tacevo.evolution.files import EliteEntry
 from tacevo.rounding import rounded
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArchiveFigures:
-    """What an archive is judged by."""
-
-    #: Sum of 1 / (1 + f) over its elites.
-    qd_score: float
-    #: Occupied part of its niches, in [0, 1].
-    coverage: float
-    #: Lowest loss, and whose it is; None of an empty archive.
-    best: float | None
-    best_id: str | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Corrected:
-    """An archive as recorded (illusory), and filled again by re-estimates."""
-
-    recorded: ArchiveFigures
-    reestimated: ArchiveFigures
-    #: Ids of the elites that were not trained with every seed, whose niches are empty in the corrected archive.
-    lost: tuple[str, ...]
+#: The columns of an archive's figures, and the type of each, a row `recorded` (illusory) and a row `reestimated`: the
+#: sum of 1 / (1 + f) over its elites; the occupied part of its niches, in [0, 1]; the lowest loss and whose it is,
+#: missing of an empty archive; ids of the elites that were not trained with every seed, whose niches are empty.
+CORRECTED = {"qd_score": "float64", "coverage": "float64", "best": "float64", "best_id": "str", "lost": "object"}
 
 
 def correct(
     elites: Sequence[EliteEntry], places: int, sources: Mapping[str, str | None], again: Reestimates
-) -> Corrected | None:
-    """Fill an archive again by the medians of re-estimates.
+) -> pd.DataFrame | None:
+    """Fill an archive again by the medians of re-estimates (`CORRECTED`).
 
     Args:
         elites: of the archive, each with its niche and its recorded fitness.
@@ -56,14 +40,14 @@ def correct(
     if any(sources[elite.id] not in medians.keys() | failed for elite in elites):
         return None
     losses = {elite.id: medians.get(str(sources[elite.id])) for elite in elites}
-    return Corrected(
-        recorded=_figures({elite.id: elite.fitness for elite in elites}, elites, places),
-        reestimated=_figures(losses, elites, places),
-        lost=tuple(name for name, loss in losses.items() if loss is None),
-    )
+    rows = {
+        "recorded": _figures({elite.id: elite.fitness for elite in elites}, elites, places),
+        "reestimated": _figures(losses, elites, places),
+    }
+    return pd.DataFrame.from_dict(rows, orient="index", columns=list(CORRECTED)).astype(CORRECTED)
 
 
-def _figures(losses: Mapping[str, float | None], elites: Sequence[EliteEntry], places: int) -> ArchiveFigures:
+def _figures(losses: Mapping[str, float | None], elites: Sequence[EliteEntry], places: int) -> tuple[Any, ...]:
     """Fill an empty archive with the elites that have a loss, each in its niche."""
     archive = Archive()
     for elite in elites:
@@ -71,9 +55,9 @@ def _figures(losses: Mapping[str, float | None], elites: Sequence[EliteEntry], p
         if loss is not None:
             archive, _ = insert(archive, elite.niche, Elite(name=elite.id, objective=-loss))
     best = max(archive.elites.values(), key=lambda elite: elite.objective, default=None)
-    return ArchiveFigures(
-        qd_score=rounded(qd_score(archive)),
-        coverage=rounded(coverage(archive, places)),
-        best=None if best is None else -best.objective,
-        best_id=None if best is None else best.name,
+    return (
+        rounded(qd_score(archive)),
+        rounded(coverage(archive, places)),
+        *((None, None) if best is None else (-best.objective, best.name)),
+        tuple(name for name, loss in losses.items() if loss is None),
     )

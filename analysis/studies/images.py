@@ -16,7 +16,7 @@ from analysis.statistics.effects import Interval
 from analysis.statistics.images import (
     Floats,
     average,
-    image_weights,
+    drawn_again,
     mean_difference,
     predicted,
     probabilities,
@@ -105,8 +105,7 @@ def _outputs(
         differ = _differences(errors, seed, f"mse_{output}")
         for name in variants:
             test = signed_rank(means[name], means[baseline])
-            row = {"output": output, "network": name, "better": test.first, "worse": test.second}
-            rows.append(row | {"lead": test.lead, "p": test.p} | differ(name, baseline).columns("difference"))
+            rows.append({"output": output, "network": name} | test | differ(name, baseline).columns("difference"))
     for row, p in zip(rows, holm([row["p"] for row in rows]) if rows else (), strict=True):
         row |= {"p_holm": p, "verdict": _verdict(study, row, is_shown=p <= study.terms.alpha)}
     return rows
@@ -114,7 +113,7 @@ def _outputs(
 
 def _differences(scores: Mapping[str, Floats], seed: int, metric: str) -> Differ:
     """Return what gives the mean score of a network less another's, with its interval over seeds and images."""
-    weights = image_weights(next(iter(scores.values())).shape[1], rng=stream(seed, "images"))
+    weights = drawn_again(next(iter(scores.values())).shape[1], rng=stream(seed, "images"))
     drawn = {
         name: resampled_means(each, weights, rng=stream(seed, "seeds", name, metric)) for name, each in scores.items()
     }

@@ -10,13 +10,13 @@ from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import Design
 from tacevo.storage.canonical import content_hash
 
-#: A study, and what it says of the variants; None where it could not be compared.
-Compared = tuple[RecordedStudy, pd.DataFrame | None]
+#: A study on some data, and what it says of the variants; None where it could not be compared.
+OnData = tuple[RecordedStudy, pd.DataFrame | None]
 
 
-def transfers(studies: Iterable[Compared]) -> tuple[tuple[Compared, ...], ...]:
+def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
     """Find the studies of a run that differ in their data only: one of each data set, that of the run's data first."""
-    groups: dict[str, dict[str, Compared]] = {}
+    groups: dict[str, dict[str, OnData]] = {}
     for study, found in studies:
         groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, found))
     return tuple(

@@ -1,13 +1,13 @@
 """What to beware of when a comparison is read: assumptions that a pair of samples, or a study, does not meet."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.rounding import shown
-from analysis.statistics.power import detectable
+from analysis.statistics.planning import detectable
 from analysis.statistics.samples import Sample, checked
 from analysis.statistics.tests import Method, mann_whitney, smallest_p
 from tacevo.text import listed
@@ -77,22 +77,11 @@ def power_note(who: str, first: int, second: int, *, alpha: float, family: int) 
 def _detected(first: int, second: int, alpha: float) -> str:
     effect = detectable(first, second, alpha=alpha)
     if effect is not None:
-        return f"an A12 of {shown(effect.a12)} or {shown(1 - effect.a12)} ({shown(effect.shift)} standard deviations)"
+        a12, shift = effect
+        return f"an A12 of {shown(a12)} or {shown(1 - a12)} ({shown(shift)} standard deviations)"
     if smallest_p(first, second) > alpha:
         return "no effect at all"
     return "effects near full separation only, since Noether's formula gives none for so few"
-
-
-def late_share(chosen: Sequence[int], *, epochs: int) -> float:
-    """Return the part of a network's trainings whose best epoch lies in the last tenth of all.
-
-    Such a training may not have converged: against it, a network that is called better may only be faster.
-
-    Args:
-        chosen: the best epoch of each training, from 1; at least one.
-        epochs: of each training.
-    """
-    return sum(10 * epoch > 9 * epochs for epoch in chosen) / len(chosen)  # in integers: 0.9 is not a binary number
 
 
 def _spread(sample: Sample) -> float:

@@ -177,16 +177,20 @@ def compare_arms(
 def _values(run: RecordedRun) -> dict[Metric, float | None]:
     found, spent = improvement(run), spending(run, run.candidates)
     return {
-        Metric.best_fitness: None if found is None else found.last,
-        Metric.improvement: None if found is None else rounded(found.over_first),
-        Metric.improvement_over_baseline: None if found is None else rounded(found.over_baseline),
-        Metric.trainable: None if found is None or found.trainable is None else rounded(found.trainable),
+        Metric.best_fitness: found.get("last"),
+        Metric.improvement: _rounded(found.get("over_first")),
+        Metric.improvement_over_baseline: _rounded(found.get("over_baseline")),
+        Metric.trainable: _rounded(found.get("trainable")),
         Metric.candidates: len(run.candidates),
         Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
         Metric.training_flops: rounded(spent_on_training(run) / 1e12),
         Metric.tokens: None if spent is None else spent.tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else rounded(value)
 
 
 def slots_of(run: RecordedRun) -> tuple[CandidateLine, ...]:
@@ -286,9 +290,8 @@ def _contrast(
     p_holm = _corrected(family, {name: test.p for name, test in tests.items()})
     least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
     for name, test in tests.items():
-        found = effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
         rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
-        rows[name] |= found.columns()
+        rows[name] |= effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
         rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
 
 

@@ -7,7 +7,7 @@ passive archives of quality-diversity studies do.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tacevo.choices import BoundsRule, Scale
-from tacevo.evolution.archive import Archive, Bounds, Elite, Point, Tessellation, coverage, insert, qd_score
+from tacevo.evolution.archive import Archive, Bounds, Elite, Tessellation, coverage, insert, qd_score
 from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.rounding import rounded
 
@@ -32,19 +32,11 @@ class CommonArchive:
     fixed: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Extent:
-    """What decides one axis of the common archive, and how the candidates lie along it."""
-
-    #: Name of the descriptor, as its axis has it.
-    axis: str
-    low: float
-    high: float
-    #: Candidates that have the least and the greatest value, as RUN/NAME; none where the bounds are fixed.
-    lowest: tuple[str, ...]
-    highest: tuple[str, ...]
-    #: Part of all trained candidates in the fullest of ten equal parts of the axis, in [0.1, 1].
-    fullest: float
+#: The columns of what decides the axes of the common archive, an axis a row, and the type of each: its name and bounds;
+#: the candidates that have the least and the greatest value, as RUN/NAME, none where the bounds are fixed; the part of
+#: all trained candidates in the fullest of ten equal parts of the axis, in [0.1, 1].
+EXTENTS = {"axis": "str", "low": "float64", "high": "float64"}
+EXTENTS |= {"lowest": "object", "highest": "object", "fullest": "float64"}
 
 
 def common_archive(
@@ -67,28 +59,20 @@ def common_archive(
     return CommonArchive(tessellation=Tessellation(centroids), bounds=bounds, scale=scale, fixed=given is not None)
 
 
-def extents(runs: Sequence[RecordedRun], common: CommonArchive) -> tuple[Extent, ...]:
-    """Name the candidates at the bounds of the common archive, and the crowd between them.
+def extents(runs: Sequence[RecordedRun], common: CommonArchive) -> pd.DataFrame:
+    """Name the candidates at the bounds of the common archive, and the crowd between them (`EXTENTS`).
 
     Bounds stay those from the least to the greatest, as in the archives of the searches; no quantile has to be chosen,
     and none hides what a search found. So one outlier can decide the coverage of all: this says which, and how much.
     """
     places = {f"{run.name}/{one.id}": descriptors_of(one, common.scale) for run in runs for one in run.trained}
-    names = ("architecture diversity", f"efficiency ratio ({common.scale.value})")
-    return tuple(_extent(names[axis], axis, places, common) for axis in range(2))
-
-
-def _extent(name: str, axis: int, places: Mapping[str, Point], common: CommonArchive) -> Extent:
-    low, high = common.bounds.low[axis], common.bounds.high[axis]
-    tenths = Counter(min(int(10 * common.bounds.normalise(place)[axis]), 9) for place in places.values())
-    return Extent(
-        axis=name,
-        low=rounded(low),
-        high=rounded(high),
-        lowest=() if common.fixed else tuple(one for one, place in places.items() if place[axis] == low),
-        highest=() if common.fixed else tuple(one for one, place in places.items() if place[axis] == high),
-        fullest=rounded(max(tenths.values()) / len(places)),
-    )
+    rows = []
+    for at, name in enumerate(("architecture diversity", f"efficiency ratio ({common.scale.value})")):
+        ends = common.bounds.low[at], common.bounds.high[at]
+        tenths = Counter(min(int(10 * common.bounds.normalise(place)[at]), 9) for place in places.values())
+        held = (() if common.fixed else tuple(one for one, place in places.items() if place[at] == end) for end in ends)
+        rows.append((name, *map(rounded, ends), *held, rounded(max(tenths.values()) / len(places))))
+    return pd.DataFrame(rows, columns=list(EXTENTS)).astype(EXTENTS)
 
 
 def filled(run: RecordedRun, common: CommonArchive) -> pd.DataFrame:

@@ -88,20 +88,20 @@ def plan(pilot: Pilot, wish: Wish) -> Planned:
 def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | int | None]:
     between = math.sqrt(max(0.0, pilot.spread.upper**2 - pilot.tested**2))
     spread = math.hypot(between, pilot.within * median_deviation(retraining or 1))
-    found = needed(
+    seeds, chance = needed(
         shift=_shift(wish.effect, pilot.metric) / spread if spread else math.inf,
         comparisons=wish.comparisons,
         alpha=wish.alpha,
         power=wish.power,
     )
-    way = {"spread": rounded(spread), "retraining": retraining, "seeds": found.seeds, "chance": found.chance}
-    if found.seeds is None:
+    way = {"spread": rounded(spread), "retraining": retraining, "seeds": seeds, "chance": chance}
+    if seeds is None:
         return way
-    samples = (wish.comparisons + 1) * found.seeds
+    samples = (wish.comparisons + 1) * seeds
     searches, trainings = 0, samples
     if pilot.kind == "sweep":
         # The baseline is trained once a seed, for all arms.
-        searches, trainings = samples, (samples + found.seeds) * (retraining or 0)
+        searches, trainings = samples, (samples + seeds) * (retraining or 0)
     epochs = searches * pilot.search_epochs + trainings * (pilot.epochs or 0)
     hours = None if pilot.seconds is None else rounded(epochs * pilot.seconds / 3600)
     return {**way, "searches": searches, "trainings": trainings, "epochs": epochs, "hours": hours}

@@ -141,9 +141,7 @@ def effects_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
     baseline, variants, metric = study.networks[0].name, of_whole(found), metric_name(study.primary)
     rows = variants.to_dict("records")
     if score is not None:
-        rows.append(
-            {"network": "trivial"} | effects_of_constant(score, study.values(baseline, study.primary)).columns()
-        )
+        rows.append({"network": "trivial"} | effects_of_constant(score, study.values(baseline, study.primary)))
     difference = f"difference of medians ({unit_of(study.primary)})"
     return Table.of(
         pd.DataFrame(rows),

@@ -11,6 +11,7 @@ from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import (
     LEVEL,
     MOST,
+    PUBLISHED_GENERATIONS,
     by_prompt,
     by_temperature,
     improvement,
@@ -19,7 +20,7 @@ from analysis.runs.dynamics import (
 )
 from analysis.runs.lineage import lineage
 from analysis.studies.noise import Reestimates
-from analysis.table import Between, Layout, Percent, Table, percent
+from analysis.table import Between, Cell, Layout, Percent, Table, percent
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
@@ -28,6 +29,19 @@ from tacevo.text import counted
 
 #: Below every improvement, after what a fitness is.
 OTHER_SEEDS = "What other seeds give stands in the tables of noise, once tacevo noise or tacevo study has trained them."
+
+#: The figures of an improvement by name: their words, and whether they are parts.
+_FIGURES = {
+    "baseline": ("fitness of the baseline", False),
+    "first": ("best fitness of generation 0", False),
+    "last": ("best fitness at the end", False),
+    "over_first": ("improvement over the best of generation 0", True),
+    "over_baseline": ("improvement over the baseline", True),
+    "settled": (f"generation by which {100 * MOST:g} % of the improvement over generation 0 was reached", False),
+    **{f"by_{at}": (f"part of it that was reached by generation {at}", True) for at in PUBLISHED_GENERATIONS},
+    "trainable": ("trainable candidates, mean over generations", True),
+    "coverage": ("coverage at the end", True),
+}
 
 #: Of a trivial loss.
 TRIVIAL_LOSS = f"Trivial loss: {TRIVIAL}."
@@ -123,21 +137,14 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
         reestimates: of its fitnesses; those of the most seeds that have its best network are shown.
     """
     found = improvement(run)
-    rows: list[tuple[str, float | int | Percent | None]] = []
-    if found is not None:
-        rows = [
-            *([] if run.record.trivial is None else [("trivial loss", run.record.trivial)]),
-            ("fitness of the baseline", found.baseline),
-            ("best fitness of generation 0", found.first),
-            ("best fitness at the end", found.last),
-            ("improvement over the best of generation 0", Percent(found.over_first)),
-            ("improvement over the baseline", Percent(found.over_baseline)),
-            (f"generation by which {100 * MOST:g} % of the improvement over generation 0 was reached", found.settled),
-            *((f"part of it that was reached by generation {at}", Percent(share)) for at, share in found.by_generation),
-            ("trainable candidates, mean over generations", percent(found.trainable)),
-            ("coverage at the end", Percent(found.coverage)),
-            *_reestimated_rows(run, reestimates),
-        ]
+    rows: list[tuple[str, Cell]] = [
+        (words, percent(found[name]) if is_part else found[name])
+        for name, (words, is_part) in _FIGURES.items()
+        if name in found
+    ]
+    if rows:
+        trivial = [] if run.record.trivial is None else [("trivial loss", run.record.trivial)]
+        rows = [*trivial, *rows, *_reestimated_rows(run, reestimates)]
     return Table(
         name="improvement",
         caption=f"How far {run.name} came. Fitness is a validation loss.",

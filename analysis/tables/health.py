@@ -23,7 +23,7 @@ def health_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table:
         caption=f"What may be wrong with {run.name}.",
         columns=("alarm", "finding", "figures"),
         rows=tuple(
-            (alarm.name, alarm.sentence, ", ".join(f"{name}: {shown(value)}" for name, value in alarm.figures))
+            (alarm.name, alarm.sentence, ", ".join(f"{name}: {shown(value)}" for name, value in alarm.figures.items()))
             for alarm in found
         ),
         notes=() if found else ("No alarm.",),

@@ -4,7 +4,6 @@ import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL
-from analysis.studies.corrected import Corrected
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent, Table
 from analysis.tables.comparison import between
@@ -58,11 +57,11 @@ def chance_note(found: Reestimates, trivial: float | None) -> tuple[str, ...]:
     return (f"{chance_in_words(trivial)} By the medians of {counted(found.seeds, 'other seed')}.",)
 
 
-def corrected_table(found: Corrected, again: Reestimates, task: str) -> Table:
+def corrected_table(found: pd.DataFrame, again: Reestimates, task: str) -> Table:
     """Show the figures of an archive as recorded beside those after its elites were trained again."""
-    before, after = found.recorded, found.reestimated
-    seeds = counted(again.seeds, "other training seed")
-    lost = f"Their niches are empty, because a training failed: {', '.join(found.lost)}." if found.lost else ""
+    seeds, missing = counted(again.seeds, "other training seed"), found.lost["reestimated"]
+    lost = f"Their niches are empty, because a training failed: {', '.join(missing)}." if missing else ""
+    before, after = found.astype("object").where(found.notna(), None).itertuples()
     return Table(
         name="corrected",
         caption=f"The archive of {task} as recorded, and filled again by the medians of {seeds} (corrected).",

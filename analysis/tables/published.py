@@ -47,6 +47,7 @@ def published_tables() -> tuple[Table, ...]:
     set_up = PRINTED["set-up"]
     searches = Table(
         name="published_searches",
+        kind="published",
         caption="What the paper prints of its searches.",
         columns=("task", "trainable candidates", "improvement of the best fitness", "coverage"),
         rows=tuple(
@@ -60,6 +61,7 @@ def published_tables() -> tuple[Table, ...]:
     )
     scores = Table(
         name="published_scores",
+        kind="published",
         caption="What the paper prints of its networks.",
         columns=("task", "network", "measure", "value"),
         rows=tuple(map(tuple, PRINTED["scores"])),
@@ -72,12 +74,7 @@ def beside_published(runs: Sequence[RecordedRun]) -> Table:
 
     Args:
         runs: one or more, of any task; of a task without a published search only ours is shown.
-
-    Raises:
-        ValueError: the list is empty.
     """
-    if not runs:
-        raise ValueError("a table beside the published figures needs at least one run; got none")
     set_ups = {run.name: _set_up(run) for run in runs}
     return Table(
         name="beside_published",
@@ -153,6 +150,7 @@ def _test_table(test: dict[str, Any]) -> Table:
     wrong = found.index[found.finding.isin([Finding.too_small, Finding.too_large])]
     return Table(
         name=f"published_{test['task']}",
+        kind="published",
         caption=f"{test['name']} of the paper ({test['task']}, {test['metric']}) beside Holm's correction of its "
         "p-values.",
         columns=("network", "p", "adjusted, printed", "adjusted, Holm", "printed value"),
@@ -173,7 +171,7 @@ def _results(run: RecordedRun) -> tuple[tuple[str, Cell, Cell], ...]:
     """Return quantity, published and own value of what a search found."""
     theirs, ours = PRINTED["searches"].get(run.task, {}), improvement(run)
     return tuple(
-        (quantity, percent(theirs.get(printed)), percent(getattr(ours, own, None)))
+        (quantity, percent(theirs.get(printed)), percent(ours.get(own)))
         for quantity, printed, own in (
             ("trainable candidates", "trainable", "trainable"),
             ("improvement on generation 0", "improvement", "over_first"),

@@ -31,6 +31,7 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
         | {difference: scaled("difference", 100 if is_share else 1), "A12": EFFECTS_LAYOUT["A12"]}
         | {"p, Holm": (PValue, "p_holm")},
         name="searches" + (f"_{study.fingerprint[:8]}" if study.other_data else ""),
+        kind="searches",
         caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
         f"{first.name}.{elsewhere}",
         notes=(

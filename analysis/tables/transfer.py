@@ -6,7 +6,7 @@ import numpy as np
 
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
-from analysis.studies.transfer import Compared
+from analysis.studies.transfer import OnData
 from analysis.table import Cell, PValue, Table
 from analysis.tables.comparison import score_cell
 from tacevo.results.trivial import trivial_score
@@ -17,7 +17,7 @@ from tacevo.text import counted
 OWN = "the run's"
 
 
-def transfer_table(studies: Sequence[Compared]) -> Table:
+def transfer_table(studies: Sequence[OnData]) -> Table:
     """Show each network on each data set: its median, and its verdict against the baseline there."""
     first, _ = studies[0]
     return Table(
@@ -36,9 +36,9 @@ def transfer_table(studies: Sequence[Compared]) -> Table:
     )
 
 
-def _rows(compared: Compared) -> Iterator[tuple[Cell, ...]]:
+def _rows(on: OnData) -> Iterator[tuple[Cell, ...]]:
     """Show the networks on one data set, and what looks at no image."""
-    study, found = compared
+    study, found = on
     head = study.where or OWN, study.data.counts[2]
     verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(found).itertuples()}
     for network in study.networks:

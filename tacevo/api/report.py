@@ -1,7 +1,7 @@
 """All that the page of a run or a sweep shows, gathered from what was opened."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,72 +12,76 @@ from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import PageContents, page_contents, replay_commands
 from analysis.report.sweep_collection import collect_sweep
 from tacevo.api.runs import Run, remarks_on
-from tacevo.bundles.open import Opened
+from tacevo.bundles.open import Opened, over_runs
 from tacevo.errors import ConfigError, DataError, IncomparableError
 from tacevo.results.run import RecordedRun
 from tacevo.runs.data_check import samples_of_run
 from tacevo.storage.notes import read_note
 
+#: A run, what its page is made from, and which tables are missing.
+Gathered = tuple[Run, RunMaterial, list[str]]
 
-def page_of_run(gathered: Run, place: Opened, name: str) -> tuple[PageContents, list[str]]:
-    """Return all that the page of a run shows, and what is missing of it.
+
+def gather(place: Opened, name: str, store: str | None, say: Callable[[str], object]) -> list[Gathered]:
+    """Read every run of what was opened, with its tables.
+
+    Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
 
     Args:
-        gathered: the run.
         place: where it lies.
         name: what the user calls it.
+        store: the directory of the stores that the user named, if any.
+        say: is called with each job of a sweep as it begins.
     """
-    shown, missing = _material(gathered, place, name)
-    samples, unseen = _samples_of(gathered.recorded)
+    return list(over_runs(place, lambda path: _gathered(Run(place, place.read(path, store)), place, name), say))
+
+
+def page_of_run(gathered: Gathered, place: Opened, name: str) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a run shows, and what is missing of it; arguments as of `gather`."""
+    run, shown, missing = gathered
+    samples, unseen = _samples_of(run.recorded)
     absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
     shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
     page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
     return page, [*missing, *unseen]
 
 
-def page_of_sweep(runs: Sequence[Run], place: Opened, name: str, store: str | None) -> tuple[PageContents, list[str]]:
+def page_of_sweep(
+    gathered: Sequence[Gathered], place: Opened, name: str, store: str | None
+) -> tuple[PageContents, list[str]]:
     """Return all that the page of a sweep shows, and what is missing: of a run, or why its arms are not compared.
 
-    Args:
-        runs: of its jobs, in their order.
-        place: the sweep.
-        name: what the user calls it.
-        store: the directory of the stores that the user named, if any.
+    Arguments are as of `gather`.
     """
-    materials, missing = zip(*(_material(one, place, name) for one in runs), strict=True)
     sweep, state = None, ""
     try:
-        known = {one.collection.run.path.name: one.collection.run for one in runs}
+        known = {run.path.name: run.recorded for run, _, _ in gathered}
         found = collect_sweep(place.folder, place.store if store is None else Path(store), known=known)
         sweep = sweep_contents(found)
     except IncomparableError as error:
         state = f"the arms are not compared: {str(error).replace(str(place.folder), name)}"
     page = page_contents(
-        materials,
+        [material for _, material, _ in gathered],
         sweep=sweep,
         title=name,
         state=state,
         checked=_checked(place, name),
         commands=replay_commands(name),
     )
-    of_runs = [f"{one.name}: {lack}" for one, lacks in zip(runs, missing, strict=True) for lack in lacks]
+    of_runs = [f"{run.name}: {lack}" for run, _, missing in gathered for lack in missing]
     return page, [*of_runs, *([state] if state else [])]
 
 
-def _material(gathered: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
-    """Return what the page of a run is made from, and which tables are missing.
-
-    Remarks name the run or the sweep as the page does: where it lay says something about this machine only.
-    """
-    found = gathered.collection
-    tables, missing = gathered.all_tables()
-    remarks = [*remarks_on(gathered), *missing]
-    for path, word in ((str(place.folder), name), (str(gathered.recorded.stores), "its stores")):
+def _gathered(run: Run, place: Opened, name: str) -> Gathered:
+    tables, missing = run.all_tables()
+    remarks = [*remarks_on(run), *missing]
+    for path, word in ((str(place.folder), name), (str(run.recorded.stores), "its stores")):
         if "/" in path:  # else it names no place beyond the directory that the command was given in
             remarks = [remark.replace(path, word) for remark in remarks]
-    notes = [words for folder in dict.fromkeys((place.folder, found.run.path)) for words in read_note(folder)]
-    material = RunMaterial(found=found, recorded=read_texts(found.run), tables=tables, remarks=[*notes, *remarks])
-    return material, missing
+    notes = [words for folder in dict.fromkeys((place.folder, run.path)) for words in read_note(folder)]
+    texts, edited = read_texts(run.recorded)
+    material = RunMaterial(found=run.collection, texts=texts, edited=edited, tables=tables, remarks=[*notes, *remarks])
+    return run, material, missing
 
 
 def _checked(place: Opened, name: str) -> list[str]:

@@ -201,8 +201,7 @@ class Run:
     @cached_property
     def collection(self) -> Collection:
         """As records: the run with its studies and what their test images say."""
-        stores = self.recorded.stores
-        return collection_of(self.recorded, read_studies(self.recorded, stores), stores)
+        return collection_of(self.recorded, read_studies(self.recorded))
 
     def _named(self, values: Mapping[str, T], what: str) -> Named[T]:
         return Named(with_plain_names(values, [study.name for study in self.studies]), what)

@@ -5,9 +5,10 @@ commands see runs, and not where they came from.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
@@ -18,8 +19,10 @@ from tacevo.results.settings import settings_of
 from tacevo.storage.arrays import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
 from tacevo.text import listed
+
+T = TypeVar("T")
 
 #: The directory of stores on this machine, whatever a bundle says of its author's.
 HERE = "cache"
@@ -124,6 +127,18 @@ def located(path: Path) -> Opened:
         RunDirectory(path).read_run()  # which says what is missing
     found = Opened(folder=path, jobs=jobs)
     return found if jobs is None else replace(found, entries=_store_of(found))
+
+
+def over_runs(place: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
+    """Do something with every run in turn; for a sweep, lines and errors name the job."""
+    if place.jobs is None:
+        return (act(place.folder),)
+    done = []
+    for number, (job, run) in enumerate(zip(place.jobs, place.runs, strict=True), start=1):
+        say(f"job {job} ({number} of {len(place.jobs)})")
+        with naming(job):
+            done.append(act(run))
+    return tuple(done)
 
 
 def _read(source: Path) -> Opened:

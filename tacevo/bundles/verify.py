@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.bundles.format import refusing
-from tacevo.bundles.open import Opened
+from tacevo.bundles.open import Opened, over_runs
 from tacevo.bundles.texts import check_texts
 from tacevo.environment import doubting
 from tacevo.errors import BundleError, DivergenceError, RunError
@@ -22,7 +22,7 @@ from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.storage.store import Seen
-from tacevo.storage.sweep_directory import SweepDirectory, naming
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.study import replay_studies
 
 
@@ -97,15 +97,10 @@ def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> 
 
     Lines and errors of a sweep name the job.
     """
-    if found.jobs is None:
-        return (again(found.folder),)
-    done = []
-    for number, (job, run) in enumerate(zip(found.jobs, found.runs, strict=True), start=1):
-        view.say(f"job {job} ({number} of {len(found.jobs)})")
-        with naming(job):
-            done.append(again(run))
-    check_jobs(SweepDirectory(found.folder))
-    return tuple(done)
+    done = over_runs(found, again, view.say)
+    if found.jobs is not None:
+        check_jobs(SweepDirectory(found.folder))
+    return done
 
 
 def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:

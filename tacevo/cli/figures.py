@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from rich.console import Console
 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
-from analysis.report.writing import for_paper, remove_outdated, write_tables
+from analysis.report.writing import for_paper, left_of_studies, write_tables
 from analysis.sweeps.metrics import TESTS
 from analysis.tables.rendering import as_markdown
 from tacevo.api.opening import open as open_path
@@ -64,7 +64,7 @@ def _figures(options: argparse.Namespace) -> int:
         with progress_of("figures", len(pictures)) as on_drawn:
             write_pictures(pictures, directory, endings, on_drawn)
         current = {picture.name for picture in pictures}
-        say([*missing, *remove_outdated(directory, current, [f".{name}" for name in _FORMATS])])
+        say([*missing, *left_of_studies(directory, current, [f".{name}" for name in _FORMATS])])
         print(f"figures: {directory}")
     return max(map(status_of, opened))
 

@@ -2,13 +2,14 @@
 
 import argparse
 import shutil
+from functools import partial
 from pathlib import Path
 
 from analysis.report.collection import side_by_side, with_largest_studies
-from analysis.report.document import ENGINES, Chapter, make_pdf, write_chapter, write_document
+from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.following import follow
 from analysis.report.page.html import as_html
-from tacevo.api.report import page_of_run, page_of_sweep
+from tacevo.api.report import gather, page_of_run, page_of_sweep
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import opened
@@ -17,6 +18,7 @@ from tacevo.cli.figures import drawable, progress_of
 from tacevo.cli.tables import add_store, check_names, open_all, remarks_of, say, status_of, with_published
 from tacevo.errors import ConfigError
 from tacevo.results.study import check_alike
+from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
 
 
@@ -60,13 +62,16 @@ def _report(options: argparse.Namespace) -> int:
         name = f"{source.parent.name}/{name}"
     if options.follow and source.is_dir():
         print(f"report: {path}", flush=True)
-        follow(source, path, None if store is None else Path(store))
+        follow(source, path, None if store is None else Path(store), partial(print, flush=True))
     place = opened(source)
-    runs = [Run(place, place.read(run, store)) for run in place.runs]
-    if place.jobs is None:
-        page, missing = page_of_run(runs[0], place, name)
-    else:
-        page, missing = page_of_sweep(runs, place, name, store)
+    with Progress() as view:
+        gathered = gather(place, name, store, view.say)
+        if place.jobs is None:
+            page, missing = page_of_run(gathered[0], place, name)
+        else:
+            view.say("the arms, compared")
+            page, missing = page_of_sweep(gathered, place, name, store)
+    runs = [run for run, _, _ in gathered]
     write_durably(path, as_html(page))
     say([*(remark for one in runs if status_of(one) for remark in remarks_on(one)), *missing])
     print(f"report: {path}")
@@ -106,7 +111,7 @@ def _with_largest(run: Run) -> Run:
     return run
 
 
-def _chapter(one: Run | Sweep, directory: Path) -> Chapter:
+def _chapter(one: Run | Sweep, directory: Path) -> str:
     """Write the tables and figures of a run or a sweep into a directory."""
     say(remarks_of(one))
     tables, missing = one.all_tables()

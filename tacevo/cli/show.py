@@ -89,7 +89,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
     finished = run.digest == ledger.digest
     state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
     if finished:
-        known = finished_run(directory, run, ledger)
+        known = finished_run(directory, run, ledger, None if store is None else str(store))
     else:
         config, elites = read_config(path, run), read_elites(directory)
         known = RecordedRun(directory=directory, record=run, config=config, ledger=ledger, elites=elites)
@@ -99,7 +99,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
         raise RunError(unknown[0], place=f"{path}/archive.json", expected=expected, remedy="restore the file")
     paragraphs = read_note(path)
     note = "\n\n".join([HEADING, *(fill(words, 110) for words in paragraphs), ""]) if paragraphs else ""
-    return f"{summarise(known)}\n{_studied(known, store) if finished else ''}{note}{state}\n"
+    return f"{summarise(known)}\n{_studied(known) if finished else ''}{note}{state}\n"
 
 
 def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
@@ -112,11 +112,11 @@ def _read_begun(path: Path) -> tuple[RunDirectory, RunRecord, Sealed[Line]]:
     return directory, run, ledger
 
 
-def _studied(run: RecordedRun, store: Path | None) -> str:
+def _studied(run: RecordedRun) -> str:
     """Write what the studies and noise runs of a finished run found; nothing without any."""
     if not studies_of(run.path):
         return ""
-    found = read_studies(run, store)
+    found = read_studies(run)
     parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
     return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])
 

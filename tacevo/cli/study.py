@@ -228,8 +228,8 @@ def _introduce(studied: Studied, what: str) -> None:
 
 def _show(studied: Studied, store: str | None) -> RecordedRun:
     """Print what was found in short, and where all of it is to be seen; return the run."""
-    run = read_run(studied.directory.parents[1])
-    found = read_studies(run, None if store is None else Path(store))
+    run = read_run(studied.directory.parents[1], store)
+    found = read_studies(run)
     if table := outcomes(run, found).get(studied.directory.name):
         print_table(table, Console())
         say(why for why in found.left_out if studied.directory.name in why)

@@ -6,7 +6,7 @@ draws at import: Matplotlib takes a second.
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -14,7 +14,7 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from analysis.report.collection import side_by_side
-from analysis.report.writing import for_paper, place_of, remove_outdated, write_tables
+from analysis.report.writing import for_paper, left_of_studies, place_of, write_tables
 from analysis.rounding import shown
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
@@ -25,6 +25,8 @@ from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import DIFFERENT, DONE, RUNS, Parser, existing_store, output_directory, place_of_results
 from tacevo.errors import ConfigError
 from tacevo.text import listed, printable
+
+_INDEXED = "index.md says which question each answers"
 
 
 def add_tables(parser: Parser) -> None:
@@ -58,37 +60,46 @@ def add_store(parser: Parser) -> None:
 
 
 def _tables(options: argparse.Namespace) -> int:
-    write = as_latex if options.latex else as_markdown
     if not options.runs and not options.paper:
         expected = "the directory or bundle of a run or a sweep, or --paper for the paper's tables"
         raise ConfigError("neither RUN nor --paper", place="tacevo tables", expected=expected)
     places = places_of(options, "tables") if options.runs else []
     opened = open_all(options.runs, options.store)
-    for one, place in zip(opened, places, strict=True):
-        _write(one, place, write)
     runs = [one for one in opened if isinstance(one, Run)]
     beside = list(with_published(runs)) if options.paper else []
+    if len(opened) == 1:
+        _write(opened[0], places[0], options.latex, beside)
+        return status_of(opened[0])
+    for number, (one, place) in enumerate(zip(opened, places, strict=True), start=1):
+        _write(one, place, options.latex, prefix=f"run{number}:")
     if len(runs) > 1:
         tables, alone = side_by_side([one.collection for one in runs])
         say(alone)
         beside += tables
-    if beside:
-        if options.output is not None:
-            write_tables(beside, output_directory(options.output))
-        print("\n".join(map(write, for_paper(beside))))
+    if options.output is not None:
+        write_tables(beside, output_directory(options.output), runs=[place.name for place in places])
+    _print(beside, options.latex)
+    if options.output is not None:
+        print(f"tables: {options.output} ({_INDEXED})")
     return max(map(status_of, opened), default=DONE)
 
 
-def _write(one: Run | Sweep, place: Path, write: Callable[[Table], str]) -> None:
-    """Write the tables of a run or a sweep, and print those that a paper needs."""
+def _write(one: Run | Sweep, place: Path, latex: bool, beside: Sequence[Table] = (), prefix: str = "") -> None:
+    """Write the tables of a run or a sweep, and print those that a paper needs; `beside` are the paper's own."""
     say(remarks_of(one))
     directory = output_directory(place)
     print(f"# {one.name}\n")
-    tables, missing = one.all_tables()
-    write_tables(tables, directory)
-    print("\n".join(map(write, for_paper(tables))))
-    say([*missing, *remove_outdated(directory, set(map(place_of, tables)), WRITERS)])
-    print(f"tables: {directory} (index.md says which question each answers)")
+    own, missing = one.all_tables()
+    tables = [*own, *beside]
+    write_tables(tables, directory, prefix=prefix)
+    _print(tables, latex, prefix)
+    say([*missing, *left_of_studies(directory, set(map(place_of, tables)), WRITERS)])
+    print(f"tables: {directory} ({_INDEXED})")
+
+
+def _print(tables: Iterable[Table], latex: bool, prefix: str = "") -> None:
+    """Print the tables that a paper needs."""
+    print("\n".join(as_latex(table, prefix=prefix) if latex else as_markdown(table) for table in for_paper(tables)))
 
 
 def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:

@@ -4,6 +4,8 @@ One and the same answer to every image reaches it (`tacevo.training.losses.trivi
 the frequencies of the classes, of the very images that losses are measured on.
 """
 
+from tacevo.rounding import significant
+
 #: The part of the trivial loss by which a loss must lie below it; nearer ones are chance. Of the many losses of a
 #: search on some fifty validation images, one or two lie a few per cent below it, though nothing was learned.
 MARGIN = 0.05
@@ -32,8 +34,8 @@ def is_at_chance(best: float | None, trivial: float | None) -> bool:
 def chance_in_words(trivial: float) -> str:
     """Say that no loss of some networks is below the trivial loss by the margin."""
     return (
-        f"At chance: no network is more than {100 * MARGIN:g} % below the trivial loss, {trivial:.4g} (the same answer "
-        "to every image)."
+        f"At chance: no network is more than {100 * MARGIN:g} % below the trivial loss, "
+        f"{significant(trivial)} (the same answer to every image)."
     )
 
 

@@ -17,6 +17,7 @@ from tacevo.evolution.lines import (
 )
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.results.run import RecordedRun
+from tacevo.rounding import significant
 from tacevo.text import counted, drawn, listed, table
 
 #: What the trivial loss is.
@@ -161,7 +162,7 @@ def _gate(lines: Collection[CandidateLine]) -> tuple[str, ...]:
         return ("Gate: no model was asked.",)
     answers = counted(left + sum(one.rejected for one in stages), "first answer")
     rejected = listed(f"{one.stage} {one.rejected} ({_reasons(one)})" for one in stages if one.rejected)
-    rate = f"Gate: {left} of {answers} trained ({share:.1%}); rejected: {rejected}."
+    rate = f"Gate: {left} of {answers} trained ({_percent(share)}); rejected: {rejected}."
     return (rate, *misreported(stages), *_repaired(lines))
 
 
@@ -209,8 +210,8 @@ def _cost(run: RecordedRun) -> str:
 def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
     rows = [
         [str(line.generation), _trained(line), _number(line.best),
-         _number(line.generation_median), f"{line.coverage:.0%}", f"{line.prompt_coverage:.0%}",
-         f"{line.qd_score:.3f}", f"{line.temperature:.2f}"]
+         _number(line.generation_median), _percent(line.coverage), _percent(line.prompt_coverage),
+         _number(line.qd_score), _number(line.temperature)]
         for line in generations
     ]  # fmt: skip
     header = ["generation", "trained", "best", "median", "networks", "prompts", "QD-score", "T"]
@@ -232,4 +233,8 @@ def _trained(line: GenerationLine) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return "-" if value is None else significant(value)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"

@@ -22,6 +22,7 @@ from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Operator
+from tacevo.rounding import significant
 from tacevo.text import counted, printable
 
 
@@ -91,9 +92,9 @@ class Watcher:
             self._baseline = line.fitness
         covered = coverage(state.networks.archive, self._plan.networks.niches)
         beside = [("baseline", self._baseline), ("trivial", self._trivial)]
-        others = ", ".join(f"{name} {loss:.4g}" for name, loss in beside if loss is not None)
+        others = ", ".join(f"{name} {significant(loss)}" for name, loss in beside if loss is not None)
         chance = ", at chance" if is_at_chance(state.best, self._trivial) else ""
-        reached = f"best {state.best:.4g}{f' ({others})' if others else ''}{chance}, coverage {covered:.0%}"
+        reached = f"best {significant(state.best)}{f' ({others})' if others else ''}{chance}, coverage {covered:.0%}"
         if not isinstance(line, GenerationLine):
             self._done += 1
             self._view.advance("slots", self._done, self._total, reached)

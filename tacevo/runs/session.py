@@ -24,6 +24,7 @@ from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise, tell
+from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.doubts import doubts_of
@@ -117,7 +118,8 @@ def record(
         trivial = trivial_loss(task.contract.loss, data.targets[data.validation])
         _begin(directory, config, task, facts, trivial)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
-        view.say(f"trivial loss: {trivial:.4g}, the least that the same answer to every validation image can have")
+        least = "the least that the same answer to every validation image can have"
+        view.say(f"trivial loss: {significant(trivial)}, {least}")
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
         with _mirrored(config, directory, view):

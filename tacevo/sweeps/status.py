@@ -11,6 +11,7 @@ from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.files import finished_digest, read_ledger
 from tacevo.evolution.lines import GenerationLine
+from tacevo.rounding import significant
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.text import counted, table
@@ -107,4 +108,4 @@ def best_in_words(status: Status) -> str:
     """Write the best loss of a job, and that it is at chance where it is."""
     if status.best is None:
         return "-"
-    return f"{status.best:.4g}, at chance" if status.at_chance else f"{status.best:.4g}"
+    return f"{significant(status.best)}, at chance" if status.at_chance else significant(status.best)

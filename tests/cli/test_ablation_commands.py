@@ -80,7 +80,8 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     folder = sweep / "ablations"
     written = contents(folder)
     tables = {name.removesuffix(".md") for name in written if name.endswith(".md")} - {"index"}
-    assert {"ablation", "ablation_best_fitness", "ablation_cost", "more/ablation_runs"} <= tables
+    assert {name for name in tables if "/" not in name} == {"ablation"}  # it states no primary metric
+    assert {"more/ablation_best_fitness", "more/ablation_cost", "more/ablation_runs"} <= tables
     others = {"ablation_curves.pdf", "ablation_finals.pdf", "index.md"}
     assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | others
     for name in tables:
@@ -133,10 +134,10 @@ def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str])
         "missing: no_prompt_archive-seed1: failed: no answer came",
     ]
     names = "none-seed1, no_prompt_archive-seed0, no_prompt_archive-seed1"
-    notes = Path("out/ablation_best_fitness.md").read_text()
+    notes = Path("out/more/ablation_best_fitness.md").read_text()
     assert f"Missing, 3 jobs: {names}." in notes
     assert "Failed, 1 job: no_prompt_archive-seed1 (arm no_prompt_archive, its search)." in notes
-    assert "Failed" not in Path("out/ablation_cost.md").read_text()
+    assert "Failed" not in Path("out/more/ablation_cost.md").read_text()
     assert not (sweep / "ablations").exists()
 
 
@@ -153,7 +154,7 @@ def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsy
         "missing: no_prompt_archive-seed0: not finished",
         "missing: no_prompt_archive-seed1: not begun: Slurm: NODE_FAIL",
     ]
-    assert "Failed" not in Path("out/ablation_best_fitness.md").read_text()
+    assert "Failed" not in Path("out/more/ablation_best_fitness.md").read_text()
 
 
 def test_sweep_without_a_finished_job_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -209,7 +210,7 @@ def test_names_of_arms_are_set_as_they_are(sweep: Path) -> None:
     SweepDirectory(sweep).write(SweepRecord(overrides=(), jobs=changed))
     assert main(["ablations", "sweep"]) == 0
     assert r"temperature=fixed\_1" in (sweep / "ablations" / "ablation.tex").read_text()
-    text = (sweep / "ablations" / "ablation_best_fitness.md").read_text()
+    text = (sweep / "ablations" / "more" / "ablation_best_fitness.md").read_text()
     assert r"task=a\|b & c" in text
     assert "There is no test: the sweep has no finished run of the arm none" in text
     assert {row["p"] for row in rows(sweep, "ablation_best_fitness")} == {""}

@@ -1,9 +1,11 @@
 """The tables and figures of finished runs as a user asks for them, and what all such commands refuse in one line."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 from bundles import entries_of, members_of, resealed, with_entries
@@ -45,14 +47,20 @@ def test_tables_are_printed_for_latex(run: Path, capsys: pytest.CaptureFixture[s
 def test_tables_of_several_runs_lie_in_a_directory_each(
     run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Named after the runs, so two of one name are refused; where to write must be said."""
-    renamed = run.rename("renamed")
+    """Named after the runs, so two of one name are refused; one index leads to all, and no label is there twice."""
+    renamed = run.rename("my [run]")
     assert main(["tables", str(renamed), str(bundle)]) == 2
     assert main(["tables", str(renamed), str(renamed), "-o", "out"]) == 2
     assert not Path("out").exists()
-    assert main(["tables", str(renamed), str(bundle), "-o", "out"]) == 0
-    capsys.readouterr()
-    assert contents(Path("out/renamed")).keys() == contents(Path("out/run")).keys()
+    assert main(["tables", str(renamed), str(bundle), "-o", "out", "--paper", "--latex"]) == 0
+    printed = capsys.readouterr().out
+    assert contents(Path("out/my [run]")).keys() == contents(Path("out/run")).keys()
+    places = [unquote(place) for place in re.findall(r"\]\((.*?)\)", Path("out/index.md").read_text())]
+    assert {"my [run]/index.md", "run/index.md", "beside_published.md"} <= set(places)
+    assert all((Path("out") / place).is_file() for place in places)
+    labels = [label for path in Path("out").rglob("*.tex") for label in re.findall(r"\\label{.*?}", path.read_text())]
+    assert len(labels) == len(set(labels))
+    assert set(re.findall(r"\\label{.*?}", printed)) <= set(labels)
 
 
 def test_tables_of_the_paper_need_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -68,6 +76,8 @@ def test_tables_of_the_paper_stand_beside_a_run(run: Path, bundle: Path, capsys:
     for recorded in (run, bundle):
         assert main(["tables", str(recorded), "--paper", "-o", "out"]) == 0
         assert "Searches of this project beside the published ones" in capsys.readouterr().out
+        index = Path("out/index.md").read_text()
+        assert all(f"({name}.md)" in index for name in ("gate", "published_force", "beside_published"))
 
 
 @pytest.mark.parametrize("arguments", [["RUN"], ["--paper"]])
@@ -108,23 +118,21 @@ def test_figures_come_in_the_formats_that_were_asked_for(run: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("command", "folder"), [("tables", "tables"), pytest.param("figures", "figures", marks=pytest.mark.slow)]
 )
-def test_what_was_written_of_a_study_goes_with_it(
+def test_files_that_a_call_did_not_write_stay(
     command: str, folder: str, run: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A table of a study that is refused now would look current; the files of the user stay."""
+    """Of a study that is refused now, or of another run in the same directory: they are named, and never removed."""
     assert main([command, str(run)]) == 0
-    (run / folder / "notes_force.md").write_text("mine")
-    before = set(contents(run / folder))
-    assert main([command, str(run)]) == 0
-    assert set(contents(run / folder)) == before
+    before = contents(run / folder)
     (study_in(run) / "scores.jsonl").write_text("edited")
     capsys.readouterr()
     assert main([command, str(run)]) == 1
-    gone = before - set(contents(run / folder))
-    assert gone
-    assert gone == {name for name in before if f"{study_in(run).name}/" in name}
+    assert contents(run / folder).keys() == before.keys()
     told = capsys.readouterr().err
-    assert all(f"removed {name}: its study is missing or left out" in told for name in gone)
+    for place in {name.rpartition("/")[0] for name in before if f"{study_in(run).name}/" in name}:
+        assert f"{run / folder / place}: " in told
+    index = run / folder / "index.md"
+    assert not index.exists() or study_in(run).name not in index.read_text()
 
 
 def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -70,10 +70,11 @@ def test_report_does_not_say_where_the_run_lay(published: Path, tmp_path: Path) 
     assert str(tmp_path) not in page.read_text()
 
 
-def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path) -> None:
-    """Each run comes with its candidates; sources that runs share come once."""
+def test_report_of_a_sweep_compares_its_arms(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each run comes with its candidates, and is told as it begins; sources that runs share come once."""
     page = tmp_path / "page.html"
     assert main(["report", str(swept / "sweep.zip"), "-o", str(page)]) == 0
+    assert re.findall(r"\((\d of \d)\)", capsys.readouterr().err) == ["1 of 3", "2 of 3", "3 of 3"]
     shown = shown_in(page)
     assert [arm["name"] for arm in shown["sweep"]["arms"]] == ["none", "fixed_temperature"]
     assert len(shown["runs"]) == 3

@@ -244,7 +244,7 @@ def test_answers_that_are_none_are_typed_recorded_and_replayed(place: Path, caps
     summary = (place / "run" / "summary.md").read_text()
     assert "empty 1, invalid_request 1, refused 1, truncated 1" in summary
     assert "4 answers, 33 + 21 tokens" in summary
-    assert "Gate: 0 of 4 first answers trained (0.0%); rejected: extract 4 (" in told
+    assert "Gate: 0 of 4 first answers trained (0.0 %); rejected: extract 4 (" in told
     capsys.readouterr()
     assert main(["replay", "run"]) == 0
     assert digest(capsys.readouterr().out) == digest(told)

@@ -126,7 +126,7 @@ PECULIAR: list[tuple[RecordedRun, list[str]]] = [
             elites=["g00s02"],
         ),
         [
-            "Gate: 1 of 3 first answers trained (33.3%); rejected: probe 2 (bad_output 2).",
+            "Gate: 1 of 3 first answers trained (33.3 %); rejected: probe 2 (bad_output 2).",
             "2 answers were sent back, 3 times in all; 1 then passed the gate, and 1 of these trained",
             "| 0          | 2/4 + 1 repaired |",
         ],
@@ -139,7 +139,7 @@ PECULIAR: list[tuple[RecordedRun, list[str]]] = [
         run_of(*(replace(line, dropped=("temperature",)) if line == LINES[1] else line for line in LINES)),
         ["temperature was not sent with 1 of 7 requests: the model refuses it", "are what was planned."],
     ),
-    (run_of(*LINES, trivial=0.3), ["every validation image can have: 0.3.", "; the trivial loss is 0.3."]),
+    (run_of(*LINES, trivial=0.3), ["every validation image can have: 0.300.", "; the trivial loss is 0.300."]),
 ]
 
 
@@ -163,13 +163,13 @@ AGAIN = ReevaluationLine(generation=1, slot=1, id="g00s01", source="source 01", 
 def test_elite_that_failed_again_in_a_generation_that_was_stopped_is_still_listed() -> None:
     """The archive on disk is that of the last whole generation."""
     page = page_of(*LINES[:3], AGAIN, elites=["g00s01"])
-    assert "Best fitness 0.4 by g00s01" in page
+    assert "Best fitness 0.400 by g00s01" in page
 
 
 def test_archive_that_is_older_than_the_ledger_is_summarised() -> None:
     """A run may be stopped between the two."""
     lines = *LINES[:3], AGAIN, generation(1, trained=0, candidates=1, best=0.5, median=None)
-    assert "Lowest fitness 0.5 by g00s00" in page_of(*lines, elites=["g00s00", "g00s01"])
+    assert "Lowest fitness 0.500 by g00s00" in page_of(*lines, elites=["g00s00", "g00s01"])
 
 
 def test_generation_0_that_failed_again_has_no_best() -> None:
@@ -177,7 +177,7 @@ def test_generation_0_that_failed_again_has_no_best() -> None:
     failed = [replace(AGAIN, id=f"g00s0{slot}", source=f"source 0{slot}") for slot in (0, 1)]
     later = trained("g01s00", 0.3, source="another")
     page = page_of(*LINES[:3], later, *failed, generation(1, trained=1, candidates=1, best=0.3, median=0.3))
-    assert "Best fitness 0.3 by g01s00; the best of generation 0 has -, the baseline -." in page
+    assert "Best fitness 0.300 by g01s00; the best of generation 0 has -, the baseline -." in page
 
 
 def test_best_are_ranked_by_fitness_then_id() -> None:
@@ -208,10 +208,10 @@ def test_end_of_a_search_fits_one_screen() -> None:
     assert not tell(run).shortfall
     told = tell(run).in_short
     assert told.rstrip() in summarise(run)
-    assert "Best fitness 0.1 by g01s00; the best of generation 0 has 0.4, the baseline 0.5." in told
+    assert "Best fitness 0.100 by g01s00; the best of generation 0 has 0.400, the baseline 0.500." in told
     assert "Each is one draw, the loss of one training seed, and the best is the lowest of many." in told
     assert [row.split("|")[1].strip() for row in told.splitlines() if row.startswith("| g")] == [*names[:5], "g00s00"]
-    assert told.endswith("Gate: 9 of 10 first answers trained (90.0%); rejected: extract 1 (truncated 1).\n")
+    assert told.endswith("Gate: 9 of 10 first answers trained (90.0 %); rejected: extract 1 (truncated 1).\n")
     assert sum(max(1, math.ceil(len(line) / 80)) for line in told.splitlines()) <= 19
 
 
@@ -229,10 +229,10 @@ def test_summary_of_a_search_at_chance_says_so_first(trivial: float) -> None:
     first = page.split("\n\n")[2]
     assert first.startswith("At chance: ")
     assert "training.epochs" in first
-    assert f"the baseline 0.5; the trivial loss is {trivial:.4g}." in page
-    assert f"every validation image can have: {trivial:.4g}." in page
+    assert f"the baseline 0.500; the trivial loss is {trivial:.3f}." in page
+    assert f"every validation image can have: {trivial:.3f}." in page
     told = tell(run).in_short
-    assert told.index("At chance: ") < told.index("Lowest fitness 0.1")
+    assert told.index("At chance: ") < told.index("Lowest fitness 0.100")
     assert "Best fitness" not in told
 
 

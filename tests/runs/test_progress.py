@@ -10,6 +10,7 @@ from rich.console import Console
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.state import Budget, Plan
 from tacevo.records import Training
+from tacevo.rounding import significant
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.storage.ledger import Ledger
 
@@ -39,6 +40,8 @@ def test_best_stands_beside_baseline_and_trivial_loss(trivial: float | None, is_
     assert isinstance(baseline, Training)
     run_search(PLAN, fakes.effects(), Ledger(), Watcher(PLAN, Progress(Console(file=out)), trivial))
     lines = out.getvalue().splitlines()
-    beside = f"baseline {baseline.fitness:.4g}" + ("" if trivial is None else f", trivial {trivial:.4g}")
+    beside = f"baseline {significant(baseline.fitness)}" + (
+        "" if trivial is None else f", trivial {significant(trivial)}"
+    )
     assert len(lines) == 3
     assert [line for line in lines if f"({beside})" not in line or ("at chance" in line) != is_chance] == []

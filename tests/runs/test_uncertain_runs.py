@@ -53,7 +53,7 @@ def test_tables_and_page_have_the_archive_as_the_search_left_it(uncertain: Path)
     held = {niche: (elite.name, -elite.objective) for niche, elite in last.elites.items()}
     assert held == {elite.niche: (elite.id, elite.fitness) for elite in found.run.elites}
     assert any(table.name.endswith("/corrected") for table in tables_of(found, None))
-    page = run_contents(RunMaterial(found=found, recorded=read_texts(found.run)))
+    page = run_contents(RunMaterial(found=found, texts=read_texts(found.run)[0]))
     again = {line.source for line in found.run.reevaluations}
     losses = {one["id"]: len(one["losses"]) for one in page["candidates"]}
     assert losses == {

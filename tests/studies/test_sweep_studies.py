@@ -162,7 +162,9 @@ def test_published_sweep_has_its_terms_and_its_tests(folder: Path, capsys: pytes
         assert main(["ablations", source, "-o", target, *store]) == 0
     one, other = (contents(Path(name)) for name in ("from-directory", "from-bundle"))
     assert one == other
-    assert "ablation_test_mse.md" in one
+    assert {name for name in one if name.endswith(".md") and "/" not in name} == {
+        *("index.md", "ablation.md", "ablation_test_mse.md")  # the overview, and the primary metric
+    }
     assert main(["replay", "sweep.zip/none-seed1"]) == 0
     assert "none-seed1: digest" not in (told := capsys.readouterr().out)
     assert "every score is as recorded" in told
@@ -237,10 +239,10 @@ def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.
 def test_trivial_predictor_stands_beside_the_arms(folder: Path) -> None:
     """With its test score, and nothing else: by the labels' variance, which the scores of a study tell."""
     assert main(["ablations", "sweep", "--store", "cache"]) == 0
-    for name in ("ablation", "ablation_test_mse", "ablation_best_fitness"):
+    for name in ("ablation", "ablation_test_mse", "more/ablation_best_fitness"):
         with (folder / "sweep" / "ablations" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
             rows = [list(row.values()) for row in csv.DictReader(file) if row["arm"] == "trivial"]
-        if name == "ablation_best_fitness":
+        if name == "more/ablation_best_fitness":
             assert rows == []
             continue
         (path,) = folder.glob("sweep/none-seed0/studies/*")

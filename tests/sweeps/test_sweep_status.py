@@ -109,8 +109,8 @@ def test_description_lists_every_job(tmp_path: Path, job: Job) -> None:
     text = describe_jobs([status_of(directory, one) for one in (job, other)])
     digest = str(finished_digest(directory.run(job)))
     assert text.startswith("2 jobs: 1 finished, 1 failed\n")
-    assert f"| none-seed0 | none | 0    | finished | 2     | 0.25 | {digest[:12]} |" in text
-    assert "| none-seed1 | none | 1    | failed   | 0     | -    | -            |" in text
+    assert f"| none-seed0 | none | 0    | finished | 2     | 0.250 | {digest[:12]} |" in text
+    assert "| none-seed1 | none | 1    | failed   | 0     | -     | -            |" in text
     assert text.endswith("none-seed1: the disk is full")
 
 

@@ -35,7 +35,6 @@ from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
 from tacevo.results.summary import tell
-from tacevo.storage.run_directory import RunRecord
 
 #: Corners of a polygon in order, each (x, y) in [0, 1].
 Corners = tuple[tuple[float, float], ...]
@@ -44,19 +43,13 @@ Corners = tuple[tuple[float, float], ...]
 _CORNERS = 5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recorded:
-    """What a run's directory holds beside its ledger and archives."""
+def read_texts(run: RecordedRun) -> tuple[dict[str, str], list[str]]:
+    """Read the candidates' files.
 
-    record: RunRecord
-    #: By candidate: the source that its line has the hash of; or, of a rejected one, the reason and the answer.
-    texts: Mapping[str, str]
-    #: Candidates whose file has another source than their line; it is not among the texts.
-    edited: tuple[str, ...] = ()
-
-
-def read_texts(run: RecordedRun) -> Recorded:
-    """Read the candidates' files; a source that is not the ledger's is left out."""
+    Returns:
+        By candidate, the source that its line has the hash of, or of a rejected one the reason and the answer; and the
+        candidates whose file has another source than their line.
+    """
     texts, edited = {}, []
     for line in run.candidates:
         kept, is_edited = run.directory.read_checked(line.id, line.source)
@@ -64,7 +57,7 @@ def read_texts(run: RecordedRun) -> Recorded:
             edited.append(line.id)
         elif kept is not None:
             texts[line.id] = kept.decode(errors="replace")
-    return Recorded(record=run.record, texts=texts, edited=tuple(edited))
+    return texts, edited
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +65,9 @@ class RunMaterial:
     """What the page of a run is made from."""
 
     found: Collection
-    recorded: Recorded
+    #: As `read_texts`.
+    texts: Mapping[str, str]
+    edited: Sequence[str] = ()
     #: Of the run and its studies.
     tables: Sequence[Table] = ()
     #: Sentences that stand above all.
@@ -87,20 +82,20 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
     `cells` are the corners of every niche of the network archive, none where it has no niches, and `places` how many
     elites it can hold; `unreachable` the niches of the prompt archive that no trial could reach.
     """
-    found, recorded, tables = given.found, given.recorded, given.tables
-    run, task = found.run, recorded.record.task
+    found, tables = given.found, given.tables
+    run, task = found.run, found.run.record.task
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, found.niches.prompts) if has_prompts else frozenset()
     return {
         "name": run.name,
         "headlines": _headlines(found),
-        "remarks": [*([run.shortfall] if run.shortfall else []), *given.remarks, *_sourceless(run, recorded)],
+        "remarks": [*([run.shortfall] if run.shortfall else []), *given.remarks, *_sourceless(given)],
         "axes": [axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes],
         "cells": _cells(found.niches.networks),
         "places": run.places,
         "instructions": to_json(task.instructions),
         "crossover": task.crossover,
-        "candidates": _candidates(found, recorded.texts),
+        "candidates": _candidates(found, given.texts),
         "generations": _generations(run, found.niches.networks),
         "prompt_cells": _cells(found.niches.prompts) if has_prompts else (),
         "unreachable": sorted(set(range(len(found.niches.prompts))) - reached) if has_prompts else [],
@@ -110,7 +105,7 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
         "studies": [_study(compared, tables) for compared in found.studies],
         "tables": [table_contents(table) for table in tables if not _of_study(table, found.studies)],
         "samples": given.samples,
-        "provenance": _provenance(run, recorded.record),
+        "provenance": _provenance(run),
         "settings": identity(run.config),
     }
 
@@ -132,11 +127,11 @@ def table_contents(table: Table) -> dict[str, Any]:
     }
 
 
-def _sourceless(run: RecordedRun, recorded: Recorded) -> list[str]:
+def _sourceless(given: RunMaterial) -> list[str]:
     """Name the candidates without a source, and why."""
-    there = {*recorded.texts, *recorded.edited}
-    missing = [line.id for line in run.candidates if line.source is not None and line.id not in there]
-    lost = {"the file was edited": recorded.edited, "the file is missing": missing}
+    there = {*given.texts, *given.edited}
+    missing = [line.id for line in given.found.run.candidates if line.source is not None and line.id not in there]
+    lost = {"the file was edited": given.edited, "the file is missing": missing}
     return [f"no source, because {why}: {', '.join(names)}" for why, names in lost.items() if names]
 
 
@@ -300,14 +295,14 @@ def _model(run: RecordedRun) -> dict[str, str]:
     return {"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}
 
 
-def _provenance(run: RecordedRun, record: RunRecord) -> tuple[tuple[str, str], ...]:
+def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
     train, validation, test = run.facts.counts
-    code = record.code
+    code = run.record.code
     commit = "not known" if code is None else f"{code.commit}{' and changes since' if code.dirty else ''}"
     walls = {}
-    for number, measures in enumerate(record.confinement, start=1):
+    for number, measures in enumerate(run.record.confinement, start=1):
         words = "; ".join(f"{name}: {state}" for name, state in measures.items())
-        walls["confinement" if len(record.confinement) == 1 else f"confinement {number}"] = words
+        walls["confinement" if len(run.record.confinement) == 1 else f"confinement {number}"] = words
     found = {
         "run": run.name,
         "digest": run.digest,
@@ -321,7 +316,7 @@ def _provenance(run: RecordedRun, record: RunRecord) -> tuple[tuple[str, str], .
         "rules": rules_in_words(run.rules),
         "commit": commit,
         **{f"version of {name}": number for name, number in run.record.versions.items()},
-        **{f"machine: {name}": "none" if value is None else str(value) for name, value in record.machine.items()},
+        **{f"machine: {name}": "none" if value is None else str(value) for name, value in run.record.machine.items()},
         **walls,
     }
     return tuple(found.items())

@@ -14,44 +14,26 @@ class PageContents:
 
     title: str
     #: Of a running search; the page then reloads itself.
-    live: bool
+    live: bool = False
     #: A sentence on how the search stands, of a live page.
-    state: str
+    state: str = ""
     #: As `run_contents`; at least one, but for a live page of a search that has only begun.
     runs: tuple[dict[str, Any], ...]
     #: As `sweep_contents`; None of a single run.
-    sweep: dict[str, Any] | None
+    sweep: dict[str, Any] | None = None
     #: As `run_sources`, by hash; runs of a sweep share many.
     sources: Mapping[str, dict[str, str]]
     #: What was checked before this was written, a sentence each; and the commands that check the rest.
-    checked: tuple[str, ...]
-    commands: tuple[str, ...]
+    checked: Sequence[str]
+    commands: Sequence[str] = ()
 
 
-def page_contents(
-    runs: Sequence[RunMaterial],
-    *,
-    title: str,
-    checked: Sequence[str],
-    commands: Sequence[str],
-    sweep: dict[str, Any] | None = None,
-    state: str = "",
-    live: bool = False,
-) -> PageContents:
-    """Return all that the page shows; the arguments are the fields of `PageContents`."""
+def page_contents(runs: Sequence[RunMaterial], **fields: Any) -> PageContents:
+    """Return all that the page shows of runs; `fields` are the others of `PageContents`."""
     sources: dict[str, dict[str, str]] = {}
     for one in runs:
-        sources |= run_sources(one.found.run, one.recorded.texts)
-    return PageContents(
-        title=title,
-        live=live,
-        state=state,
-        runs=tuple(map(run_contents, runs)),
-        sweep=sweep,
-        sources=sources,
-        checked=tuple(checked),
-        commands=tuple(commands),
-    )
+        sources |= run_sources(one.found.run, one.texts)
+    return PageContents(runs=tuple(map(run_contents, runs)), sources=sources, **fields)
 
 
 def replay_commands(name: str) -> list[str]:

@@ -58,13 +58,6 @@ def test_run_has_every_picture() -> None:
     assert all(picture.caption.endswith(".") for picture in found)
 
 
-def test_caption_states_the_rule_of_the_confusion() -> None:
-    """A reader must know which of twenty trainings is shown, and that nobody chose it by its result."""
-    found = pictures_of(collection(Kind.classification, searched=searched()))
-    (confusion,) = (picture for picture in found if "confusion" in picture.name)
-    assert "the one whose accuracy is the median: the lower one of two in the middle" in confusion.caption
-
-
 def test_what_a_run_never_had_is_not_drawn() -> None:
     """No prompt archive, no instruction, no trained network: no figure of it."""
     bare = altered(searched(), elites=(), instructions=(), candidates=())

@@ -1,5 +1,6 @@
 """Promise: a page follows a search as far as its whole generations go, and is finished with it."""
 
+import contextlib
 import json
 import shutil
 from dataclasses import replace
@@ -13,6 +14,7 @@ from analysis.runs.begun import load_begun
 from tacevo.cli.app import main
 from tacevo.errors import RunError
 from tacevo.results.run import read_run
+from tacevo.storage.run_directory import RunDirectory
 
 
 @pytest.fixture
@@ -146,6 +148,25 @@ def test_followed_run_that_is_finished_has_the_page_of_a_finished_run(
     assert written == [True]
     assert not live_in(begun / "report.html")
     assert "tacevo replay run --retrain 5" in (begun / "report.html").read_text()
+
+
+@pytest.mark.parametrize("has_lock", [True, False])
+def test_search_that_was_stopped_is_not_waited_for(
+    has_lock: bool, begun: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once no process holds its lock; every writing of the page is told, and the last page does not reload."""
+    told: list[str] = []
+    waits = iter(range(100))
+    with contextlib.ExitStack() as held:
+        if has_lock:
+            held.enter_context(RunDirectory(begun).locked())
+        monkeypatch.setattr("time.sleep", lambda _: held.close() if next(waits) == 5 else None)
+        with refused(RunError, place=str(begun), expected="a process at work"):
+            follow(begun, begun / "page.html", say=told.append)
+    assert next(waits) == (7 if has_lock else 1)
+    assert told[0].startswith("written with 1 generation: 0 of 1 run finished")
+    assert len(told) == 1 + has_lock
+    assert not live_in(begun / "page.html")
 
 
 def test_what_has_not_begun_is_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

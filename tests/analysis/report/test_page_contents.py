@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from hand_runs import altered, closed, elite, rejected, run, trained
-from ledger_lines import run_record
 
 from analysis.report.collection import Collection, collect, tables_of
-from analysis.report.page.of_run import Recorded, RunMaterial, read_texts, run_contents, run_sources
+from analysis.report.page.of_run import RunMaterial, read_texts, run_contents, run_sources
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.sources import kept_lines, marked
 from analysis.report.sweep_collection import collect_sweep
@@ -35,14 +34,14 @@ NICHES = Niches(
 def contents(given: RecordedRun, texts: dict[str, str] | None = None) -> dict[str, Any]:
     """Return the contents of a run by hand."""
     found = Collection(run=given, niches=NICHES, studies=(), reestimates=(), left_out=())
-    return run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts=texts or {})))
+    return run_contents(RunMaterial(found=found, texts=texts or {}))
 
 
 @pytest.fixture(scope="module")
 def whole(published: Path) -> tuple[Collection, dict[str, Any]]:
     """Return a recorded run with its study, and what its page shows."""
     found = collect(published / "run")
-    material = RunMaterial(found=found, recorded=read_texts(found.run), tables=tables_of(found, None))
+    material = RunMaterial(found=found, texts=read_texts(found.run)[0], tables=tables_of(found, None))
     return found, run_contents(material)
 
 
@@ -51,8 +50,8 @@ def test_page_says_what_was_not_learned() -> None:
     held = [elite("g01s00", niche=0, fitness=0.4)]
     given = run([trained(0, 0, 0.5), trained(1, 0, 0.4)], [closed(0, 0.5), closed(1, 0.4)], elites=held)
     at_chance, better = (contents(altered(given, trivial=trivial)) for trivial in (0.41, 0.6))
-    assert at_chance["headlines"][1].startswith("Lowest fitness 0.4 by g01s00; ")
-    assert "the trivial loss is 0.41" in at_chance["headlines"][1]
+    assert at_chance["headlines"][1].startswith("Lowest fitness 0.400 by g01s00; ")
+    assert "the trivial loss is 0.410" in at_chance["headlines"][1]
     assert at_chance["remarks"][0].startswith("At chance: ")
     assert not any("chance" in one for one in better["remarks"])
     assert "trivial" not in str(contents(given)["headlines"])
@@ -67,7 +66,7 @@ def test_last_archive_is_the_recorded_one(whole: tuple[Collection, dict[str, Any
 def test_every_candidate_has_its_line_and_its_source(whole: tuple[Collection, dict[str, Any]]) -> None:
     """Fitness, losses and size are the ledger's; the source has the hash of the line."""
     found, shown = whole
-    sources = run_sources(found.run, read_texts(found.run).texts)
+    sources = run_sources(found.run, read_texts(found.run)[0])
     for line, one in zip(found.run.candidates, shown["candidates"], strict=True):
         assert to_json(line).items() <= one.items()
         assert one["loss"] == line.fitness
@@ -114,7 +113,7 @@ def test_training_that_two_studies_share_counts_once(whole: tuple[Collection, di
     """Studies of the same seeds get the same losses from the store."""
     found, given = whole
     twice = replace(found, reestimates=found.reestimates * 2)
-    again = run_contents(RunMaterial(found=twice, recorded=read_texts(found.run)))
+    again = run_contents(RunMaterial(found=twice, texts=read_texts(found.run)[0]))
     assert again["candidates"] == given["candidates"]
 
 
@@ -125,8 +124,9 @@ def test_edited_source_is_not_shown(folder: Path) -> None:
     source.write_bytes(source.read_bytes().replace(b"\n", b"\r\n"))  # reads as the same lines, and is another text
     missing = next(path for path in source.parent.glob("*.py") if path != source)
     missing.unlink()
-    shown = run_contents(RunMaterial(found=found, recorded=read_texts(found.run)))
-    assert "g00s00" not in read_texts(found.run).texts
+    texts, edited = read_texts(found.run)
+    shown = run_contents(RunMaterial(found=found, texts=texts, edited=edited))
+    assert "g00s00" not in texts
     assert "no source, because the file was edited: g00s00" in shown["remarks"]
     assert f"no source, because the file is missing: {missing.stem}" in shown["remarks"]
 
@@ -148,7 +148,7 @@ def test_archive_without_niches_has_places_and_no_cells() -> None:
     found = Collection(
         run=given, niches=replace(NICHES, networks=np.empty((0, 2))), studies=(), reestimates=(), left_out=()
     )
-    shown = run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts={})))
+    shown = run_contents(RunMaterial(found=found, texts={}))
     assert (shown["cells"], shown["places"]) == ((), 3)
     assert [line["extents"] for line in shown["generations"]] == [[(0.2, 0.2), (3.0, 3.0)], [(0.2, 0.7), (1.0, 3.0)]]
 
@@ -159,7 +159,7 @@ def test_one_axis_gives_bands_that_cover_the_map() -> None:
     found = Collection(
         run=given, niches=replace(NICHES, networks=np.array([[0.6], [0.2]])), studies=(), reestimates=(), left_out=()
     )
-    shown = run_contents(RunMaterial(found=found, recorded=Recorded(record=run_record(), texts={})))
+    shown = run_contents(RunMaterial(found=found, texts={}))
     assert [(cell[0][0], cell[1][0]) for cell in shown["cells"]] == [(0.4, 1.0), (0.0, 0.4)]
 
 

@@ -123,13 +123,9 @@ def test_scripts_cannot_end_their_element() -> None:
         assert not re.search(r"</(script|style)|<!--", (PARTS / name).read_text(), re.IGNORECASE), name
 
 
-def test_library_has_its_licence_beside_it() -> None:
-    """D3 names its version, and its licence names its author."""
+def test_page_hands_on_the_licence_of_its_library(shipped: PageContents) -> None:
+    """D3 may be copied only with its notice, which names its author."""
     assert (PARTS / "d3.min.js").read_text().startswith("// https://d3js.org v7")
     assert "Mike Bostock" in (PARTS / "d3.LICENSE").read_text()
-
-
-def test_page_hands_on_the_licence_of_its_library(shipped: PageContents) -> None:
-    """D3 may be copied only with its notice."""
     assert (PARTS / "d3.LICENSE").read_text() in as_html(shipped)
     assert "permission notice" in as_html(shipped)

@@ -9,19 +9,12 @@ import pytest
 from matplotlib.figure import Figure
 from refusals import refused
 
-from analysis.report.document import ENGINES, Chapter, Illustration, document, make_pdf, write_chapter, write_document
+from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture
 from analysis.table import Between, Percent, PValue, Table
 from tacevo.errors import RunError
 
-CHAPTER = Chapter(
-    title="force_1 & more",
-    tables=("run1/gate.tex",),
-    figures=(
-        Illustration(file="run1/lineage.pdf", caption="100 % of g01", label="fig:run1:lineage"),
-        Illustration(file="run1/samples.pdf", caption="Samples.", label="fig:run1:samples"),
-    ),
-)
+CHAPTER = "A chapter."
 
 
 def engine(folder: Path, name: str, script: str) -> Path:
@@ -37,38 +30,20 @@ def search_in(folder: Path, name: str) -> str | None:
     return shutil.which(name, path=os.fspath(folder))
 
 
-def test_document_holds_everything() -> None:
-    """Titles and captions are escaped, environments are closed."""
-    text = document([CHAPTER])
+def test_document_holds_everything_and_no_label_twice(tmp_path: Path) -> None:
+    """Two runs have tables and figures of the same names; texts are escaped, and what is asked for lies beside it."""
+    table = Table(name="gate", caption="c", columns=("x",), rows=((1,),))
+    picture = Picture(name="lineage", caption="100 % of g01", draw=lambda: Figure(figsize=(3.5, 1)))
+    chapters = [write_chapter("force_1 & more", [table], [picture], tmp_path / name) for name in ("run1", "run2")]
+    text = write_document(chapters, tmp_path).read_text()
     assert r"\section*{force\_1 \& more}" in text
-    assert r"\setlength{\belowcaptionskip}" in text
     assert r"\begin{figure}[htbp]\centering\includegraphics{run1/lineage.pdf}\caption{100 \% of g01}" in text
-    assert r"\label{fig:run1:lineage}" in text
-    assert r"\begin{figure}[htbp]\centering\includegraphics{run1/samples.pdf}" in text
-    assert r"\input{run1/gate.tex}" in text
-    assert re.findall(r"\\begin\{(.*?)\}", text) == ["document", "figure", "figure"]
-    assert sorted(re.findall(r"\\end\{(.*?)\}", text)) == ["document", "figure", "figure"]
-
-
-def test_chapter_names_the_files_that_it_wrote(tmp_path: Path) -> None:
-    """What the document asks for lies there, seen from the document."""
-    table = Table(name="gate", caption="c", columns=("x",), rows=((1,),))
-    picture = Picture(name="lineage", caption="c.", draw=lambda: Figure(figsize=(3.5, 1)))
-    chapter = write_chapter("run", [table], [picture], tmp_path / "run1")
-    assert [*chapter.tables, *(figure.file for figure in chapter.figures)] == ["run1/gate.tex", "run1/lineage.pdf"]
-    assert all(
-        (tmp_path / file).is_file() for file in ("run1/gate.tex", "run1/gate.md", "run1/gate.csv", "run1/lineage.pdf")
-    )
-
-
-def test_chapters_of_one_task_share_no_label(tmp_path: Path) -> None:
-    """Two runs have tables and figures of the same names; a reference still means one thing."""
-    table = Table(name="gate", caption="c", columns=("x",), rows=((1,),))
-    picture = Picture(name="lineage", caption="c.", draw=lambda: Figure(figsize=(3.5, 1)))
-    chapters = [write_chapter("t", [table], [picture], tmp_path / name) for name in ("run1", "run2")]
-    texts = [(tmp_path / chapter.tables[0]).read_text() for chapter in chapters]
-    labels = re.findall(r"\\label\{(.*?)\}", "".join([*texts, document(chapters)]))
+    asked = re.findall(r"\\(?:input|includegraphics)\{(.*?)\}", text)
+    assert asked == ["run1/lineage.pdf", "run1/gate.tex", "run2/lineage.pdf", "run2/gate.tex"]
+    labels = re.findall(r"\\label\{(.*?)\}", "".join([text, *((tmp_path / file).read_text() for file in asked[1::2])]))
     assert sorted(labels) == ["fig:run1:lineage", "fig:run2:lineage", "tab:run1:gate", "tab:run2:gate"]
+    for word in ("begin", "end"):
+        assert sorted(re.findall(rf"\\{word}\{{(.*?)\}}", text)) == ["document", "figure", "figure"]
 
 
 @pytest.mark.skipif(not any(shutil.which(command[0]) for command, _ in ENGINES), reason="no LaTeX is installed")

@@ -99,9 +99,9 @@ def test_niches_are_those_that_were_searched(archive: Any, networks: int, axes: 
     prompts = find_centroids(niches=2, dimensions=2, samples=50, seed=0)
     own = find_centroids(niches=networks, dimensions=axes, samples=50, seed=0) if networks else []
     run = altered(hand_runs.run([], [], archive=shape), centroids=content_hash([own, prompts]))
-    assert load_niches(run, tmp_path).networks.shape == (networks, axes)
+    assert load_niches(run.with_store(str(tmp_path))).networks.shape == (networks, axes)
     with refused(RunError, expected="the niches that runs/hand was searched with"):
-        load_niches(altered(run, centroids=content_hash([prompts, prompts])), tmp_path)
+        load_niches(altered(run, centroids=content_hash([prompts, prompts])).with_store(str(tmp_path)))
 
 
 def test_alarms_of_niches_need_niches() -> None:

@@ -55,7 +55,7 @@ def test_outlier_leaves_few_niches_reachable() -> None:
     corner = [(0.0, 0.0), (0.0, 0.2), (0.2, 0.0), (0.2, 0.2), (1.0, 1.0)]
     (alarm,) = [found for found in alarms(run(spread(*corner), [closed(0)]), HUNDRED) if "niches" in found.name]
     assert alarm.name == "few reachable niches"
-    figures = dict(alarm.figures)
+    figures = alarm.figures
     assert figures["niches"] == 100
     assert figures["share"] == figures["reachable"] / 100 < 0.5
 
@@ -80,7 +80,7 @@ def test_crowded_niche_is_told_with_what_is_left() -> None:
     crowd = [(0.01 * number, 0.01) for number in range(6)]
     found = alarms(run(spread(*CORNERS[::3], *crowd), [closed(0)]), QUARTERS)
     (alarm,) = (alarm for alarm in found if alarm.name == "crowded niche")
-    figures = dict(alarm.figures)
+    figures = alarm.figures
     assert figures["share"] == 7 / 8
     assert figures["effective niches"] == pytest.approx((7 / 8) ** (-7 / 8) * (1 / 8) ** (-1 / 8))
 
@@ -91,7 +91,7 @@ def test_clipped_descriptors_are_told_under_fixed_bounds() -> None:
     hand = run(spread(*points), [closed(0)], archive={"bounds": "fixed"})
     (alarm,) = alarms(hand, QUARTERS)
     assert alarm.name == "clipped descriptors"
-    assert dict(alarm.figures)["share"] == pytest.approx(1 / 3)
+    assert alarm.figures["share"] == pytest.approx(1 / 3)
 
 
 def test_logarithmic_axis_is_compared_as_the_archive_has_it() -> None:
@@ -119,7 +119,7 @@ def test_late_bounds_say_how_many_niches_they_emptied() -> None:
     lines = [closed(0, coverage=1.0), closed(1, coverage=0.5)]
     hand = run([*spread(*CORNERS), mover], lines, bounds=((0.0, 9.0), (0.0, 1.0)))
     (alarm,) = (alarm for alarm in alarms(hand, QUARTERS) if alarm.name == "late bounds")
-    assert dict(alarm.figures)["lost niches"] == 3
+    assert alarm.figures["lost niches"] == 3
     assert "emptied 3 niches" in alarm.sentence
 
 
@@ -186,7 +186,7 @@ def test_duplicates_are_told_once_a_slot() -> None:
     same = [trained(1, slot, prompt=slot, source="g00s00", descriptors=(0.5, slot / 2)) for slot in (0, 1)]
     (alarm,) = alarms(run([*spread(*CORNERS), *same], [closed(0), closed(1)]), QUARTERS)
     assert alarm.name == "many duplicates"
-    assert dict(alarm.figures) == {"duplicates": 2, "answers": 5, "share": 0.4}
+    assert alarm.figures == {"duplicates": 2, "answers": 5, "share": 0.4}
 
 
 def test_strict_stage_is_told_with_its_commonest_reason() -> None:
@@ -203,7 +203,7 @@ def test_samples_without_parents_are_answers_too() -> None:
     samples = [replace(line, parents=()) for line in spread(*CORNERS)]
     lost = [replace(rejected(1, slot, Stage.extract, Reason.no_class, prompt=slot), parents=()) for slot in (0, 1)]
     (alarm,) = alarms(run([*samples, *lost], [closed(0), closed(1)]), QUARTERS)
-    assert dict(alarm.figures) == {"rejected": 2, "share": 0.4}
+    assert alarm.figures == {"rejected": 2, "share": 0.4}
 
 
 def test_untried_prompts_are_named() -> None:
@@ -295,7 +295,7 @@ def test_processor_time_that_operations_do_not_explain_is_told(seconds: tuple[fl
     told = [alarm for alarm in alarms(hand, QUARTERS) if alarm.name == "unexplained processor time"]
     assert bool(told) is rings
     if rings:
-        assert dict(told[0].figures) == {"g00s05": 22.0}
+        assert told[0].figures == {"g00s05": 22.0}
 
 
 def test_large_network_may_take_long() -> None:

@@ -65,11 +65,12 @@ def test_lost_centroids_are_computed_and_checked(published: Path, tmp_path: Path
     """Without a store the same niches come, and others are never taken for the run's."""
     shutil.copytree(published / "run", tmp_path / "run")
     run = read_run(tmp_path / "run")
-    alone, stored = load_niches(run, tmp_path / "nothing"), load_niches(run)
+    alone, stored = load_niches(run.with_store(str(tmp_path / "nothing"))), load_niches(run)
     assert (alone.networks == stored.networks).all()
     other = replace(run.config, archive=replace(run.config.archive, seed=99))
+    moved = replace(run, config=other).with_store(str(tmp_path / "nothing"))
     with refused(RunError, expected="the niches that", remedy="--store"):
-        load_niches(replace(run, config=other), tmp_path / "nothing")
+        load_niches(moved)
 
 
 def test_damaged_centroids_are_told(published: Path, tmp_path: Path) -> None:
@@ -78,7 +79,7 @@ def test_damaged_centroids_are_told(published: Path, tmp_path: Path) -> None:
     for path in (tmp_path / "centroids").rglob("*.json"):
         path.write_text("{}")
     with refused(StoreError, expected="a value"):
-        load_niches(read_run(published / "run"), tmp_path)
+        load_niches(read_run(published / "run", str(tmp_path)))
 
 
 def test_niches_that_would_take_hours_are_asked_for(published: Path, tmp_path: Path) -> None:
@@ -86,4 +87,4 @@ def test_niches_that_would_take_hours_are_asked_for(published: Path, tmp_path: P
     run = read_run(published / "run")
     huge = replace(run, config=replace(run.config, archive=replace(run.config.archive, niches=10**9)))
     with refused(RunError, place=str(tmp_path), expected="the centroids of 1000000000 niches"):
-        load_niches(huge, tmp_path)
+        load_niches(huge.with_store(str(tmp_path)))

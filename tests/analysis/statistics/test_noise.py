@@ -91,13 +91,3 @@ def test_rankings_follow_the_epochs() -> None:
     assert found is not None
     assert found.to_numpy().tolist() == [[1, -1, -1], [2, 1, 1]]
     assert rankings(losses[:, :1], scores[:, :1]) is None
-
-
-@pytest.mark.parametrize(
-    ("recorded", "estimates"),
-    [([1.0], [[1.0], [2.0]]), ([], np.empty((0, 3))), ([1.0], [[]]), ([np.nan], [[1.0]]), ([1.0], [[np.inf]])],
-)
-def test_what_is_not_draws_is_refused(recorded: list[float], estimates: list[list[float]]) -> None:
-    """Other shapes, nothing at all, or what is not finite."""
-    with pytest.raises(ValueError, match="expected"):
-        noise(recorded, estimates)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import PermutationMethod, fisher_exact, mannwhitneyu
+from scipy.stats import fisher_exact, mannwhitneyu
 
 from analysis.statistics.tests import Alternative, Method, holm, hypergeometric_p, mann_whitney, smallest_p
 
@@ -37,7 +37,7 @@ def counted_by_hand(x: Sequence[float], y: Sequence[float], side: Alternative) -
 def test_three_against_three_by_hand() -> None:
     """Full separation of 3 and 3: U is 0, and 2 of the 20 orders are as extreme."""
     found = mann_whitney([1, 2, 3], [4, 5, 6])
-    assert (found.u, found.p, found.method, found.ties) == (0, 0.1, Method.exact, 0)
+    assert (found.u, found.p, found.method) == (0, 0.1, Method.exact)
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -59,22 +59,12 @@ def test_p_is_the_share_of_deals_as_extreme(x: list[float], y: list[float], side
     assert found.p == pytest.approx(counted_by_hand(x, y, side), rel=1e-8)
 
 
-def test_p_with_ties_is_scipys_permutation_test() -> None:
-    """SciPy can count the deals too, where they are few."""
-    x, y = [1.0, 2.0, 2.0, 5.0, 5.0], [2.0, 3.0, 5.0, 6.0, 6.0]
-    library = mannwhitneyu(x, y, method=PermutationMethod(n_resamples=1_000))  # more than there are deals
-    found = mann_whitney(x, y)
-    assert found.method is Method.exact_ties
-    assert found.ties == 8
-    assert found.p == pytest.approx(library.pvalue, rel=1e-8)
-
-
 def test_ties_of_two_times_twenty_are_counted() -> None:
     """Accuracies of 351 images: SciPy's exact method would take them for distinct, its normal one is merely near."""
     x = np.array([351] * 14 + [350] * 6) / 351
     y = np.array([351] * 4 + [350] * 12 + [349] * 4) / 351
     found, near = mann_whitney(x, y), mannwhitneyu(x, y, method="asymptotic")
-    assert (found.method, found.ties) == (Method.exact_ties, 40)
+    assert found.method is Method.exact_ties
     assert found.p == pytest.approx(near.pvalue, rel=0.5)
     assert found.p != pytest.approx(near.pvalue, rel=1e-3)
 
@@ -154,15 +144,6 @@ def test_hypergeometric_p_is_counted(found: int, drawn: int, marked: int, popula
     assert p == pytest.approx(draws / math.comb(population, drawn), rel=1e-8)
     rows = np.array([[found, drawn - found], [marked - found, population - marked - drawn + found]])
     assert p == pytest.approx(fisher_exact(rows, alternative="greater").pvalue, rel=1e-8)
-
-
-@pytest.mark.parametrize(
-    ("found", "drawn", "marked", "population"), [(3, 2, 5, 9), (3, 5, 2, 9), (-1, 2, 5, 9), (0, 5, 6, 9), (1, 1, 10, 9)]
-)
-def test_impossible_draw_is_refused(found: int, drawn: int, marked: int, population: int) -> None:
-    """More found than drawn or marked, fewer than none, fewer than must be there, or more marked than there are."""
-    with pytest.raises(ValueError, match="expected the counts of a draw; got"):
-        hypergeometric_p(found, drawn=drawn, marked=marked, population=population)
 
 
 def test_smallest_p_is_that_of_full_separation() -> None:

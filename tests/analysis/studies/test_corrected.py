@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 from hand_runs import elite
 from studies import network
 
-from analysis.studies.corrected import Corrected, correct
+from analysis.studies.corrected import CORRECTED, correct
 from analysis.studies.noise import Reestimates
 from analysis.table import Percent
 from analysis.tables.noise import corrected_table
@@ -30,7 +31,7 @@ AGAIN = Reestimates(
 )
 
 
-def corrected(*elites: object, again: Reestimates = AGAIN) -> Corrected:
+def corrected(*elites: object, again: Reestimates = AGAIN) -> pd.DataFrame:
     """Correct an archive of ten niches."""
     found = correct([*ELITES, *elites], 10, SOURCES, again)  # type: ignore[list-item]
     assert found is not None
@@ -39,7 +40,7 @@ def corrected(*elites: object, again: Reestimates = AGAIN) -> Corrected:
 
 def test_figures_are_those_of_the_archive_filled_again() -> None:
     """By hand: qualities of 1 / 1.25 and 1 / 1.5 become 1 / 2 and 1 / 1.6; the best is another network."""
-    before, after = corrected().recorded, corrected().reestimated
+    before, after = corrected().itertuples()
     assert (before.coverage, before.best, before.best_id) == (0.2, 0.25, "g01s00")
     assert before.qd_score == pytest.approx(1 / 1.25 + 1 / 1.5)
     assert (after.coverage, after.best, after.best_id) == (0.2, 0.6, "g01s01")
@@ -55,7 +56,7 @@ def test_elite_that_a_seed_does_not_train_leaves_its_niche_empty() -> None:
         failed=AGAIN.networks[2:],
     )
     found = corrected(again=again)
-    assert (found.reestimated.coverage, found.reestimated.qd_score, found.lost) == (0.1, 0.5, ("g01s01",))
+    assert tuple(found.loc["reestimated", ["coverage", "qd_score", "lost"]]) == (0.1, 0.5, ("g01s01",))
     table = corrected_table(found, again, "force")
     assert dict((row[0], row[1:]) for row in table.rows)["coverage"] == (Percent(0.2), Percent(0.1))
     assert "g01s01" in table.notes[-1]
@@ -63,7 +64,7 @@ def test_elite_that_a_seed_does_not_train_leaves_its_niche_empty() -> None:
 
 def test_elites_of_one_source_have_one_estimate() -> None:
     """A network that holds two places was trained once."""
-    assert corrected(elite("g02s00", niche=8, fitness=0.4)).reestimated.qd_score == pytest.approx(0.5 + 2 / 1.6)
+    assert corrected(elite("g02s00", niche=8, fitness=0.4)).qd_score["reestimated"] == pytest.approx(0.5 + 2 / 1.6)
 
 
 def test_archive_that_was_trained_again_in_part_is_not_corrected() -> None:
@@ -76,4 +77,7 @@ def test_empty_archive_has_no_best() -> None:
     """There is nothing to correct, and nothing to fail on."""
     found = correct([], 10, SOURCES, AGAIN)
     assert found is not None
-    assert (found.recorded, found.reestimated.best, found.reestimated.coverage) == (found.reestimated, None, 0)
+    assert found.coverage.tolist() == found.qd_score.tolist() == [0, 0]
+    assert found[["best", "best_id"]].isna().all(axis=None)
+    assert {name: str(kind) for name, kind in found.dtypes.items()} == CORRECTED
+    assert [row[1:] for row in corrected_table(found, AGAIN, "force").rows[2:]] == [(None, None)] * 2

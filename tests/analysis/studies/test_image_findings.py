@@ -110,7 +110,7 @@ def test_outputs_are_judged_apart() -> None:
         (FORCE_PREDICTIONS.of[name].mean(axis=0)[:, 0] - FORCE_PREDICTIONS.labels[:, 0]) ** 2
         for name in ("variant 1", "baseline")
     ]
-    assert first.p == pytest.approx(signed_rank(*errors).p, rel=1e-6)
+    assert first.p == pytest.approx(signed_rank(*errors)["p"], rel=1e-6)
 
 
 def opposed(seeds: int, images: int = 60) -> tuple[RecordedStudy, Predictions]:

@@ -61,8 +61,8 @@ def test_effects_compare_it_with_the_baseline() -> None:
 def test_constant_that_ties_counts_a_half() -> None:
     """As in every A12; in the middle of a sample it is not an effect."""
     found = effects_of_constant(3, [1, 2, 3, 4, 5])
-    assert (found.a12.estimate, found.cliffs_delta.estimate, found.median_difference.estimate) == (0.5, 0, 0)
-    assert found.a12.low == pytest.approx(1 - found.a12.high)
+    assert (found["a12"], found["cliffs_delta"], found["difference"]) == (0.5, 0, 0)
+    assert found["a12_low"] == pytest.approx(1 - found["a12_high"])
     with pytest.raises(ValueError, match="not finite"):
         effects_of_constant(3, [1, np.nan])
 
@@ -71,8 +71,8 @@ def test_constant_that_ties_counts_a_half() -> None:
 def test_interval_of_a_constant_stays_among_chances(n: int) -> None:
     """Where Wilson's end is 0 or 1, the subtraction leaves a last bit beyond it for these sizes."""
     below, above = effects_of_constant(0, range(1, n + 1)), effects_of_constant(n + 1, range(1, n + 1))
-    assert (below.a12.low, below.cliffs_delta.low) == (0, -1)
-    assert (above.a12.high, above.cliffs_delta.high) == (1, 1)
+    assert (below["a12_low"], below["cliffs_delta_low"]) == (0, -1)
+    assert (above["a12_high"], above["cliffs_delta_high"]) == (1, 1)
 
 
 def test_mean_is_scikit_learns_dummy() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.statistics.tests import holm, smallest_p
-from analysis.studies.warnings import Caution, cautions, late_share
+from analysis.studies.warnings import Caution, cautions
 
 PLAIN = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
 
@@ -34,12 +34,6 @@ def test_seeds_too_few_for_any_result_are_named() -> None:
     x, y = [1, 3, 5, 7], [2, 4, 6, 8]
     assert cautions(x, y, least_p=smallest_p(4, 4), alpha=0.05) == ()
     assert cautions(x, y, least_p=holm([smallest_p(4, 4)] * 2)[0], alpha=0.05) == (Caution.few_seeds,)
-
-
-@pytest.mark.parametrize(("epoch", "epochs", "late"), [(18, 20, 0), (19, 20, 1), (14, 16, 0), (15, 16, 1), (45, 50, 0)])
-def test_last_tenth_begins_beyond_nine_tenths(epoch: int, epochs: int, late: int) -> None:
-    """Of 20 epochs the last two, of 16 those above 14.4."""
-    assert late_share([epoch], epochs=epochs) == late
 
 
 def test_an_approximated_p_is_named() -> None:

@@ -258,7 +258,7 @@ def test_job_that_failed_counts_as_worse_than_any_other() -> None:
     counted = compare_arms(jobs(lost), failed=[failed_job("a", 3), failed_job("a", 4)])
     by_rank = mann_whitney([1, 2, 3, 9, 9], [4, 5, 6, 7, 8])
     assert contrast(counted, "a").p == by_rank.p
-    assert (contrast(counted, "a").method, by_rank.ties) == ("exact, ties", 2)
+    assert contrast(counted, "a").method == "exact, ties"
     assert contrast(counted, "a").u == contrast(whole, "a").u > contrast(flattered, "a").u
     row, effects = contrast(counted, "a"), ["a12", "a12_low", "a12_high"]
     assert (row.n_arm, row.n_reference, row.differing, row.worse) == (5, 5, 5, 2)

@@ -86,7 +86,7 @@ def test_outlier_that_decides_the_bounds_is_named() -> None:
     """One efficiency ratio of 100 leaves 9 of 10 candidates in the first tenth of the axis."""
     crowd = run_to(*[0.5] * 9, descriptors=[(number / 9, 1.0) for number in range(9)])
     outlier = altered(run_to(0.5, descriptors=[(1.0, 100.0)]), name="far")
-    diversity, ratio = extents([crowd, outlier], reference(crowd, outlier))
+    diversity, ratio = extents([crowd, outlier], reference(crowd, outlier)).itertuples()
     assert (ratio.low, ratio.high, len(ratio.lowest), ratio.highest) == (1.0, 100.0, 9, ("far/g00s00",))
     assert (ratio.fullest, diversity.fullest) == (0.9, 0.1)
 
@@ -94,4 +94,6 @@ def test_outlier_that_decides_the_bounds_is_named() -> None:
 def test_fixed_bounds_are_no_candidates() -> None:
     """They were set before any was there."""
     one = run_to(0.5, 0.5, descriptors=[(0.0, 0.0), (1.0, 1.0)])
-    assert {(found.lowest, found.highest) for found in extents([one], reference(one, bounds="fixed"))} == {((), ())}
+    assert {(found.lowest, found.highest) for found in extents([one], reference(one, bounds="fixed")).itertuples()} == {
+        ((), ())
+    }

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import pandas as pd
 from hand_runs import altered
 from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms
-from analysis.sweeps.common_archive import Extent
+from analysis.sweeps.common_archive import EXTENTS
 from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
-from analysis.tables.ablation import ablation_tables, arms_table, metric_table, runs_table
-from analysis.tables.archives_of_arms import common_note, extents_note
+from analysis.tables.ablation import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
 from tacevo.results.sweep import Finished, Missing, RecordedSweep
@@ -50,6 +50,7 @@ def test_tested_arm_has_every_column() -> None:
     row = dict(zip(best().columns, best().rows[2], strict=True))
     assert (row["arm"], row["U"], row["p"], row["method"]) == ("worse", Halves(25.0), PValue(0.00793650794), "exact")
     assert row["p, Holm"] == PValue(0.0158730159)
+    assert not [note for note in best().notes if "rimary" in note or "econdary" in note]  # the sweep states none
     assert row["A12"] == Between(1, 0.642702824, 1)
     assert row["median difference by seed"] == Between(0.1, 0.1, 0.1)
     assert (row["seeds better"], row["seeds equal"], row["seeds worse"]) == (0, 0, 5)
@@ -170,11 +171,6 @@ def test_primary_metric_without_values_is_missed() -> None:
     assert not any(note.startswith("Failed") for note in best(failed).notes)
 
 
-def test_sweep_that_states_nothing_has_neither_primary_nor_secondary() -> None:
-    """It reads as it did."""
-    assert not [note for note in best().notes if "rimary" in note or "econdary" in note]
-
-
 def test_detectable_effect_stands_beside_each_test() -> None:
     """By Noether's formula, of the runs that differ: ten against ten detect an A12 of 0.5 + 2.80159 / sqrt(60)."""
     sweep, found = compared(*jobs_of("none", [*NONE, *WORSE]), *jobs_of("a", [value + 1 for value in (*NONE, *WORSE)]))
@@ -215,12 +211,6 @@ def test_single_seed_is_a_value_alone() -> None:
     assert any("A single value has neither interval nor test" in note for note in best(sweep, found).notes)
 
 
-def test_weakness_of_few_seeds_is_told() -> None:
-    """By hand: all five lie on one side of the median with a chance of 2 / 32; of six, 2 / 64 is below 5 %."""
-    assert any("their range, with less: 93.8 % for 5 seeds." in note for note in best().notes)
-    assert not any("their range" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
-
-
 def test_notes_count_the_known_values_of_the_metric() -> None:
     """Five seeds of which two have a price are two to the cost, and five to the fitness."""
     unpriced = [finished("none", seed, run_to(0.5, 0.4)) for seed in range(2, 5)]
@@ -229,14 +219,14 @@ def test_notes_count_the_known_values_of_the_metric() -> None:
     assert cost.rows[0][1] == 2
     assert any("with less: 50.0 % for 2 seeds." in note for note in cost.notes)
     assert any("with less: 93.8 % for 5 seeds." in note for note in best(sweep, found).notes)
+    assert not any("their range" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
     assert any("93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in arms_table(sweep, found, "").notes)
 
 
 def test_candidates_at_the_bounds_are_told() -> None:
     """With the crowd that one of them makes of all others; fixed bounds are nobody's."""
-    near = Extent(axis="x", low=0.0, high=1.0, lowest=("a/g00s00", "b/g00s00"), highest=("b/g01s00",), fullest=0.96)
-    fixed = Extent(axis="y", low=0.0, high=2.0, lowest=(), highest=(), fullest=0.5)
-    told = extents_note([near, fixed])
+    near = ("x", 0.0, 1.0, ("a/g00s00", "b/g00s00"), ("b/g01s00",), 0.96)
+    told = extents_note(pd.DataFrame([near, ("y", 0.0, 2.0, (), (), 0.5)], columns=list(EXTENTS)))
     assert (
         "x from 0.00 (a/g00s00 and 1 more) to 1.00 (b/g01s00), with 96.0 % of all candidates in the fullest tenth;"
         in told
@@ -281,10 +271,3 @@ def test_runs_are_listed_one_by_one() -> None:
     row = dict(zip(table.columns, table.rows[1], strict=True))
     assert (row["arm"], row["seed"], row["best fitness"]) == ("none", 1, 0.41)
     assert row["improvement over generation 0"] == Percent(0.4875)
-
-
-def test_few_seeds_of_many_arms_are_warned_of() -> None:
-    """Five against five is at least 2 / 252; over seven arms that is above 0.05, whatever was found."""
-    arms = [jobs_of(f"arm {number}", WORSE) for number in range(7)]
-    sweep, found = compared(*jobs_of("none", NONE), *(job for arm in arms for job in arm))
-    assert any("no result of so few seeds is significant after Holm" in note for note in best(sweep, found).notes)

@@ -136,9 +136,3 @@ def test_task_without_a_published_search_shows_ours_alone() -> None:
     assert [row[2] for row in table.rows[:4]] == [None] * 4
     assert table.rows[3][3] == Percent(0.88)
     assert "images" not in table.notes[-1].replace("image size", "")
-
-
-def test_no_run_is_refused() -> None:
-    """An empty table would look like an answer."""
-    with pytest.raises(ValueError, match="needs at least one run"):
-        beside_published([])
