@@ -271,11 +271,19 @@ class Contract(Record):
     #: What the baseline's constructor calls the number of outputs, e.g. `num_classes`.
     output_argument: str
 
+    @property
+    def offered(self) -> dict[str, int]:
+        """The arguments that a constructor may have."""
+        return {"in_channels": self.in_channels, self.output_argument: self.outputs}
+
+    def arguments(self, made: Callable[..., object]) -> dict[str, int]:
+        """Return those of the arguments that a candidate's constructor has."""
+        parameters = inspect.signature(made).parameters
+        return {name: value for name, value in self.offered.items() if name in parameters}
+
     def construct(self, made: Callable[..., T]) -> T:
         """Call a candidate's class with those of its arguments that its constructor has."""
-        offered = {"in_channels": self.in_channels, self.output_argument: self.outputs}
-        parameters = inspect.signature(made).parameters
-        return made(**{name: value for name, value in offered.items() if name in parameters})
+        return made(**self.arguments(made))
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Self:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -17,14 +18,18 @@ from tacevo.api import frames, network
 from tacevo.api.replaying import replay
 from tacevo.api.studies import Study
 from tacevo.api.tables import Named, Table, with_plain_names
-from tacevo.bundles.open import Opened
+from tacevo.bundles.open import Opened, check_walls
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
+from tacevo.export.directory import export as write_export
+from tacevo.export.trainings import Settings
+from tacevo.gate.given import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
 from tacevo.text import as_override, nearest
+from tacevo.typed import convert
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,7 +106,7 @@ class Run:
             ConfigError: the run has no such candidate, or the gate rejected it.
             RunError: the file is not what the ledger has the hash of.
         """
-        return network.with_imports(self._read_source(candidate))
+        return with_imports(self._read_source(candidate))
 
     def network(self, candidate: str, *, trust: bool = False) -> nn.Module:
         """Build a candidate's network in this process, with fresh weights that follow from `torch.manual_seed`.
@@ -125,6 +130,42 @@ class Run:
             )
         source = self._read_source(candidate)
         return network.build(source, f"candidate_{candidate}", self.recorded.record.task.contract)
+
+    def export(
+        self,
+        candidate: str,
+        directory: str | os.PathLike[str],
+        *,
+        retrained: bool = False,
+        quiet: bool = False,
+        **settings: Any,
+    ) -> Path:
+        """Train a candidate again in the sandbox, and write it as a directory that needs no tacevo (docs/export.md).
+
+        Args:
+            candidate: its id.
+            directory: which must not exist.
+            retrained: whether a training that is not recorded, or goes otherwise than recorded, is an error.
+            quiet: whether to show no progress on standard error.
+            settings: as of `tacevo export`, such as `seeds=3, like="search"`.
+
+        Returns:
+            The directory.
+
+        Raises:
+            ConfigError: a setting is wrong, the directory exists, or packages are missing; or as `source`.
+            DataError: the data set of the run is missing.
+            DivergenceError: with `retrained`, a training is not as recorded.
+            RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so.
+        """
+        given = convert(Settings, settings, place="export", error=ConfigError)
+        self._read_source(candidate)
+        check_walls(self.place)
+        line = next(line for line in self.recorded.candidates if line.id == candidate)
+        with progress(quiet) as view:
+            bundle = self.place.digest
+            write_export(self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view)
+        return Path(directory)
 
     @cached_property
     def studies(self) -> tuple[Study, ...]:

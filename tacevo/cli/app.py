@@ -25,6 +25,7 @@ GROUPS = {
     },
     "reproduce": {
         "replay": ("reproduce", "run a recorded search again from its stores and compare"),
+        "export": ("export", "take a network away: its weights, ONNX, a model card"),
         "publish": ("publish", "write one file with which anybody can replay a run or a sweep"),
         "cache": ("cache", "look into the stores of answers, and move what a run needs"),
     },

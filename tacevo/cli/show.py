@@ -16,6 +16,7 @@ from tacevo.evolution.files import Line, check_references, read_elites, read_led
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING
 from tacevo.evolution.reevaluation import estimates_of
+from tacevo.gate.given import with_imports
 from tacevo.records import Json, Operator, Task, written
 from tacevo.results.run import RecordedRun, finished_run
 from tacevo.results.settings import read_config
@@ -34,11 +35,14 @@ def add_show(parser: Parser) -> None:
     """Describe `tacevo show`."""
     parser.add_argument("run", metavar="RUN", help=RUNS)
     parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
+    parser.add_argument("--source", action="store_true", help="only its source, with the imports that it was given")
     parser.set_defaults(command=_show)
 
 
 def _show(options: argparse.Namespace) -> int:
     path, store = Path(options.run), None
+    if options.source and options.candidate is None:
+        options.parser.error("--source is of a candidate; name one")
     if not path.is_dir():
         bundle = opened(path)
         path, store = bundle.folder, bundle.store
@@ -47,6 +51,8 @@ def _show(options: argparse.Namespace) -> int:
             expected = f"no second name after a sweep; a job of it is named {options.run}/JOB"
             raise ConfigError(options.candidate, place="tacevo show", expected=expected)
         text = show_sweep(sweep)
+    elif options.source:
+        text = source_of(path, options.candidate)
     else:
         text = _text(path, store, options.candidate)
     print(printable(text), end="")
@@ -128,12 +134,7 @@ def show_candidate(path: Path, name: str) -> str:
         RunError: this is not a run directory, or it has no such candidate.
     """
     directory, run, ledger = _read_begun(path)
-    lines = {line.id: line for line in ledger.lines if isinstance(line, CandidateLine)}
-    line = lines.get(name)
-    if line is None:
-        last = next(reversed(lines), "none yet")
-        expected = f"the id of a candidate, such as g02s03; the last one is {last}"
-        raise RunError(repr(name), place=str(path), expected=expected)
+    line = _candidate(path, ledger, name)
     parts = [f"# {name} of {run.name}", f"Instruction: {_instruction(run.task, line)}", _fields(line)]
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
@@ -145,6 +146,28 @@ def show_candidate(path: Path, name: str) -> str:
     if line.train_losses is not None and line.validation_losses is not None:
         parts.append(_losses(line.train_losses, line.validation_losses))
     return "\n\n".join([*parts, *_kept(directory, line)]).rstrip() + "\n"
+
+
+def source_of(path: Path, name: str) -> str:
+    """Return the source of one candidate as a file that runs, with the imports that it was given.
+
+    Raises:
+        RunError: as `show_candidate`; or the gate rejected it, or its file was edited.
+    """
+    directory, _, ledger = _read_begun(path)
+    line = _candidate(path, ledger, name)
+    if line.source is None:
+        raise RunError(f"{name}, which the gate rejected", place=str(path), expected="an admitted candidate")
+    return with_imports(directory.read_source(line.id, line.source))
+
+
+def _candidate(path: Path, ledger: Sealed[Line], name: str) -> CandidateLine:
+    lines = {line.id: line for line in ledger.lines if isinstance(line, CandidateLine)}
+    if name not in lines:
+        last = next(reversed(lines), "none yet")
+        expected = f"the id of a candidate, such as g02s03; the last one is {last}"
+        raise RunError(repr(name), place=str(path), expected=expected)
+    return lines[name]
 
 
 def _kept(directory: RunDirectory, line: CandidateLine) -> list[str]:

@@ -18,6 +18,8 @@ from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
 from tacevo.records import DataFacts
 from tacevo.runs.progress import Progress
+from tacevo.training.evaluation import Examples
+from tacevo.training.full import HeldOut
 
 
 def load_same(config: RunConfig, facts: DataFacts, view: Progress, *, catalogue: Catalogue | None = None) -> Dataset:
@@ -127,3 +129,21 @@ def _sensor_task(config: RunConfig) -> SensorTask:
             expected=f"one of {', '.join(SensorTask)}",
             remedy="choose other data",
         ) from error
+
+
+def examples_of(data: Dataset) -> Examples:
+    """Return what a search trains and validates on."""
+    return Examples(
+        train=data.train,
+        validation=data.validation,
+        train_targets=data.targets[data.train],
+        validation_targets=data.targets[data.validation],
+        mean=data.mean,
+        deviation=data.deviation,
+        fingerprint=data.facts.fingerprint,
+    )
+
+
+def held_out_of(data: Dataset) -> HeldOut:
+    """Return the test images, which no search has."""
+    return HeldOut(rows=data.test, targets=data.targets[data.test], names=data.facts.names, scale=data.scale)

@@ -24,18 +24,20 @@ from tacevo.evolution.proposals import Settings
 from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
-from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Task
+from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
+from tacevo.runs.datasets import examples_of, held_out_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
 from tacevo.storage.arrays import KIND, ArrayStore
 from tacevo.storage.store import Store, Stores
 from tacevo.training import evaluation
-from tacevo.training.evaluation import Evaluator, Examples, Setting
-from tacevo.training.full import FullEvaluator, HeldOut
+from tacevo.training.evaluation import Evaluator, Setting
+from tacevo.training.full import FullEvaluator
 from tacevo.training.leases import Leases, visible_gpus
 from tacevo.training.numerics import check_machine
+from tacevo.training.weights import Kept, train_and_keep
 from tacevo.typed import convert
 
 #: What a sandbox runs: entry names to functions.
@@ -248,7 +250,7 @@ class Workbench:
             run=self._sandbox(self.mode),
             store=self._store("evaluations", self._mode_under(rules)),
             setting=replace(self._setting(), contiguous=rules.training in CONTIGUOUS),
-            examples=None if self.data is None else _examples(self.data),
+            examples=None if self.data is None else examples_of(self.data),
             rules=rules.training,
         )
 
@@ -263,12 +265,19 @@ class Workbench:
             run=self._sandbox(mode),
             store=self._store("studies", mode),
             setting=self._setting(),
-            examples=None if self.data is None else (_examples(self.data), _held_out(self.data)),
+            examples=None if self.data is None else (examples_of(self.data), held_out_of(self.data)),
             rules=rules,
             arrays=ArrayStore(self._store(KIND, mode)) if predictions else None,
             facts=self.facts,
             scale=scale,
         )
+
+    def keep(self, source: str, seed: int, epoch: int, training: int) -> Kept | Rejection:
+        """Train a network under these rules of training, and keep its weights after an epoch; nothing is stored."""
+        assert self.data is not None  # as whoever trains must have it
+        setting = replace(self._setting(), contiguous=training in CONTIGUOUS)
+        data = examples_of(self.data), held_out_of(self.data)
+        return train_and_keep(self._sandbox(self.mode), setting, source, seed, epoch=epoch, data=data)
 
     def _mode_under(self, rules: Rules) -> Mode:
         """Keep what this code computes from being stored under the numbers of other rules."""
@@ -372,19 +381,3 @@ def recipe_of(config: RunConfig) -> Recipe:
         limits=Limits(seconds=training.seconds, memory_mib=training.memory_mib),
         gpu=gpu,
     )
-
-
-def _examples(data: Dataset) -> Examples:
-    return Examples(
-        train=data.train,
-        validation=data.validation,
-        train_targets=data.targets[data.train],
-        validation_targets=data.targets[data.validation],
-        mean=data.mean,
-        deviation=data.deviation,
-        fingerprint=data.facts.fingerprint,
-    )
-
-
-def _held_out(data: Dataset) -> HeldOut:
-    return HeldOut(rows=data.test, targets=data.targets[data.test], names=data.facts.names, scale=data.scale)

@@ -7,7 +7,7 @@ import builtins
 import hashlib
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from types import FunctionType, ModuleType
 from typing import Any
@@ -15,8 +15,9 @@ from typing import Any
 import torch
 from torch import nn
 
-from tacevo.records import Contract, Reason
+from tacevo.records import Contract, Json, Reason
 from tacevo.sandbox.attributes import MODES, MODULE_NAMES, WEIGHTS, is_refused
+from tacevo.sandbox.child import Send
 from tacevo.sandbox.network import leaves, state
 from tacevo.sandbox.protocol import describe
 
@@ -196,3 +197,11 @@ def digest(model: nn.Module) -> str:
         total.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
         total.update(torch.Tensor.detach(value).cpu().contiguous().reshape(-1).view(torch.uint8).numpy().tobytes())
     return total.hexdigest()
+
+
+def send_weights(weights: Mapping[str, torch.Tensor], send: Send) -> None:
+    """Send weights and buffers as plain bytes: `{"weights": [[name, type, shape], ...]}`, types as torch names them."""
+    values = {name: torch.Tensor.detach(value).cpu().contiguous() for name, value in weights.items()}
+    described: Json = [[name, str(value.dtype), list(value.shape)] for name, value in values.items()]
+    data = b"".join(value.reshape(-1).view(torch.uint8).numpy().tobytes() for value in values.values())
+    send({"weights": described}, data)

@@ -76,12 +76,19 @@ class Setting:
         }
 
     def train(
-        self, run: Run, source: str, seed: int, *, examples: Examples, predicted: Sequence[NDArray[np.int64]]
+        self,
+        run: Run,
+        source: str,
+        seed: int,
+        *,
+        examples: Examples,
+        predicted: Sequence[NDArray[np.int64]],
+        sent_epoch: int | None = None,
     ) -> Finished | Died:
         """Train a candidate in a sandbox; the seed is that of the initial weights, the order of batches and dropout.
 
         After each epoch the images of the rows `predicted` are predicted, without their labels, in groups of which no
-        two share a batch.
+        two share a batch. The weights of an epoch, from 1, come last where they are asked for.
 
         Raises:
             ValueError: the examples are not those of the setting's fingerprint.
@@ -102,6 +109,7 @@ class Setting:
             **({"groups": sizes} if len(sizes) > 1 else {}),
             **self._sent_device(),
             **({"contiguous": True} if self.contiguous else {}),
+            **({} if sent_epoch is None else {"sent_epoch": sent_epoch}),
         }
         payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
         return run("train", header, payload, self.recipe.limits)

@@ -20,9 +20,19 @@ from torch.nn.functional import cross_entropy, mse_loss
 from tacevo.choices import Precision
 from tacevo.randomness import stream
 from tacevo.records import Contract, Loss, Reason, Recipe
-from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, check_leaves, digest, fault, standardise
+from tacevo.sandbox.candidate import (
+    Adam,
+    CandidateError,
+    blaming,
+    build,
+    check_leaves,
+    digest,
+    fault,
+    send_weights,
+    standardise,
+)
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.network import parameters, switch
+from tacevo.sandbox.network import parameters, state, switch
 from tacevo.sandbox.protocol import Header
 from tacevo.training.determinism import noting_nondeterminism
 
@@ -47,6 +57,8 @@ class _Job(NamedTuple):
     predicted: tuple[NDArray[np.int64], ...]
     targets: torch.Tensor
     device: torch.device
+    #: The epoch, from 1, whose weights are sent; None for none.
+    sent_epoch: int | None
     #: Of the images in memory.
     layout: torch.memory_format = torch.contiguous_format
 
@@ -68,14 +80,16 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
         header: `source`, `contract`, `recipe`, `seed`; `mean` and `deviation` per channel, in units of the stored
             values; `train` and `validation`, the numbers of images; `groups`, the sizes of the groups that the latter
             are divided into, by default one; `device`, by default `cpu`; `contiguous`, by default false: whether the
-            images keep torch's default layout, as before number 3 of the rules.
+            images keep torch's default layout, as before number 3 of the rules; `sent_epoch`, by default null: the
+            epoch, from 1, whose weights are sent.
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S), or what `tacevo.training.gpu.equip` made of them.
         send: for each epoch gets `{"epoch", "train_loss", "steps"}`, the last the number of optimiser steps so far,
             with the float32 predictions of the validation images, shape (n, K), row-major; then `{"weights_sha256"}`,
             with the names of operations without a deterministic form under `not_deterministic`, where any ran; or
-            `{"rejection": {"reason", "detail"}}`.
+            `{"rejection": {"reason", "detail"}}`. The weights of `sent_epoch` come last, as
+            `tacevo.sandbox.candidate.send_weights` sends them.
     """
     try:
         job, kept = _read(header, payload, arrays), None
@@ -106,6 +120,7 @@ def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
         predicted=tuple(np.split(rows[count:], np.cumsum(header.get("groups", [header["validation"]]))[:-1])),
         targets=torch.from_numpy(targets.copy()).to(device),
         device=device,
+        sent_epoch=header.get("sent_epoch"),
     )
 
 
@@ -139,6 +154,7 @@ def _train(job: _Job, send: Send) -> nn.Module:
         model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
         listed = parameters(model)
         optimiser = Adam(listed, job.recipe.learning_rate)
+    sent: dict[str, torch.Tensor] = {}
     with noting_nondeterminism(job.device) as noted:
         for epoch in range(job.recipe.epochs):
             losses = _epoch(job, model, listed, optimiser, epoch)
@@ -147,9 +163,13 @@ def _train(job: _Job, send: Send) -> nn.Module:
             steps = max((int(kept["step"]) for kept in optimiser.state.values()), default=0)
             predictions = torch.cat(parts).cpu().contiguous().numpy().tobytes()
             send({"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), "steps": steps}, predictions)
+            if epoch + 1 == job.sent_epoch:
+                sent = {name: torch.Tensor.detach(value).clone() for name, value in state(model).items()}
     with blaming(Reason.crashed):
         weights = {"weights_sha256": digest(model)}
         send(weights | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
+        if job.sent_epoch is not None:
+            send_weights(sent, send)
     return model
 
 

@@ -1,0 +1,195 @@
+"""What the files of an exported network say: its outputs, its metrics, and what config.json and others hold."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import version
+from statistics import quantiles
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tacevo.choices import Numerics
+from tacevo.data.dataset import Dataset
+from tacevo.environment import checked_out, machine, versions
+from tacevo.evolution.lines import CandidateLine
+from tacevo.export.conversion import BOUND, OPSET, Converted
+from tacevo.export.trainings import Design, Trained
+from tacevo.randomness import stream
+from tacevo.records import Contract, Json, Kind, to_json, written
+from tacevo.results.run import RecordedRun
+from tacevo.runs.wiring import recipe_of
+from tacevo.training.full import score
+from tacevo.training.weights import Weights, digest_of
+
+#: What the two forms are timed with.
+RUNTIMES = {"onnx": "onnxruntime", "pt2": "torch"}
+
+#: Resamples of the test images for an interval, and the level of it.
+_RESAMPLES, _LEVEL = 1000, 0.95
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exported:
+    """A network on its way out."""
+
+    run: RecordedRun
+    line: CandidateLine
+    plan: Design
+    data: Dataset
+    #: Of each output, empty where it is not known; () for classification.
+    units: tuple[str, ...]
+    #: One, or those of an ensemble.
+    trained: Sequence[Trained]
+    #: Why equal bits were not promised.
+    doubts: tuple[str, ...]
+    licence: str
+    #: Digest of its bundle, if it is in one.
+    bundle: str | None
+    #: By form; filled as they are made.
+    files: dict[str, Converted] = field(default_factory=dict)
+
+    @property
+    def contract(self) -> Contract:
+        """What the class is."""
+        return self.run.record.task.contract
+
+    @property
+    def numerics(self) -> Numerics:
+        """How it was trained."""
+        return self.plan.config.numerics.kind
+
+    @property
+    def is_regression(self) -> bool:
+        """Whether its outputs are values, and not classes."""
+        return self.contract.kind is Kind.regression
+
+    @property
+    def weights(self) -> list[Weights]:
+        """Of each network."""
+        return [one.kept.weights for one in self.trained]
+
+    @property
+    def weight_files(self) -> list[str]:
+        """Where they are."""
+        count = len(self.trained)
+        return (
+            ["weights.safetensors"] if count == 1 else [f"weights-{number + 1}.safetensors" for number in range(count)]
+        )
+
+    @cached_property
+    def outputs(self) -> NDArray[np.float64]:
+        """What the whole model must say of the test images: units of the recording, or probabilities; shape (t, K)."""
+        each = np.array([one.kept.predictions for one in self.trained], np.float64)
+        if self.is_regression:
+            return np.asarray((each * self.data.scale + self.data.offset).mean(axis=0))
+        powers = np.exp(each - each.max(axis=2, keepdims=True))
+        return np.asarray((powers / powers.sum(axis=2, keepdims=True)).mean(axis=0))
+
+    @cached_property
+    def metrics(self) -> Mapping[str, tuple[float, float, float]]:
+        """Test metrics by name: the value, and an interval over resampled test images."""
+        predictions, labels = self._predictions(), self.data.targets[self.data.test]
+        draws, count = stream(0, "export"), len(labels)
+        value = self._score(predictions, labels)
+        rows = [draws.integers(count, size=count) for _ in range(_RESAMPLES)]
+        drawn = [self._score(predictions[row], labels[row]) for row in rows]
+        tail = (1 - _LEVEL) / 2
+        ends = {name: np.quantile([one[name] for one in drawn], [tail, 1 - tail]) for name in value}
+        return {name: (value[name], float(low), float(high)) for name, (low, high) in ends.items()}
+
+    def _predictions(self) -> NDArray[np.float32]:
+        """Return predictions as metrics take them: scaled units, or logits."""
+        if len(self.trained) == 1:
+            return self.trained[0].kept.predictions
+        if self.is_regression:
+            return np.asarray((self.outputs - self.data.offset) / self.data.scale, np.float32)
+        return np.log(np.maximum(self.outputs, 1e-30)).astype(np.float32)
+
+    def _score(self, predictions: NDArray[np.float32], labels: NDArray[np.generic]) -> dict[str, float]:
+        facts = self.data.facts
+        return score(facts.kind, predictions, labels, names=facts.names, scale=self.data.scale)[0]
+
+
+def config_of(model: Exported) -> dict[str, Json]:
+    """Return all that a program needs to use the files."""
+    data, contract, onnx = model.data, model.contract, model.files["onnx"]
+    arguments = {name: contract.offered[name] for name in onnx.arguments}
+    outputs: dict[str, Json] = {"kind": contract.kind.value, "names": list(data.facts.names)}
+    if model.is_regression:
+        outputs |= {"units": list(model.units), "scale": list(data.scale), "offset": list(data.offset)}
+    return {
+        "class": contract.class_name,
+        "arguments": arguments,
+        "weights": model.weight_files,
+        "weights_sha256": [digest_of(weights) for weights in model.weights],
+        "input": {
+            "layout": "NCHW",
+            "channels": "RGB",
+            "size": contract.image_size,
+            "range": [0, 255],
+            "mean": list(data.mean),
+            "deviation": list(data.deviation),
+        },
+        "outputs": outputs,
+        "onnx": {"opset": OPSET, "input": "images", "output": "outputs"},
+        "largest_difference": {form: converted.difference for form, converted in model.files.items()},
+        "largest_difference_allowed": BOUND,
+        "contract": to_json(contract),
+    }
+
+
+def latency_of(model: Exported) -> dict[str, Json]:
+    """Return how long a pass takes on this machine, with one thread."""
+    times = {RUNTIMES[form]: made.milliseconds for form, made in model.files.items()}
+    return {
+        "machine": machine(),
+        "versions": {name: version(name) for name in RUNTIMES.values()},
+        "threads": 1,
+        "numerics": model.numerics.value,
+        "milliseconds": {
+            runtime: {size: spread_of(passes) for size, passes in by_size.items()} for runtime, by_size in times.items()
+        },
+    }
+
+
+def spread_of(values: Sequence[float]) -> dict[str, Json]:
+    """Return the quartiles of many values, and how many they are."""
+    low, median, high = quantiles(values, n=4, method="inclusive")
+    return {"median": median, "lower_quartile": low, "upper_quartile": high, "count": len(values)}
+
+
+def run_of(model: Exported) -> dict[str, Json]:
+    """Return what names the run, the candidate and its trainings."""
+    run, plan, study = model.run, model.plan, model.plan.study
+    trainings: list[Json] = [
+        {
+            "seed": one.seed,
+            "epoch": one.epoch,
+            "key": one.key,
+            "weights_sha256_after_last_epoch": one.kept.training.weights_sha256,
+            "was_recorded": one.was_recorded,
+            "differs_from_record": list(one.differing),
+        }
+        for one in model.trained
+    ]
+    code = checked_out()
+    return {
+        "schema": 1,
+        "run": run.name,
+        "digest": run.digest,
+        "bundle": model.bundle,
+        "candidate": model.line.id,
+        "source_sha256": model.line.source,
+        "task": run.task,
+        "seed": run.config.seed,
+        "rules": to_json(run.rules),
+        "data": to_json(run.record.data),
+        "like": plan.like.value,
+        "study": None if study is None else study.record.digest,
+        "recipe": written(recipe_of(plan.config)),
+        "numerics": model.numerics.value,
+        "trainings": trainings,
+        "not_promised": list(model.doubts),
+        "made_by": {"versions": versions(), "code": None if code is None else to_json(code), "machine": machine()},
+    }

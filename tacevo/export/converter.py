@@ -1,0 +1,203 @@
+"""Makes and tries the files of a network, inside the sandbox: the entries `convert` and `check`, and `equip`.
+
+`convert` runs the candidate's class. `check` does not: it gets a finished file and runs that, so the one that made it
+cannot speak for it. What libraries read of files when they are first used, they read before a process is confined.
+"""
+
+import functools
+import importlib
+import io
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import onnxscript._internal.ast_utils as onnxscript_sources
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from tacevo.records import Contract, Kind
+from tacevo.sandbox.candidate import build
+from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.network import state, switch
+from tacevo.sandbox.protocol import Header
+
+#: Another seed than that of any training: what a network draws and does not keep among its weights must not matter.
+_SEED = 0
+
+#: Images that are predicted at once.
+_BATCH = 32
+
+#: How often a batch is timed, after as many passes that are not as are a tenth of it.
+_REPEATS = 40
+
+# It reads the sources of its own functions for every model, and no candidate's process can.
+onnxscript_sources.get_src_and_ast = functools.cache(onnxscript_sources.get_src_and_ast)
+
+
+class _Whole(nn.Module):
+    """From raw images, float32 in [0, 255], to units of the recording or probabilities: the mean over the networks."""
+
+    mean: torch.Tensor
+    deviation: torch.Tensor
+    scale: torch.Tensor
+    offset: torch.Tensor
+
+    def __init__(self, networks: list[nn.Module], header: Header) -> None:
+        super().__init__()
+        self.networks = nn.ModuleList(networks)
+        for name in ("mean", "deviation"):
+            self.register_buffer(name, torch.tensor(header[name], dtype=torch.float32)[:, None, None])
+        for name in ("scale", "offset"):
+            self.register_buffer(name, torch.tensor(header[name], dtype=torch.float32))
+        self._is_regression = header["contract"]["kind"] == Kind.regression.value
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        # A network may write to its input, so each gets its own.
+        outputs = [network((images - self.mean) / self.deviation) for network in self.networks]
+        if self._is_regression:
+            parts = [output * self.scale + self.offset for output in outputs]
+        else:
+            parts = [torch.softmax(output, dim=1) for output in outputs]
+        return torch.stack(parts).mean(dim=0) if len(parts) > 1 else parts[0]
+
+
+def equip(header: Header, payload: bytes, arrays: Arrays) -> Arrays:
+    """Import onnxruntime where a file of it is checked: it starts a thread, and a zygote may have only one."""
+    if header.get("check") == "onnx":
+        importlib.import_module("onnxruntime")
+    return arrays
+
+
+def convert(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Write networks with their weights as one file; send it, with the arguments that the constructor took.
+
+    Args:
+        header: `format`, `onnx` or `pt2`; `opset`, of the ONNX operators; `source`; `contract`; `weights`, for each
+            network a list of name, type as torch names it, and shape; `mean` and `deviation` per channel, in units of
+            the stored values; `scale` and `offset` per output, empty for classification.
+        payload: the bytes of all weights.
+        arrays: not used.
+        send: takes `{"arguments": [...]}` and the file.
+    """
+    contract = Contract.from_json(header["contract"])
+    networks: list[nn.Module] = []
+    at = 0
+    for described in header["weights"]:
+        networks.append(build(header["source"], contract, _SEED))
+        at = _load(networks[-1], described, payload, at)
+    whole = _Whole(networks, header)
+    switch(whole, training=False)
+    arguments = contract.arguments(type(networks[0]))
+    send({"arguments": list(arguments)}, _write(whole, contract, header["format"], header["opset"]))
+    return whole
+
+
+def check(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Run a file on images of the data set, then time it.
+
+    Args:
+        header: `check`, `onnx` or `pt2`; `rows`, the number of images that are predicted.
+        payload: int64 rows of these images, then the file.
+        arrays: `images`, uint8 of shape (N, C, S, S).
+        send: takes `{"milliseconds": {"1": [...], "32": [...]}}`, by the number of images at once, and the outputs,
+            float32 of shape (rows, K).
+    """
+    rows = np.frombuffer(payload, np.int64, header["rows"])
+    model = (_onnx if header["check"] == "onnx" else _pt2)(payload[rows.nbytes :])
+    parts = [model(_pixels(arrays, rows[i : i + _BATCH])) for i in range(0, len(rows), _BATCH)]
+    timed = {str(size): _times(model, _pixels(arrays, np.resize(rows, size))) for size in (1, _BATCH)}
+    send({"milliseconds": timed}, np.concatenate(parts).astype(np.float32).tobytes())
+    return model
+
+
+def _load(network: nn.Module, described: list[Any], payload: bytes, at: int) -> int:
+    """Copy weights into a network, without calling it; return where the next begin.
+
+    Raises:
+        ValueError: they are not those of this class.
+    """
+    own = state(network)
+    if own.keys() != {name for name, _, _ in described}:
+        raise ValueError("expected weights of the names that the class makes")
+    for name, kind, shape in described:
+        if str(own[name].dtype) != kind or list(own[name].shape) != shape:
+            raise ValueError(f"expected {kind} of shape {shape} for {name}; the class makes another")
+        value = torch.from_numpy(np.frombuffer(payload, kind.removeprefix("torch."), own[name].numel(), at).copy())
+        at += value.nbytes
+        with torch.no_grad():
+            torch.Tensor.copy_(own[name], value.reshape(shape))
+    return at
+
+
+def _write(whole: nn.Module, contract: Contract, form: str, opset: int) -> bytes:
+    """Export a model for any number of images."""
+    size = contract.image_size
+    images = torch.zeros(2, contract.in_channels, size, size)
+    program = torch.export.export(whole, (images,), dynamic_shapes=({0: torch.export.Dim("batch")},))
+    for node in program.graph.nodes:
+        node.meta.pop("stack_trace", None)  # it names directories of this machine
+    if form == "pt2":
+        program._example_inputs = None  # they would be pickled
+        file = io.BytesIO()
+        torch.export.save(program, file)
+        return file.getvalue()
+    made = torch.onnx.export(
+        program, dynamo=True, opset_version=opset, input_names=["images"], output_names=["outputs"], verbose=False
+    )
+    model = made.model_proto  # type: ignore[union-attr]
+    for part in (model, model.graph, *model.graph.node, *model.functions):
+        del part.metadata_props[:]
+        part.doc_string = ""
+    data: bytes = model.SerializeToString(deterministic=True)
+    return data
+
+
+def _onnx(file: bytes) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
+    runtime: Any = importlib.import_module("onnxruntime")
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = runtime.InferenceSession(file, options, providers=["CPUExecutionProvider"])
+    return lambda images: session.run(None, {"images": images})[0]
+
+
+def _pt2(file: bytes) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
+    model = torch.export.load(io.BytesIO(file)).module()
+
+    def run(images: NDArray[np.float32]) -> NDArray[Any]:
+        with torch.no_grad():
+            return np.asarray(model(torch.from_numpy(images)))
+
+    return run
+
+
+def _pixels(arrays: Arrays, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    return np.asarray(arrays["images"][rows], np.float32)
+
+
+def _times(model: Callable[[NDArray[np.float32]], NDArray[Any]], images: NDArray[np.float32]) -> list[float]:
+    """Time a model on the same images many times, in milliseconds."""
+
+    def passes(count: int) -> Iterator[float]:
+        for _ in range(count):
+            start = time.perf_counter()
+            model(images)
+            yield 1e3 * (time.perf_counter() - start)
+
+    list(passes(_REPEATS // 10))
+    return list(passes(_REPEATS))
+
+
+def _warm_up() -> None:
+    """Export a small network in both forms, and run one: much is imported or read only then."""
+    network = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.ReLU(), nn.Flatten(), nn.Linear(144, 2))
+    kind = {"kind": Kind.classification.value}
+    whole = _Whole([network], {"contract": kind, "mean": [0.0] * 3, "deviation": [1.0] * 3, "scale": [], "offset": []})
+    switch(whole, training=False)
+    contract: Any = type("Small", (), {"in_channels": 3, "image_size": 8})
+    _write(whole, contract, "onnx", 18)
+    _pt2(_write(whole, contract, "pt2", 18))(np.zeros((3, 3, 8, 8), np.float32))
+
+
+_warm_up()

@@ -1,0 +1,159 @@
+"""A candidate exported: trained again, converted, checked, and written as a directory in one step.
+
+What it promises: this process never runs the class; the directory is whole or absent; no weight is pickled.
+"""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+from tacevo.data.labels import units_of
+from tacevo.errors import ConfigError
+from tacevo.evolution.lines import CandidateLine
+from tacevo.export.card import card
+from tacevo.export.contents import Exported, config_of, latency_of, run_of
+from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, convert
+from tacevo.export.trainings import Settings, design, train
+from tacevo.gate.given import with_imports
+from tacevo.results.run import RecordedRun
+from tacevo.runs.datasets import load_same, source_of
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import check_means
+from tacevo.sandbox.client import Sandbox
+from tacevo.storage.canonical import readable
+from tacevo.storage.files import sync
+from tacevo.text import listed
+from tacevo.training.numerics import environment
+from tacevo.training.weights import Weights
+
+#: Of `tacevo[export]`.
+_PACKAGES = ("onnx", "onnxruntime", "onnxscript", "safetensors")
+
+
+def export(
+    run: RecordedRun,
+    line: CandidateLine,
+    target: Path,
+    settings: Settings,
+    *,
+    bundle: str | None,
+    retrained: bool,
+    view: Progress,
+) -> None:
+    """Train a candidate again and write it as a directory.
+
+    Args:
+        run: a finished one.
+        line: of an admitted candidate.
+        target: the directory, which must not exist.
+        settings: how it is trained, and the model's licence.
+        bundle: digest of the bundle that the run lies in; None of a directory.
+        retrained: whether a training that is not recorded, or goes otherwise, is an error.
+        view: shows the progress.
+
+    Raises:
+        ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
+        DataError: the data set is missing, or is another one.
+        DivergenceError: with `retrained`, a training is not as recorded.
+        RunError: with `retrained`, one is not recorded; or the source was edited, the network does not train to the
+            end, or it cannot be written in these forms.
+        SandboxError: the sandbox is broken.
+    """
+    _check_packages()
+    _check_absent(target)
+    plan = design(run, line, settings)
+    check_means(plan.config)
+    source = run.directory.read_source(line.id, str(line.source))
+    data = load_same(plan.config, run.record.data, view)
+    trained, doubts = train(run, plan, source, data, view, retrained=retrained)
+    model = Exported(
+        run=run,
+        line=line,
+        plan=plan,
+        data=data,
+        units=units_of(source_of(plan.config).catalogue()) if data.scale else (),
+        trained=trained,
+        doubts=doubts,
+        licence=settings.licence,
+        bundle=bundle,
+    )
+    with Sandbox(
+        entries=ENTRIES, environment=environment(model.numerics), arrays={"images": data.images}, equip=EQUIP
+    ) as sandbox:
+        for form in FORMS:
+            view.say(f"model.{form}: checking {len(data.test)} test images")
+            model.files[form] = convert(
+                sandbox, form, source, data=data, contract=model.contract, weights=model.weights, expected=model.outputs
+            )
+    _write(target, _contents(model, with_imports(source)))
+
+
+def _contents(model: Exported, source: str) -> dict[str, bytes]:
+    """Return all files by name."""
+    texts = {
+        "model.py": source,
+        "config.json": readable(config_of(model)),
+        "latency.json": readable(latency_of(model)),
+        "run.json": readable(run_of(model)),
+        "README.md": card(model),
+    }
+    weights = dict(zip(model.weight_files, map(_as_safetensors, model.weights), strict=True))
+    files = {f"model.{form}": converted.file for form, converted in model.files.items()}
+    return {name: text.encode() for name, text in texts.items()} | weights | files
+
+
+def _as_safetensors(weights: Weights) -> bytes:
+    written: bytes = import_module("safetensors.numpy").save(dict(weights))  # of the extra
+    return written
+
+
+def _check_packages() -> None:
+    if missing := [name for name in _PACKAGES if find_spec(name) is None]:
+        raise ConfigError(
+            f"no {listed(missing)}",
+            place="tacevo export",
+            expected=f"the packages {listed(_PACKAGES)}",
+            remedy="pip install 'tacevo[export]'",
+        )
+
+
+def _check_absent(target: Path) -> None:
+    if target.exists() or target.is_symlink():
+        raise ConfigError(
+            "one that exists", place=str(target), expected="a directory to be made", remedy="name another by -o"
+        )
+
+
+def _write(target: Path, files: Mapping[str, bytes]) -> None:
+    """Write a directory: out of sight first, then with its name.
+
+    Raises:
+        ConfigError: it cannot be written there.
+    """
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+    except OSError as error:
+        got, expected = f"one that cannot ({error.strerror})", "a directory that can be written to"
+        raise ConfigError(got, place=str(target.parent), expected=expected) from error
+    try:
+        for name, content in files.items():
+            (stage / name).write_bytes(content)
+            sync(stage / name)
+        stage.chmod(0o777 & ~_umask())
+        _check_absent(target)
+        os.rename(stage, target)
+        sync(target.parent)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _umask() -> int:
+    """Return the mask for new files, which can be read only as it is set."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask

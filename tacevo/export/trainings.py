@@ -1,0 +1,245 @@
+"""The trainings whose weights are exported: which they are, what is recorded of them, and how they went again."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from enum import StrEnum
+from typing import Annotated
+
+from annotated_types import Ge, Le
+
+from tacevo.config.compose import compose_study
+from tacevo.config.schema import OneToMillion, RunConfig, is_a
+from tacevo.data.dataset import Dataset
+from tacevo.environment import machine, versions
+from tacevo.errors import DivergenceError, RunError
+from tacevo.evolution.lines import CandidateLine
+from tacevo.randomness import derived_seed
+from tacevo.records import Limits, Mode, Record, Rejection, Training
+from tacevo.reproduce.retrain import doubts_of
+from tacevo.results.run import RecordedRun
+from tacevo.results.study_directory import FinishedStudy, studies_of
+from tacevo.results.study_lines import ScoreLine
+from tacevo.rules import CURRENT, STUDY, TRAININGS, check_known
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench, training_seed
+from tacevo.storage.store import Stores
+from tacevo.text import listed
+from tacevo.training.evaluation import Evaluator
+from tacevo.training.full import FullEvaluator, FullTraining
+from tacevo.training.weights import Kept
+
+_Evaluator = Evaluator | FullEvaluator
+
+
+class Like(StrEnum):
+    """Which training is repeated."""
+
+    #: All epochs of a study, and the weights of the best validation epoch.
+    study = "study"
+    #: That of the search, and the weights of its last epoch.
+    search = "search"
+
+
+def _is_licence(name: str) -> bool:
+    return re.fullmatch(r"[A-Za-z0-9.+-]+", name) is not None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings(Record):
+    """What a user may set."""
+
+    #: Trainings; several are an ensemble.
+    seeds: Annotated[int, Ge(1), Le(100)] = 1
+    #: None for those of the study or the search.
+    epochs: OneToMillion | None = None
+    like: Like = Like.study
+    #: Of the model, as its card names it.
+    licence: Annotated[str, is_a("the identifier of a licence, such as CC-BY-4.0", _is_licence)] = "CC-BY-4.0"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Design:
+    """How a candidate is trained."""
+
+    like: Like
+    #: Of the run, with this training.
+    config: RunConfig
+    #: Of each training, as torch gets them.
+    seeds: tuple[int, ...]
+    #: Number of the rules of a study or, like a search, of training.
+    rules: int
+    #: The study that tested this network so; None without one.
+    study: FinishedStudy | None
+    #: What that study found, one for each of its seeds.
+    scores: tuple[ScoreLine, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trained:
+    """One training with its weights."""
+
+    kept: Kept
+    seed: int
+    #: Whose weights these are, from 1.
+    epoch: int
+    #: Of the training in the store.
+    key: str
+    #: Whether it was recorded before.
+    was_recorded: bool
+    #: What differs from the record: names of fields of `Training`.
+    differing: tuple[str, ...]
+
+
+def design(run: RecordedRun, line: CandidateLine, settings: Settings) -> Design:
+    """Work out how a candidate is trained: as the run's first study of it, else as a study by default."""
+    config, like = run.config, settings.like
+    if like is Like.search:
+        seeds = tuple(training_seed(config.seed, number) for number in range(settings.seeds))
+        training, study, rules = config.training, None, run.rules.training
+    else:
+        study = next(iter(_studies(run, line)), None)
+        seeds = tuple(derived_seed(config.seed, "study", number) for number in range(settings.seeds))
+        if study is None:
+            given, rules = compose_study(["run=RUN"]), STUDY
+            limits, epochs = Limits(seconds=given.seconds, memory_mib=given.memory_mib), given.epochs
+        else:
+            limits, epochs, rules = study.record.recipe.limits, study.record.recipe.epochs, study.record.rules
+        training = replace(config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
+    if settings.epochs not in {None, training.epochs}:
+        training, study = replace(training, epochs=settings.epochs), None
+    rows = () if study is None else study.scores.rows
+    scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
+    return Design(
+        like=like, config=replace(config, training=training), seeds=seeds, rules=rules, study=study, scores=scores
+    )
+
+
+def _studies(run: RecordedRun, line: CandidateLine) -> list[FinishedStudy]:
+    """List the finished studies of this network on the run's own data, those of today's rules first."""
+    known = [(directory, directory.read()) for directory in studies_of(run.path)]
+    fitting = [
+        FinishedStudy(path=directory.path, record=record, scores=directory.read_scores())
+        for directory, record in known
+        if record.terms is not None
+        and record.digest is not None
+        and record.run == run.digest
+        and not record.other_data
+        and line.id in {network.id for network in record.networks}
+    ]
+    return sorted(fitting, key=lambda study: -study.record.rules)
+
+
+def train(
+    run: RecordedRun, plan: Design, source: str, data: Dataset, view: Progress, *, retrained: bool
+) -> tuple[list[Trained], tuple[str, ...]]:
+    """Train a network with every seed of a plan and compare with what is recorded.
+
+    Where a study's training is not recorded, it is trained once more, before: only its end says which epoch is best.
+    The first of the two is stored, as a study stores it.
+
+    Args:
+        run: of the candidate.
+        plan: how.
+        source: of the candidate.
+        data: the run's.
+        view: shows the progress.
+        retrained: whether a training that is not recorded, or goes otherwise, is an error.
+
+    Returns:
+        The trainings in the order of the seeds, and why equal bits were not promised.
+
+    Raises:
+        DivergenceError: with `retrained`, a training differs from its record.
+        RunError: with `retrained`, one is not recorded; or one came to no end.
+        SandboxError: the sandbox is broken.
+    """
+    config, record = plan.config, run.record
+    if plan.like is Like.search:
+        check_known("training", plan.rules, TRAININGS, run.path)
+    doubts = doubts_of(record, config.numerics.kind, config.training.device, versions(), machine())
+    trained: list[Trained] = []
+    with (
+        Workbench(config, record.task, data.facts, Mode.replay, stores=Stores(run.stores)) as stored,
+        Workbench(config, record.task, data.facts, Mode.record, data=data) as bench,
+    ):
+        known, fresh = [_evaluator(each, run, plan, data) for each in (stored, bench)]
+        for seed in plan.seeds if retrained else ():
+            _check_recorded(known, source, seed)
+        for one in bench.executor.map(lambda seed: _train(bench, (known, fresh), plan, source, seed), plan.seeds):
+            view.say(
+                f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"
+            )
+            trained.append(one)
+    if retrained:
+        _check_equal(trained, doubts)
+    return trained, doubts
+
+
+def _train(
+    bench: Workbench, evaluators: tuple[_Evaluator, _Evaluator], plan: Design, source: str, seed: int
+) -> Trained:
+    """Train a network with one seed; of the evaluators, one reads what is recorded, the other trains and stores."""
+    known, fresh = evaluators
+    was_recorded, told = known.is_recorded(source, seed), None
+    if was_recorded or plan.like is Like.study:
+        told = (known if was_recorded else fresh).evaluate(source, seed)
+    epoch = told.epoch if isinstance(told, FullTraining) else plan.config.training.epochs
+    rules = plan.rules if plan.like is Like.search else CURRENT.training
+    if isinstance(told, Rejection):
+        raise _failed(told)
+    kept = bench.keep(source, seed, epoch, rules)
+    if isinstance(kept, Rejection):
+        raise _failed(kept)
+    return Trained(
+        kept=kept,
+        seed=seed,
+        epoch=epoch,
+        key=known.key(source, seed),
+        was_recorded=was_recorded,
+        differing=_differing(told, kept),
+    )
+
+
+def _check_recorded(known: _Evaluator, source: str, seed: int) -> None:
+    if not known.is_recorded(source, seed):
+        raise RunError(
+            "no record of it",
+            place=f"training {known.key(source, seed)[:12]}",
+            expected="a training that the run or a study of it recorded",
+            remedy="leave out --retrained",
+        )
+
+
+def _check_equal(trained: Sequence[Trained], doubts: Sequence[str]) -> None:
+    for one in trained:
+        if one.differing:
+            raise DivergenceError(
+                f"other {listed(one.differing)}",
+                place=f"training {one.key[:12]}",
+                expected="the recorded training",
+                remedy="; ".join(f"not promised: {doubt}" for doubt in doubts),
+            )
+
+
+def _evaluator(bench: Workbench, run: RecordedRun, plan: Design, data: Dataset) -> _Evaluator:
+    if plan.like is Like.search:
+        return bench.evaluator(run.rules)
+    return bench.studies(plan.rules, data.scale, predictions=run.has_predictions)
+
+
+def _differing(told: FullTraining | Training | None, kept: Kept) -> tuple[str, ...]:
+    """Name the fields in which a training differs from what is recorded of it."""
+    if told is None:
+        return ()
+    was, now = (told.training, kept.tested) if isinstance(told, FullTraining) else (told, kept.training)
+    return tuple(field.name for field in fields(Training) if getattr(was, field.name) != getattr(now, field.name))
+
+
+def _failed(rejection: Rejection) -> RunError:
+    return RunError(
+        f"{rejection.reason}: {rejection.detail}",
+        place="training",
+        expected="a network that trains to the end",
+        remedy="choose another candidate, or epochs=",
+    )

@@ -1,0 +1,134 @@
+"""A training whose weights are kept: the same training as a search's or a study's, from which the weights come too.
+
+They come as plain bytes with names, types and shapes, and nothing of them is trusted: sizes are checked, and the digest
+of the last epoch's is computed here again.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import prod
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Lt, MaxLen
+from numpy.typing import NDArray
+from pydantic import StringConstraints
+
+from tacevo.records import Reason, Record, Rejection, Stage, Training
+from tacevo.sandbox.client import AnswerError, Finished, Frame, Run
+from tacevo.sandbox.protocol import one_line
+from tacevo.training.answers import Answer, read_answer, training_of
+from tacevo.training.evaluation import Examples, Setting
+from tacevo.training.full import HeldOut
+
+#: Weights and buffers by name; a plain array each.
+Weights = Mapping[str, NDArray[np.generic]]
+
+#: What torch calls the types that a weight may have, and what NumPy does.
+TYPES = {
+    f"torch.{name}": np.dtype(name)
+    for name in ("float32", "float64", "float16", "int64", "int32", "int16", "int8", "uint8", "bool")
+}
+
+_Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.]{1,500}$")]
+
+_Size = Annotated[int, Ge(0), Lt(2**40)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sent(Record):
+    """What a trainer sends with the bytes of the weights: name, type and shape of each."""
+
+    weights: Annotated[tuple[tuple[_Name, str, tuple[_Size, ...]], ...], MaxLen(100_000)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Kept:
+    """A training with the weights of one epoch."""
+
+    #: Of the training and validation images alone, as a search records it.
+    training: Training
+    #: As a study records it: its digest covers the predictions of the test images, too.
+    tested: Training
+    weights: Weights
+    #: Of the test images after that epoch, float32, shape (t, K), in the scaled units of training, or logits.
+    predictions: NDArray[np.float32]
+
+
+def train_and_keep(
+    run: Run, setting: Setting, source: str, seed: int, *, epoch: int, data: tuple[Examples, HeldOut]
+) -> Kept | Rejection:
+    """Train a network in a sandbox and keep its weights after an epoch, from 1; nothing is stored.
+
+    Predicting test images changes no bit of a training, so it is that of a search as well as that of a study.
+
+    Raises:
+        SandboxError: the sandbox is broken.
+    """
+    examples, held_out = data
+    predicted, recipe = [examples.validation, held_out.rows], setting.recipe
+    outcome = setting.train(run, source, seed, examples=examples, predicted=predicted, sent_epoch=epoch)
+    sent: tuple[Frame, ...] = ()
+    if isinstance(outcome, Finished):
+        sent = tuple(frame for frame in outcome.frames if isinstance(frame.header, dict) and "weights" in frame.header)
+        outcome = replace(outcome, frames=tuple(frame for frame in outcome.frames if frame not in sent))
+    answer = read_answer(
+        outcome,
+        setting.contract,
+        epochs=recipe.epochs,
+        steps=setting.steps(examples),
+        rows=sum(map(len, predicted)),
+        device=setting.device,
+    )
+    if isinstance(answer, Rejection):
+        return answer
+    try:
+        weights = read_weights(sent)
+        if epoch == recipe.epochs and (came := digest_of(weights)) != answer.weights_sha256:
+            raise ValueError(f"expected weights of the digest {answer.weights_sha256[:12]}; got {came[:12]}")
+    except (AnswerError, ValueError) as error:
+        return Rejection(stage=Stage.train, reason=Reason.bad_output, detail=one_line(str(error)))
+    return _kept(answer, weights, setting, examples, epoch)
+
+
+def _kept(answer: Answer, weights: Weights, setting: Setting, examples: Examples, epoch: int) -> Kept:
+    count, targets, loss = len(examples.validation), examples.validation_targets, setting.contract.loss
+    searched = replace(answer, predictions=tuple(values[:count] for values in answer.predictions))
+    return Kept(
+        training=training_of(searched, loss, targets),
+        tested=training_of(answer, loss, targets),
+        weights=weights,
+        predictions=answer.predictions[epoch - 1][count:],
+    )
+
+
+def read_weights(frames: Sequence[Frame]) -> Weights:
+    """Read the one frame of `tacevo.sandbox.candidate.send_weights`.
+
+    Raises:
+        AnswerError, ValueError: it is another number, or not such a frame.
+    """
+    if len(frames) != 1:
+        raise ValueError(f"expected weights once; got them {len(frames)} times")
+    [frame] = frames
+    weights: dict[str, NDArray[np.generic]] = {}
+    at = 0
+    for name, kind, shape in frame.read(_Sent).weights:
+        if name in weights or kind not in TYPES:
+            raise ValueError(f"expected weights of distinct names and of plain types; got {name}, {kind}")
+        size = prod(shape)
+        weights[name] = np.frombuffer(frame.payload, TYPES[kind], size, at).reshape(shape)
+        at += size * TYPES[kind].itemsize
+    if at != len(frame.payload):
+        raise ValueError(f"expected {at} bytes of weights; got {len(frame.payload)}")
+    return weights
+
+
+def digest_of(weights: Weights) -> str:
+    """Hash weights as `tacevo.sandbox.candidate.digest` does: 64 hex digits of SHA-256."""
+    total = hashlib.sha256()
+    for name, value in sorted(weights.items()):
+        total.update(f"{name} torch.{value.dtype} {value.shape}\n".encode())
+        total.update(value.tobytes())
+    return total.hexdigest()
