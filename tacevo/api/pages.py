@@ -10,7 +10,6 @@ from analysis.table import Table
 from analysis.tables.published import beside_published
 from tacevo.bundles.verify import Rerun
 from tacevo.errors import IncomparableError
-from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.storage.sweep_directory import SweepDirectory
 
@@ -20,6 +19,7 @@ def table_files(directory: Path, runs: Sequence[Rerun], say: Callable[[str], obj
 
     `say` is called with the reason if a sweep has no tables of its arms.
     """
+    say("making the tables again")
     if SweepDirectory(directory).is_one:
         return _of_sweep(directory, runs, say)[0]
     (done,) = runs
@@ -30,6 +30,7 @@ def pages(
     directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
 ) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Make every table, as `table_files`, and every figure that follows from the records; return contents by name."""
+    say("making tables and figures")
     from analysis.figures.style import render  # Matplotlib takes a second to import, and a replay draws nothing
     from analysis.report.figure_list import pictures_of, sweep_pictures
 
@@ -44,14 +45,9 @@ def pages(
     return tables, {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
 
 
-def _shown(run: RecordedRun) -> RecordedRun:
-    """Return a run as the analysis sees it."""
-    return run
-
-
 def _collected(done: Rerun) -> Collection:
     """Gather a run that was run again, with its studies."""
-    run, store = _shown(done.run), done.run.stores
+    run, store = done.run, done.run.stores
     return collection_of(run, compared_studies(run, done.studies.values(), store), store)
 
 
@@ -59,7 +55,7 @@ def _of_sweep(
     directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
 ) -> tuple[dict[str, bytes], SweepCollection | None]:
     """Make the tables of a sweep, and read what its figures show; without a fair comparison there are none of arms."""
-    shown = [_shown(done.run) for done in runs]
+    shown = [done.run for done in runs]
     beside, known = beside_published(shown), {run.path.name: run for run in shown}
     try:
         found = collect_sweep(directory, runs[0].run.stores, known=known)

@@ -1,67 +1,41 @@
 """All that the page of a run or a sweep shows, gathered from what was opened."""
 
 import base64
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-
-from rich.console import Console
 
 from analysis.report.page.of_run import RunMaterial, read_texts
 from analysis.report.page.of_sweep import sweep_contents
 from analysis.report.page.whole import PageContents, page_contents, replay_commands
-from analysis.report.sweep_collection import collect_sweep
 from tacevo.api.runs import Run, remarks_on
+from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import Opened
 from tacevo.errors import ConfigError, DataError, IncomparableError
-from tacevo.results.run import RecordedRun
-from tacevo.runs.data_check import samples_of_run
 from tacevo.storage.notes import read_note
 
 
-def page_of_run(gathered: Run, place: Opened, name: str) -> tuple[PageContents, list[str]]:
-    """Return all that the page of a run shows, and what is missing of it.
+def page_of(one: Run | Sweep, name: str) -> tuple[PageContents, list[str]]:
+    """Return all that the page of a run or a sweep shows; and what is missing of it, a sentence each.
 
-    Args:
-        gathered: the run.
-        place: where it lies.
-        name: what the user calls it.
+    `name` is what the user calls it.
     """
-    shown, missing = _material(gathered, place, name)
-    samples, unseen = _samples_of(gathered.recorded)
-    absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
-    shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
-    page = page_contents([shown], title=name, checked=_checked(place, name), commands=replay_commands(name))
-    return page, [*missing, *unseen]
-
-
-def page_of_sweep(runs: Sequence[Run], place: Opened, name: str, store: str | None) -> tuple[PageContents, list[str]]:
-    """Return all that the page of a sweep shows, and what is missing: of a run, or why its arms are not compared.
-
-    Args:
-        runs: of its jobs, in their order.
-        place: the sweep.
-        name: what the user calls it.
-        store: the directory of the stores that the user named, if any.
-    """
-    materials, missing = zip(*(_material(one, place, name) for one in runs), strict=True)
-    sweep, state = None, ""
+    place = one.place
+    checked, commands = _checked(place, name), replay_commands(name)
+    if isinstance(one, Run):
+        shown, missing = _material(one, place, name)
+        samples, unseen = _samples_of(one)
+        absent = ["no sample images: the data set was not at hand, or was another one"] if unseen else []
+        shown = replace(shown, samples=samples, remarks=[*shown.remarks, *absent])
+        page = page_contents([shown], title=name, checked=checked, commands=commands)
+        return page, [*missing, *unseen]
+    materials, lacks = zip(*(_material(run, place, name) for run in one.runs), strict=True)
+    missing = [f"{run.name}: {lack}" for run, each in zip(one.runs, lacks, strict=True) for lack in each]
+    arms, states = None, [*one.left_out]
     try:
-        known = {one.collection.run.path.name: one.collection.run for one in runs}
-        found = collect_sweep(place.folder, place.store if store is None else Path(store), known=known)
-        sweep = sweep_contents(found)
+        arms = sweep_contents(one.collection())
     except IncomparableError as error:
-        state = f"the arms are not compared: {str(error).replace(str(place.folder), name)}"
-    page = page_contents(
-        materials,
-        sweep=sweep,
-        title=name,
-        state=state,
-        checked=_checked(place, name),
-        commands=replay_commands(name),
-    )
-    of_runs = [f"{one.name}: {lack}" for one, lacks in zip(runs, missing, strict=True) for lack in lacks]
-    return page, [*of_runs, *([state] if state else [])]
+        states.append(f"the arms are not compared: {str(error).replace(str(place.folder), name)}")
+    page = page_contents(materials, sweep=arms, title=name, state="; ".join(states), checked=checked, commands=commands)
+    return page, [*missing, *states]
 
 
 def _material(gathered: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str]]:
@@ -100,12 +74,12 @@ def _checked(place: Opened, name: str) -> list[str]:
     ]
 
 
-def _samples_of(run: RecordedRun) -> tuple[str | None, list[str]]:
+def _samples_of(run: Run) -> tuple[str | None, list[str]]:
     """Draw the sample images of a run as a `data:` address; or return the reason why they are missing."""
     from analysis.figures.style import render  # Matplotlib takes a second to import
 
     try:
-        figure = samples_of_run(run.config, run.facts, Console(stderr=True))
+        figure = run.figures["samples"]()
     except (ConfigError, DataError) as error:
         return None, [f"no sample images: {error}"]
     return f"data:image/png;base64,{base64.b64encode(render(figure, '.png')).decode('ascii')}", []

@@ -51,11 +51,11 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
-    #: Files of tables that were made again; they were compared where all runs have the current number of pages.
+    #: Files of tables that were made again, and are equal.
     tables: int
-    #: Of those, the files that would differ today; none where they were compared.
-    outdated: int
-    #: Files of figures; their checksums were right.
+    #: Files of tables of an older form (`tacevo.rules.PAGES`), which today's would not be.
+    older: int
+    #: Files of figures, which were not compared.
     figures: int
 
 
@@ -77,19 +77,12 @@ def verify(
         runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
         made = make_tables(bundle.folder, runs)
-        outdated = 0
+        there = _files_below(bundle.root / "tables")
         if all(run.pages == PAGES for run in runs):
-            compare_tables(bundle.root / "tables", made)
-        else:
-            outdated = _count_outdated(bundle.root / "tables", made)
+            compare_tables(there, made)
+    equal = sum(there.get(name) == content for name, content in made.items())
     figures = len(_files_below(bundle.root / "figures"))
-    return Verified(
-        runs=runs,
-        entries=len(read),
-        tables=len(made),
-        outdated=outdated,
-        figures=figures,
-    )
+    return Verified(runs=runs, entries=len(read), tables=equal, older=len(there) - equal, figures=figures)
 
 
 def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | None = None) -> Rerun:
@@ -181,9 +174,8 @@ def _check_name(study: FinishedStudy, *, searched: bool) -> None:
         )
 
 
-def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
+def compare_tables(there: Mapping[str, bytes], made: Mapping[str, bytes]) -> None:
     """Compare tables with those that were made again; the error names table, row and column of the first difference."""
-    there = _files_below(folder)
     for name in sorted(there.keys() ^ made.keys()):
         got = "one that does not follow from the records" if name in there else "none"
         raise DivergenceError(got, place=f"table {name}", expected="the tables of this release")
@@ -200,12 +192,6 @@ def _files_below(folder: Path, place: str = "") -> dict[str, bytes]:
         inner = f"{place}{path.name}"
         files |= _files_below(path, f"{inner}/") if path.is_dir() else {inner: path.read_bytes()}
     return files
-
-
-def _count_outdated(folder: Path, made: Mapping[str, bytes]) -> int:
-    """Count the files of tables that this release would write otherwise, or not at all."""
-    there = _files_below(folder)
-    return sum(there.get(name) != made.get(name) for name in there.keys() | made.keys())
 
 
 def table_difference(recorded: bytes, made: bytes, *, is_csv: bool) -> str | None:

@@ -23,9 +23,10 @@ from submitit.local import local
 from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.redaction import secret_variables
+from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.searches import GRACE, keep_ending, start, stop
-from tacevo.sweeps.status import Standing, status_of
+from tacevo.sweeps.status import status_of
 from tacevo.text import first_line
 
 #: Executors of submitit, by what `hydra/launcher=` calls them.
