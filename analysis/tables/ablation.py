@@ -54,9 +54,11 @@ _MEANINGS = {
 def ablation_tables(sweep: RecordedSweep, found: Ablation, archive: str) -> tuple[Table, ...]:
     """Return all tables of a sweep.
 
-    `archive` is what is to be said of the common archive.
+    `archive` is what is to be said of the common archive. Where nothing cost anything, no table compares costs.
     """
-    metrics = (metric_table(sweep, found, metric, archive) for metric in found.arms)
+    is_free = found.jobs[Metric.cost.name].eq(0).all()
+    compared = [metric for metric in found.arms if not (is_free and metric is Metric.cost)]
+    metrics = (metric_table(sweep, found, metric, archive) for metric in compared)
     return (
         arms_table(sweep, found, archive),
         settings_table(sweep),

@@ -25,7 +25,7 @@ from tacevo.text import counted, listed
 #: What a reader of a study on one data set has to know.
 ONE_SPLIT = (
     "One split of one data set: another split, sensor or light may turn a verdict. The same networks are "
-    "studied on another by: tacevo study run=RUN data.split_seed=N."
+    "studied on another by: tacevo study RUN data.split_seed=N."
 )
 
 

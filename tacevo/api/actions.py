@@ -16,6 +16,7 @@ from tacevo.api.studies import Study
 from tacevo.bundles.pages import Terms
 from tacevo.bundles.publish import publish as publish_bundle
 from tacevo.config.compose import compose, compose_noise, compose_study
+from tacevo.config.folder import check_experiment
 from tacevo.errors import ConfigError, RunError
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
@@ -32,12 +33,13 @@ def search(*overrides: str, quiet: bool = False) -> Run:
         quiet: whether to show no progress on standard error.
 
     Raises:
-        ConfigError: an override is wrong, or settings do not go together.
+        ConfigError: an override is wrong, has several values or is no `experiment=`; or settings do not go together.
         LLMError: the model gave no answers; what was answered is kept.
         RunError: another run lies in `run.dir`.
         KeyboardInterrupt: it was stopped; what was computed is kept, and the same call continues.
     """
     config = compose(overrides)
+    check_experiment(overrides)
     check_temperature([override for override in overrides if override.startswith("ablation=")], config)
     with progress(quiet) as view:
         done = run_search(config, view)

@@ -19,6 +19,7 @@ def table_files(directory: Path, runs: Sequence[Rerun], say: Callable[[str], obj
 
     `say` is called with the reason if a sweep has no tables of its arms.
     """
+    say("making the tables again")
     if SweepDirectory(directory).is_one:
         return _of_sweep(directory, runs, say)[0]
     (done,) = runs
@@ -29,6 +30,7 @@ def pages(
     directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
 ) -> tuple[dict[str, bytes], dict[str, bytes]]:
     """Make every table, as `table_files`, and every figure that follows from the records; return contents by name."""
+    say("making tables and figures")
     from analysis.figures.style import render  # Matplotlib takes a second to import, and a replay draws nothing
     from analysis.report.figure_list import pictures_of, sweep_pictures
 

@@ -28,7 +28,7 @@ from tacevo.gate.given import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
-from tacevo.text import as_override, nearest
+from tacevo.text import nearest
 from tacevo.typed import convert
 
 if TYPE_CHECKING:
@@ -186,10 +186,14 @@ class Run:
 
     @cached_property
     def figures(self) -> Mapping[str, Draw]:
-        """Every figure of `tacevo figures` by name, as `fitness`; each is a function that draws one."""
+        """Every figure of `tacevo figures` by name, as `fitness`; each is a function that draws one.
+
+        `samples` raises a DataError where the images of the run are not at hand; simulated ones are made again.
+        """
         from analysis.report.figure_list import pictures_of  # Matplotlib takes a second to import
 
-        return self._named({picture.name: picture.draw for picture in pictures_of(self.collection)}, "run.figures")
+        drawn = {picture.name: picture.draw for picture in pictures_of(self.collection)}
+        return self._named({"samples": self._draw_samples, **drawn}, "run.figures")
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -247,6 +251,13 @@ class Run:
     def _named(self, values: Mapping[str, T], what: str) -> Named[T]:
         return Named(with_plain_names(values, [study.name for study in self.studies]), what)
 
+    def _draw_samples(self) -> Figure:
+        from rich.console import Console
+
+        from tacevo.runs.data_check import samples_of_run
+
+        return samples_of_run(self.config, self.recorded.facts, Console(stderr=True))
+
     def _pages_of(self, study: str) -> tuple[Mapping[str, Table], Mapping[str, Draw]]:
         return _below(study, self.tables, "study.tables"), _below(study, self.figures, "study.figures")
 
@@ -283,8 +294,7 @@ def remarks_on(run: Run) -> list[str]:
     found = run.collection
     remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.left_out), *found.remarks]
     if not found.studies and not found.left_out:
-        named = shlex.quote(as_override("run", str(run.path)))
-        make = f"`tacevo study {named}` makes one, with its tables and figures"
+        make = f"`tacevo study {shlex.quote(str(run.path))}` makes one, with its tables and figures"
         is_bundle = run.place.digest is not None
         remarks.append("no study: it was published without one" if is_bundle else f"no finished study yet: {make}")
     return remarks

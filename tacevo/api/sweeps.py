@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.ablation import Ablation
+from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Table as Rows
 from tacevo.api import frames
 from tacevo.api.replaying import replay
 from tacevo.api.runs import Draw, Run, progress
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
+from tacevo.choices import Primary
 from tacevo.errors import ConfigError
+from tacevo.results.sweep import Standing, state_of
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.text import listed, nearest
 
@@ -46,7 +49,8 @@ class Sweep:
     def jobs(self) -> pd.DataFrame:
         """A row a job by name: arm, seed, state, a column for each metric; columns: docs/python.md.
 
-        `state` is `finished`, `failed` or `missing`, with the reason; a job that has no result has no values.
+        `state` is `finished`, `running`, `failed`, `stopped` or `not begun`, as `tacevo show` has it; only a finished
+        job has values.
         """
         collected = self.collection()
         missing = {one.job.name: one for one in collected.sweep.missing}
@@ -54,30 +58,30 @@ class Sweep:
         rows = []
         for job in self._record.jobs:
             row: dict[str, Any] = {"job": job.name, "arm": job.arm, "seed": job.seed, "state": "finished"}
-            if job.name in missing:
-                one = missing[job.name]
-                row |= {"state": "failed" if one.has_failed else "missing", "reason": one.reason}
+            if (one := missing.get(job.name)) is not None:
+                row |= {"state": one.standing.value, "reason": one.reason or None}
             rows.append(row | {"digest": digests.get(job.name)})
         metrics = [metric.name for metric in collected.found.arms]
         return frames.frame(rows, frames.JOBS, index="job").join(collected.found.jobs[metrics])
 
-    def contrasts(self, metric: str, *, reference: str | None = None) -> pd.DataFrame:
+    def contrasts(self, metric: str | None = None, *, reference: str | None = None) -> pd.DataFrame:
         """Compare the arms in one metric; a row an arm, the reference first; columns: docs/python.md.
 
+        An arm without a finished job has no row; `frame.attrs["left_out"]` says which, a sentence each.
+
         Args:
-            metric: a column of `jobs`, such as `qd_score` or `best_fitness`.
+            metric: a column of `jobs`, such as `qd_score`; or its name in the tables, such as `QD-score`; or
+                `test_score`, whichever the task has. If None, what the sweep states that arms are compared by first.
             reference: the arm that the others are compared with; the sweep's own if None.
 
         Raises:
-            ConfigError: there is no such metric or arm.
+            ConfigError: there is no such metric or arm; or no job has a value of it yet; or the sweep states none.
             IncomparableError: the jobs cannot be compared.
         """
-        arms = self.collection(reference).found.arms
-        names = [one.name for one in arms]
-        if metric not in names:
-            remedy = nearest(metric, names, "sweep.jobs has a column for each")
-            raise ConfigError(repr(metric), place="metric", expected=f"one of {listed(names)}", remedy=remedy)
-        return arms[Metric[metric]].copy()
+        compared = self.collection(reference).found
+        frame = compared.arms[metric_of(metric, compared)].copy()
+        frame.attrs["left_out"] = self._arms_left_out()
+        return frame
 
     def run(self, job: str) -> Run:
         """Open the run of a finished job.
@@ -93,12 +97,29 @@ class Sweep:
         place = self.place.job(job) if self.place.digest is not None else located(self.place.folder / job)
         return Run(place, place.read(place.folder, self.store))
 
+    @cached_property
+    def runs(self) -> tuple[Run, ...]:
+        """The runs of its finished jobs, in their order."""
+        directory = SweepDirectory(self.place.folder)
+        return tuple(
+            self.run(job.name)
+            for job in self._record.jobs
+            if self.place.digest is not None or state_of(directory, job)[0] is Standing.finished
+        )
+
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Which jobs have no result or no test score, and why, a sentence each."""
+        """Which jobs have no result or no test score, and why, and which arms no row, a sentence each."""
         sweep = self.collection().sweep
-        missing = (f"missing: {one.job.name}: {one.reason}" for one in sweep.missing)
-        return (*missing, *(f"without a test score: {one.job.name}: {one.reason}" for one in sweep.untested))
+        jobs = (f"left out: {one.job.name}: {one.why}" for one in sweep.missing)
+        untested = (f"without a test score: {one.job.name}: {one.reason}" for one in sweep.untested)
+        return (*jobs, *self._arms_left_out(), *untested)
+
+    def _arms_left_out(self) -> tuple[str, ...]:
+        """Name the arms that no job finished of."""
+        sweep = self.collection().sweep
+        known = {one.job.arm for one in sweep.finished} | {job.arm for job in sweep.failed}
+        return tuple(f"left out: arm {arm}: none of its jobs is finished" for arm in self.arms if arm not in known)
 
     def all_tables(self, reference: str | None = None) -> tuple[tuple[Rows, ...], list[str]]:
         """Return its tables, compared with an arm or the sweep's own reference; and what is missing of them: nothing.
@@ -139,7 +160,8 @@ class Sweep:
             place = self.place
             own = place.store if place.digest is not None else None
             store = own if self.store is None else Path(self.store)
-            self._collected[reference] = collect_sweep(place.folder, store, reference)
+            known = {run.path.name: run.recorded for run in self.runs}
+            self._collected[reference] = collect_sweep(place.folder, store, reference, known)
         return self._collected[reference]
 
     def __repr__(self) -> str:
@@ -148,3 +170,26 @@ class Sweep:
     def _repr_html_(self) -> str:
         title = f"sweep {self.name}: {len(self._record.jobs)} jobs of {len(self.arms)} arms"
         return f"<p>{title}</p>{self.jobs.to_html(na_rep='')}"
+
+
+def metric_of(name: str | None, compared: Ablation) -> Metric:
+    """Find a metric by its column in `jobs`, by its name in the tables or in the terms; None is the terms' own.
+
+    Raises:
+        ConfigError: there is none of this name, or the sweep states none.
+    """
+    known = {word: metric for metric in compared.arms for word in (metric.name, metric.value)}
+    for metric in TESTS.values():
+        if metric in compared.arms:
+            known[Primary.test_score.value] = metric
+    wanted = compared.primary.name if name is None and compared.primary is not None else name
+    if wanted in known:
+        return known[wanted]
+    is_test = wanted in {Primary.test_score, *(metric.name for metric in TESTS.values())}
+    otherwise = "`tacevo study sweep=SWEEP` gives test scores" if is_test else "sweep.jobs has a column for each"
+    raise ConfigError(
+        "none, and the sweep states none" if wanted is None else repr(wanted),
+        place="metric",
+        expected=f"one of {listed(metric.name for metric in compared.arms)}",
+        remedy=otherwise if is_test or wanted is None else nearest(wanted, known, otherwise),
+    )

@@ -5,10 +5,9 @@ commands see runs, and not where they came from.
 """
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
@@ -18,11 +17,10 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
 from tacevo.storage.arrays import KIND
 from tacevo.storage.members import Member
+from tacevo.storage.places import check_place
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, naming
+from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.text import listed
-
-T = TypeVar("T")
 
 #: The directory of stores on this machine, whatever a bundle says of its author's.
 HERE = "cache"
@@ -66,15 +64,7 @@ class Opened:
         return self.folder
 
     def job(self, name: str) -> "Opened":
-        """Return one run of a published sweep.
-
-        Raises:
-            RunError: it is no sweep, or has no such job.
-        """
-        if self.jobs is None:
-            raise RunError("the bundle of one run", expected="that of a sweep", remedy="name the file alone")
-        if name not in self.jobs:
-            raise RunError(repr(name), place=str(self.root), expected=f"one of {listed(self.jobs)}")
+        """Return one run of a published sweep, by the name of its job."""
         return replace(self, folder=self.folder / name, jobs=None, root=None)
 
     def read(self, run: Path, store: str | None = None) -> RecordedRun:
@@ -98,17 +88,11 @@ def opened(path: Path) -> Opened:
 
     Raises:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
-        RunError: it is neither a run's or a sweep's directory nor a file.
+        RunError: it is neither a run's or a sweep's directory nor a file; or the sweep has no such job.
     """
+    check_place(path)
     if path.parent.is_file():
         return opened(path.parent).job(path.name)
-    if not path.exists():
-        raise RunError(
-            "a path that does not exist",
-            place=str(path),
-            expected="the directory or bundle of a run or a sweep",
-            remedy="`tacevo search` makes a run, and prints its name",
-        )
     return _read(path) if path.is_file() else located(path)
 
 
@@ -127,18 +111,6 @@ def located(path: Path) -> Opened:
         RunDirectory(path).read_run()  # which says what is missing
     found = Opened(folder=path, jobs=jobs)
     return found if jobs is None else replace(found, entries=_store_of(found))
-
-
-def over_runs(place: Opened, act: Callable[[Path], T], say: Callable[[str], object]) -> tuple[T, ...]:
-    """Do something with every run in turn; for a sweep, lines and errors name the job."""
-    if place.jobs is None:
-        return (act(place.folder),)
-    done = []
-    for number, (job, run) in enumerate(zip(place.jobs, place.runs, strict=True), start=1):
-        say(f"job {job} ({number} of {len(place.jobs)})")
-        with naming(job):
-            done.append(act(run))
-    return tuple(done)
 
 
 def _read(source: Path) -> Opened:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tacevo.bundles.format import refusing
-from tacevo.bundles.open import Opened, over_runs
+from tacevo.bundles.open import Opened
 from tacevo.bundles.texts import check_texts
 from tacevo.environment import doubting
 from tacevo.errors import BundleError, DivergenceError, RunError
@@ -22,7 +22,7 @@ from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
 from tacevo.storage.store import Seen
-from tacevo.storage.sweep_directory import SweepDirectory
+from tacevo.storage.sweep_directory import SweepDirectory, naming
 from tacevo.studies.study import replay_studies
 
 
@@ -49,9 +49,11 @@ class Verified:
     runs: tuple[Rerun, ...]
     #: Store entries, all of which were read.
     entries: int
-    #: Files of tables; they were made again and compared where all runs have the current number of pages.
+    #: Files of tables that were made again, and are equal.
     tables: int
-    #: Files of figures; their checksums were right.
+    #: Files of tables of an older form (`tacevo.rules.PAGES`): their checksums were right.
+    older: int
+    #: Files of figures: their checksums were right.
     figures: int
 
 
@@ -72,10 +74,16 @@ def verify(
     with refusing():
         runs = rerun_all(bundle, lambda run: rerun_published(bundle, run, view, seen=read.add), view)
         _check_entries(bundle.store, read)
-        if all(run.pages == PAGES for run in runs):
-            compare_tables(bundle.root / "tables", make_tables(bundle.folder, runs))
-    tables, figures = (len(files_below(bundle.root / name)) for name in ("tables", "figures"))
-    return Verified(runs=runs, entries=len(read), tables=tables, figures=figures)
+        tables = files_below(bundle.root / "tables")
+        if current := all(run.pages == PAGES for run in runs):
+            compare_tables(tables, make_tables(bundle.folder, runs))
+    return Verified(
+        runs=runs,
+        entries=len(read),
+        tables=len(tables) if current else 0,
+        older=0 if current else len(tables),
+        figures=len(files_below(bundle.root / "figures")),
+    )
 
 
 def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | None = None) -> Rerun:
@@ -97,10 +105,15 @@ def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> 
 
     Lines and errors of a sweep name the job.
     """
-    done = over_runs(found, again, view.say)
-    if found.jobs is not None:
-        check_jobs(SweepDirectory(found.folder))
-    return done
+    if found.jobs is None:
+        return (again(found.folder),)
+    done = []
+    for number, (job, run) in enumerate(zip(found.jobs, found.runs, strict=True), start=1):
+        view.say(f"job {job} ({number} of {len(found.jobs)})")
+        with naming(job):
+            done.append(again(run))
+    check_jobs(SweepDirectory(found.folder))
+    return tuple(done)
 
 
 def rerun(run: RecordedRun, view: Progress, *, seen: Seen | None = None) -> Rerun:
@@ -166,9 +179,8 @@ def _check_name(study: FinishedStudy, *, searched: bool) -> None:
         )
 
 
-def compare_tables(folder: Path, made: Mapping[str, bytes]) -> None:
+def compare_tables(there: Mapping[str, bytes], made: Mapping[str, bytes]) -> None:
     """Compare tables with those that were made again; the error names table and line of the first difference."""
-    there = files_below(folder)
     for name in sorted(there.keys() ^ made.keys()):
         got = "one that does not follow from the records" if name in there else "none"
         raise DivergenceError(got, place=f"table {name}", expected="the tables of this release")

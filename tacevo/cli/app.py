@@ -18,23 +18,23 @@ from tacevo.text import printable
 GROUPS = {
     "search": {
         "search": ("search", "run a search or a sweep, or continue one that was stopped"),
-        "continue": ("reproduce", "continue a published run from its end"),
-        "study": ("study", "train a run's best networks and the baseline fully, with many seeds, and test them"),
-        "noise": ("study", "train a run's elites again with other seeds, to see how much of each fitness was luck"),
-        "plan": ("study", "compute how many seeds are needed to detect an effect of a given size, and the cost"),
+        "continue": ("arguments", "continue a published run from its end"),
+        "study": ("arguments", "train a run's best networks and the baseline fully, with many seeds, and test them"),
+        "noise": ("arguments", "train a run's elites again with other seeds, to see how much of each fitness was luck"),
+        "plan": ("arguments", "compute how many seeds are needed to detect an effect of a given size, and the cost"),
     },
     "reproduce": {
-        "replay": ("reproduce", "run a recorded search again from its stores and compare"),
+        "replay": ("arguments", "run a recorded search again from its stores and compare"),
         "export": ("export", "take a network away: its weights, ONNX, a model card"),
-        "publish": ("publish", "write one file with which anybody can replay a run or a sweep"),
+        "publish": ("arguments", "write one file with which anybody can replay a run or a sweep"),
         "cache": ("cache", "look into the stores of answers, and move what a run needs"),
     },
     "analyse": {
-        "show": ("show", "show what a run found, one candidate of it, or how far the jobs of a sweep are"),
-        "tables": ("tables", "write every table of runs and sweeps, those that a paper needs first"),
-        "figures": ("figures", "draw every figure of runs and sweeps, for a paper"),
-        "report": ("report", "write one page to look into a run or a sweep, or a LaTeX document of several"),
-        "ablations": ("figures", "compare the arms of a sweep: tables and figures"),
+        "show": ("arguments", "show what a run found, one candidate of it, or how far the jobs of a sweep are"),
+        "tables": ("arguments", "write every table of runs and sweeps, those that a paper needs first"),
+        "figures": ("arguments", "draw every figure of runs and sweeps, for a paper"),
+        "report": ("arguments", "write one page to look into a run or a sweep, or a LaTeX document of several"),
+        "ablations": ("arguments", "compare the arms of a sweep: tables and figures"),
     },
     "tools": {
         "init": ("init", "write a task of your own, copied from another one, to be edited"),
@@ -71,7 +71,7 @@ examples:
   tacevo continue NAME.zip search.generations=30   search on from its end
   tacevo noise runs/NAME                      what its fitnesses are worth: its elites under other training seeds
   tacevo plan study runs/NAME --effect 0.1    seeds that find 10 % less error, from the spread of a pilot study
-  tacevo study run=runs/NAME                  its best networks and the baseline, trained fully with 20 seeds each
+  tacevo study runs/NAME                      its best networks and the baseline, trained fully with 20 seeds each
   tacevo show runs/NAME g02s03                one candidate, its numbers and its source
   tacevo data check task=grating              what a data set holds, and a contact sheet of it
 """

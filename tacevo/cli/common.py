@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -14,12 +14,6 @@ from tacevo.text import listed, nearest
 DONE, DIFFERENT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
-
-#: A run, in the help of the commands that read one.
-RUN = "the directory or bundle of a run, or SWEEP.zip/JOB"
-
-#: A run or a sweep, in the help of the commands that read either.
-RUNS = "the directory or bundle of a run or a sweep, or SWEEP.zip/JOB"
 
 
 def existing_store(name: str | None) -> str | None:
@@ -33,21 +27,51 @@ def existing_store(name: str | None) -> str | None:
     return name
 
 
-def place_of_results(output: str | None, source: str, name: str, what: str) -> Path:
-    """Return where results go: where the user wants them, else under a name in the directory of the run or sweep.
-
-    The message calls them, e.g., `the figures of a published run`.
+def place_of_results(options: argparse.Namespace, name: str) -> Path:
+    """Return where the results of one run or sweep go: where `-o` says, else under a name in its directory.
 
     Raises:
-        ConfigError: nothing is written into a bundle, and the user named no place.
+        ConfigError: nothing is written into a bundle, and `-o` is missing.
     """
-    if output:
-        return Path(output)
-    if Path(source).is_file() or Path(source).parent.is_file():
+    source = Path(options.runs[0])
+    if options.output:
+        return Path(options.output)
+    if source.is_file() or source.parent.is_file():
+        got, remedy = f"what was published, {source}", f"name by -o where to write {name}"
+        raise ConfigError(got, expected="a directory", remedy=remedy)
+    return source / name
+
+
+def places_of(options: argparse.Namespace, name: str) -> list[Path]:
+    """Return where the results of every run go: of one, as `place_of_results`; of several, below that of `-o`.
+
+    Raises:
+        ConfigError: as `place_of_results`; or several have no place, or two have one name.
+    """
+    if len(options.runs) == 1:
+        return [place_of_results(options, name)]
+    names = check_names(options.runs)
+    if options.output is None:
+        raise ConfigError("several runs", place="-o", expected="the directory that theirs are made in")
+    return [Path(options.output) / one for one in names]
+
+
+def check_names(runs: Sequence[str]) -> list[str]:
+    """Return the names of runs and sweeps, which their results bear.
+
+    Raises:
+        ConfigError: two have one name.
+    """
+    names = [Path(run).resolve().name.removesuffix(".zip") for run in runs]
+    twice = sorted({one for one in names if names.count(one) > 1})
+    if twice:
         raise ConfigError(
-            f"what was published, {source}", expected="a directory", remedy=f"name by -o where to write {what}"
+            f"{listed(twice)} twice",
+            place="RUN",
+            expected="runs with different names, which their results bear",
+            remedy="give one a name of its own by a link, as in `ln -s RUN NAME`, or give it to a command of its own",
         )
-    return Path(source) / name
+    return names
 
 
 def output_directory(name: str | Path) -> Path:

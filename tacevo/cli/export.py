@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from tacevo.api.opening import open_run
-from tacevo.cli.common import DONE, RUN, Parser, existing_store
+from tacevo.cli.arguments import RUN, candidate, named
+from tacevo.cli.common import DONE, Parser, existing_store
 from tacevo.errors import ConfigError
 from tacevo.text import printable
 
@@ -15,8 +15,8 @@ def add_export(parser: Parser) -> None:
         "Train a candidate again in the sandbox, and write it as a directory that needs no tacevo: the class, its "
         "weights, ONNX, torch.export, a model card. Needs `pip install 'tacevo[export]'`."
     )
-    parser.add_argument("run", metavar="RUN", help=RUN)
-    parser.add_argument("candidate", metavar="CANDIDATE", help="its id, e.g. g02s03")
+    parser.add_argument("run", metavar="RUN", type=named, help=RUN)
+    parser.add_argument("candidate", metavar="CANDIDATE", type=candidate, help="its id, e.g. g02s03")
     parser.add_argument(
         "overrides",
         metavar="KEY=VALUE",
@@ -30,10 +30,13 @@ def add_export(parser: Parser) -> None:
         action="store_true",
         help="fail where a training is not recorded, or goes otherwise than recorded",
     )
-    parser.set_defaults(command=_export)
+    parser.set_defaults(command=run_export)
 
 
-def _export(options: argparse.Namespace) -> int:
+def run_export(options: argparse.Namespace) -> int:
+    """Write a network as a directory of its own."""
+    from tacevo.api.opening import open_run  # what reads a run takes a second to import
+
     run = open_run(options.run, store=existing_store(options.store))
     settings = dict(map(_setting, options.overrides))
     run.export(options.candidate, options.output, retrained=options.retrained, **settings)

@@ -5,55 +5,35 @@ import contextlib
 import itertools
 import shlex
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from rich.console import Console
 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
-from analysis.report.writing import for_paper, left_of_studies, write_tables
-from analysis.sweeps.metrics import TESTS
-from analysis.tables.rendering import as_markdown
-from tacevo.api.opening import open as open_path
+from analysis.report.writing import left_of_studies, write_tables
+from analysis.sweeps.metrics import TESTS, Metric
+from analysis.table import Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import DONE, RUNS, Parser, existing_store, output_directory, place_of_results
-from tacevo.cli.tables import add_places, add_store, open_all, places_of, remarks_of, say, status_of
+from tacevo.cli.arguments import FORMATS
+from tacevo.cli.common import DONE, output_directory, places_of
+from tacevo.cli.tables import open_all, print_table, remarks_of, say, status_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, RunError
-from tacevo.runs.data_check import samples_of_run
 from tacevo.runs.progress import Progress
+from tacevo.text import counted
 
-_FORMATS = ("pdf", "svg", "png")
+#: The most arms, and the most remarks, that are printed of a comparison; the tables have all.
+_ARMS, _REMARKS = 8, 4
 
+#: What is printed of it, beside the difference.
+_SHORT = frozenset({"arm", "seeds", "median", "p", "p, Holm", "A12"})
 
-def add_figures(parser: Parser) -> None:
-    """Describe `tacevo figures`."""
-    parser.description = "Draw every figure of finished runs and their studies, and of sweeps."
-    parser.add_argument("runs", metavar="RUN", nargs="+", help=RUNS)
-    parser.add_argument(
-        "--format", nargs="+", choices=_FORMATS, default=_FORMATS, help="of the files (default: all three)"
-    )
-    add_places(parser, "figures")
-    parser.set_defaults(command=_figures)
+_BRACKETS = "Medians and differences over seeds, in brackets 95 % intervals. A12: the chance that the arm has more."
 
 
-def add_ablations(parser: Parser) -> None:
-    """Describe `tacevo ablations`."""
-    parser.description = (
-        "Compare the arms of a sweep by its finished jobs: print a table of them, and write all as .tex, .md and .csv, "
-        "with figures as .pdf."
-    )
-    parser.add_argument("sweep", metavar="DIR", help="the directory or bundle of a sweep")
-    parser.add_argument(
-        "-o", "--output", metavar="OUT", help="where to write them (default for a directory: DIR/ablations)"
-    )
-    parser.add_argument(
-        "--reference", metavar="ARM", help="the arm to compare with (default: the one that the sweep states, or none)"
-    )
-    add_store(parser)
-    parser.set_defaults(command=_ablations)
-
-
-def _figures(options: argparse.Namespace) -> int:
+def run_figures(options: argparse.Namespace) -> int:
+    """Draw figures into files."""
     places = places_of(options, "figures")
     opened = open_all(options.runs, options.store)
     endings = [f".{name}" for name in dict.fromkeys(options.format)]
@@ -64,7 +44,7 @@ def _figures(options: argparse.Namespace) -> int:
         with progress_of("figures", len(pictures)) as on_drawn:
             write_pictures(pictures, directory, endings, on_drawn)
         current = {picture.name for picture in pictures}
-        say([*missing, *left_of_studies(directory, current, [f".{name}" for name in _FORMATS])])
+        say([*missing, *left_of_studies(directory, current, [f".{name}" for name in FORMATS])])
         print(f"figures: {directory}")
     return max(map(status_of, opened))
 
@@ -76,7 +56,7 @@ def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
     run = one.recorded
     pictures, missing = list(pictures_of(one.collection)), list(undrawn(run))
     try:
-        figure = samples_of_run(run.config, run.facts, Console(stderr=True))
+        figure = one.figures["samples"]()
     except (ConfigError, DataError) as error:
         return pictures, [*missing, f"no sample images: {error}"]
     caption = f"Training images of the data set ({run.name})."
@@ -91,20 +71,38 @@ def progress_of(words: str, total: int) -> Iterator[Callable[[str], None]]:
         yield lambda name: view.advance(words, next(number), total)
 
 
-def _ablations(options: argparse.Namespace) -> int:
-    place = place_of_results(options.output, options.sweep, "ablations", "the tables and figures of a published sweep")
-    sweep = open_path(options.sweep, store=existing_store(options.store))
+def run_ablations(options: argparse.Namespace) -> int:
+    """Compare the arms of a sweep: write tables and figures, and print the metric that they are compared by first."""
+    (place,) = places_of(options, "ablations")
+    (sweep,) = open_all(options.runs, options.store)
     if isinstance(sweep, Run):
-        raise RunError("one run", place=options.sweep, expected="a sweep", remedy="`tacevo tables` has those of a run")
+        remedy = "`tacevo tables` has those of a run"
+        raise RunError("one run", place=options.runs[0], expected="a sweep", remedy=remedy)
     collected = sweep.collection(options.reference)
     directory = output_directory(place)
     tables, _ = sweep.all_tables(options.reference)
     write_tables(tables, directory)
-    print("\n".join(map(as_markdown, for_paper(tables))))
-    pictures = {picture.name: picture for picture in sweep_pictures(collected)}
-    write_pictures(pictures.values(), directory, [".pdf"], lambda name: print(f"{name}.pdf: {pictures[name].caption}"))
-    say(sweep.left_out)
+    pictures = sweep_pictures(collected)
+    with progress_of("figures", len(pictures)) as on_drawn:
+        write_pictures(pictures, directory, [".pdf"], on_drawn)
+    stated = collected.found.primary
+    first = stated if stated in collected.found.arms and stated is not None else Metric.best_fitness
+    print_table(_in_short(next(table for table in tables if table.name == f"ablation_{first.name}")), Console())
+    remarks = sweep.left_out
+    say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
     if collected.found.primary in TESTS.values() and collected.sweep.terms.retraining is None:
-        print(f"next:   {as_typed('tacevo')} study sweep={shlex.quote(options.sweep)}")
-    print(f"tables and figures: {directory}")
+        print(f"next:   {as_typed('tacevo')} study sweep={shlex.quote(options.runs[0])}")
+    print(f"tables and figures: {directory} (index.md says which question each answers)")
     return DONE
+
+
+def _in_short(table: Table) -> Table:
+    """Keep what fits on a screen of the comparison in one metric."""
+    kept = [place for place, column in enumerate(table.columns) if column in _SHORT or "difference of" in column]
+    rows = [[row[place] for place in kept] for row in table.rows]
+    return replace(
+        table,
+        columns=tuple(table.columns[place] for place in kept),
+        rows=tuple(map(tuple, rows[:_ARMS])),
+        notes=(*([f"And {counted(len(rows) - _ARMS, 'arm')} more."] if len(rows) > _ARMS else []), _BRACKETS),
+    )

@@ -9,78 +9,40 @@ from analysis.report.collection import side_by_side, with_largest_studies
 from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.following import follow
 from analysis.report.page.html import as_html
-from tacevo.api.report import gather, page_of_run, page_of_sweep
+from tacevo.api.report import page_of
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
-from tacevo.bundles.open import opened
-from tacevo.cli.common import RUNS, Parser, existing_store, output_directory, place_of_results
+from tacevo.cli.common import existing_store, output_directory, place_of_results
 from tacevo.cli.figures import drawable, progress_of
-from tacevo.cli.tables import add_store, check_names, open_all, remarks_of, say, status_of, with_published
-from tacevo.errors import ConfigError
+from tacevo.cli.tables import open_all, remarks_of, say, status_of, with_published
 from tacevo.results.study import check_alike
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
 
 
-def add_report(parser: Parser) -> None:
-    """Describe `tacevo report`."""
-    parser.description = (
-        "Write one HTML file with which a finished run and its studies, or a finished sweep, can be looked into; or "
-        "with --latex every table and figure of several, in a LaTeX document, and its PDF where LaTeX is installed."
-    )
-    parser.add_argument("runs", metavar="RUN", nargs="+", help=RUNS)
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="PLACE",
-        help="file to write (default for a directory: RUN/report.html), or with --latex directory (build/paper)",
-    )
-    parser.add_argument(
-        "--follow",
-        action="store_true",
-        help="write the page again while searches are at work, until they are finished; it reloads itself",
-    )
-    parser.add_argument(
-        "--latex", action="store_true", help="write a LaTeX document of all, with their tables and figures"
-    )
-    add_store(parser)
-    parser.set_defaults(command=_report)
-
-
-def _report(options: argparse.Namespace) -> int:
+def run_report(options: argparse.Namespace) -> int:
+    """Write a page or a document."""
     if options.latex:
-        if options.follow:
-            options.parser.error("--follow writes a page again, so it does not go with --latex")
         return _document(options)
-    if len(options.runs) > 1:
-        expected = "one run or sweep for a page; with --latex, a document of several"
-        raise ConfigError(f"{len(options.runs)} runs", place="tacevo report", expected=expected)
-    (named,) = options.runs
-    path, source = place_of_results(options.output, named, "report.html", "the report of a published run"), Path(named)
+    path, source = place_of_results(options, "report.html"), Path(options.runs[0])
     store, name = existing_store(options.store), source.resolve().name
     if source.parent.is_file():
         name = f"{source.parent.name}/{name}"
     if options.follow and source.is_dir():
         print(f"report: {path}", flush=True)
         follow(source, path, None if store is None else Path(store), partial(print, flush=True))
-    place = opened(source)
+    (one,) = open_all(options.runs, store)
     with Progress() as view:
-        gathered = gather(place, name, store, view.say)
-        if place.jobs is None:
-            page, missing = page_of_run(gathered[0], place, name)
-        else:
-            view.say("the arms, compared")
-            page, missing = page_of_sweep(gathered, place, name, store)
-    runs = [run for run, _, _ in gathered]
+        page, missing = page_of(one, name, view.say)
     write_durably(path, as_html(page))
-    say([*(remark for one in runs if status_of(one) for remark in remarks_on(one)), *missing])
+    runs = (one,) if isinstance(one, Run) else one.runs
+    say([*(remark for run in runs if status_of(run) for remark in remarks_on(run)), *missing])
     print(f"report: {path}")
     return max(map(status_of, runs))
 
 
 def _document(options: argparse.Namespace) -> int:
     """Write the LaTeX document of runs and sweeps: the paper beside the runs, these beside each other, then each."""
-    check_names(options.runs)
     shown = open_all(options.runs, options.store)
     runs = [_with_largest(one) for one in shown if isinstance(one, Run)]
     found = [one.collection for one in runs]

@@ -8,19 +8,23 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
+import yaml
+
 from tacevo.choices import Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
 from tacevo.config.compose import compose, compose_estimate
-from tacevo.config.folder import groups
+from tacevo.config.folder import check_experiment, groups
+from tacevo.config.plain import to_plain
 from tacevo.environment import as_typed
 from tacevo.records import Mode
+from tacevo.results.sweep import Standing
 from tacevo.runs.estimate import describe_estimate, describe_estimates
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
 from tacevo.storage.canonical import canonical, leaves
 from tacevo.sweeps.plan import plan_unasked, sweep
-from tacevo.sweeps.status import Standing, describe_jobs
+from tacevo.sweeps.status import describe_jobs
 from tacevo.sweeps.terms import Asked, read_varied
 from tacevo.text import counted
 from tacevo.tracking.backfill import track
@@ -37,6 +41,10 @@ def add_search(parser: Parser) -> None:
     parser.fromfile_prefix_chars = "@"
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     parser.add_argument("--estimate", action="store_true", help="print requests, tokens, cost and hours; send nothing")
+    parser.add_argument("-c", "--cfg", choices=["job"], help="print the composed settings as YAML, and run nothing")
+    parser.add_argument("--resolve", action="store_true", help="the same")
+    whats = ["all", "config", "defaults", "defaults-tree", "plugins", "searchpath"]  # Hydra's
+    parser.add_argument("--info", nargs="?", const="all", choices=whats, metavar="WHAT", help="the same")
     add_multirun(parser)
     parser.set_defaults(command=_search)
 
@@ -58,11 +66,15 @@ def _describe_settings() -> str:
 
 
 def _search(options: argparse.Namespace) -> int:
+    if options.cfg or options.resolve or options.info:
+        print(yaml.safe_dump(to_plain(compose(options.overrides)), sort_keys=False), end="")
+        return DONE
     if options.multirun and options.estimate:
         planned = plan_unasked(options.overrides, _asked(options).vary or ())
         print(describe_estimates([(job.name, config) for job, config in planned.items()]))
         return DONE
     if options.multirun:
+        check_experiment(options.overrides)
         return run_sweep(options)
     if options.into is not None:
         options.parser.error("--into names the directory of a sweep, so it needs -m; for one search, set run.dir=DIR")
@@ -72,6 +84,7 @@ def _search(options: argparse.Namespace) -> int:
         print(describe_estimate(compose_estimate(options.overrides)))
         return DONE
     config = compose(options.overrides)
+    check_experiment(options.overrides)
     check_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
     with Progress() as view:
         result = search(config, view)

@@ -10,7 +10,7 @@ from textwrap import fill
 from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
-from tacevo.cli.common import DONE, RUNS, Parser
+from tacevo.cli.common import DONE
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.files import Line, check_references, read_elites, read_ledger
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
@@ -31,15 +31,8 @@ from tacevo.sweeps.terms import describe_terms
 from tacevo.text import printable, table
 
 
-def add_show(parser: Parser) -> None:
-    """Describe `tacevo show`."""
-    parser.add_argument("run", metavar="RUN", help=RUNS)
-    parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
-    parser.add_argument("--source", action="store_true", help="only its source, with the imports that it was given")
-    parser.set_defaults(command=_show)
-
-
-def _show(options: argparse.Namespace) -> int:
+def run_show(options: argparse.Namespace) -> int:
+    """Print a run, a candidate or the jobs of a sweep."""
     path, store = Path(options.run), None
     if options.source and options.candidate is None:
         options.parser.error("--source is of a candidate; name one")

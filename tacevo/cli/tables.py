@@ -22,47 +22,14 @@ from analysis.tables.rendering import WRITERS, as_latex, as_markdown, numeric_co
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
-from tacevo.cli.common import DIFFERENT, DONE, RUNS, Parser, existing_store, output_directory, place_of_results
-from tacevo.errors import ConfigError
-from tacevo.text import listed, printable
+from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of
+from tacevo.text import printable
 
 _INDEXED = "index.md says which question each answers"
 
 
-def add_tables(parser: Parser) -> None:
-    """Describe `tacevo tables`."""
-    parser.description = (
-        "Write every table of finished runs and sweeps as .tex, .md and .csv, and print those that a paper needs; "
-        "index.md says which question each answers."
-    )
-    parser.add_argument("runs", metavar="RUN", nargs="*", help=f"{RUNS}; optional with --paper")
-    parser.add_argument("--paper", action="store_true", help="the paper's own tables, too, and one beside the runs")
-    parser.add_argument("--latex", action="store_true", help="print LaTeX instead of Markdown")
-    add_places(parser, "tables")
-    parser.set_defaults(command=_tables)
-
-
-def add_places(parser: Parser, what: str) -> None:
-    """Describe where these commands read and write."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help=f"where to write (default: RUN/{what}; several need it, and go to DIR/NAME)",
-    )
-    add_store(parser)
-
-
-def add_store(parser: Parser) -> None:
-    """Describe what all these commands have in common."""
-    parser.add_argument("--store", metavar="DIR", help="directory of the stores, if it was moved")
-    parser.set_defaults(interrupted="every written file is complete; run the same command again for the rest")
-
-
-def _tables(options: argparse.Namespace) -> int:
-    if not options.runs and not options.paper:
-        expected = "the directory or bundle of a run or a sweep, or --paper for the paper's tables"
-        raise ConfigError("neither RUN nor --paper", place="tacevo tables", expected=expected)
+def run_tables(options: argparse.Namespace) -> int:
+    """Write and print tables."""
     places = places_of(options, "tables") if options.runs else []
     opened = open_all(options.runs, options.store)
     runs = [one for one in opened if isinstance(one, Run)]
@@ -108,35 +75,12 @@ def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:
     Raises:
         TacevoError: as `tacevo.open`.
     """
-    known = existing_store(store)
-    return [open_path(name, store=known) for name in names]
-
-
-def places_of(options: argparse.Namespace, name: str) -> list[Path]:
-    """Return where the results of every run are written: of one, where `-o` says or in its directory.
-
-    Raises:
-        ConfigError: several have no place, or two have one name.
-    """
-    if len(options.runs) == 1:
-        return [place_of_results(options.output, options.runs[0], name, f"the {name} of a published run")]
-    names = check_names(options.runs)
-    if options.output is None:
-        raise ConfigError("several runs", place="-o", expected="the directory that theirs are made in")
-    return [Path(options.output) / one for one in names]
-
-
-def check_names(runs: Sequence[str]) -> list[str]:
-    """Return the names of runs and sweeps, which their results bear.
-
-    Raises:
-        ConfigError: two have one name.
-    """
-    names = [Path(run).resolve().name.removesuffix(".zip") for run in runs]
-    twice = sorted({one for one in names if names.count(one) > 1})
-    if twice:
-        raise ConfigError(f"{listed(twice)} twice", place="RUN", expected="runs with different directory names")
-    return names
+    known, opened = existing_store(store), []
+    for name in names:
+        if any(place.is_file() for place in (Path(name), Path(name).parent)):  # all of a bundle is compared first
+            say([f"reading {name}"])
+        opened.append(open_path(name, store=known))
+    return opened
 
 
 def remarks_of(one: Run | Sweep) -> list[str]:

@@ -235,6 +235,13 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
         # The cause names the key of a group that was set as a whole.
         name = max(unknown.group(1), getattr(error.__cause__, "full_key", None) or "", key=len)
         return ConfigError("not a setting", place=name, remedy=near(name, names, command))
+    several = re.match(r"(?:Ambiguous value for argument|Sweep parameters) '(.*)'", lines[0])
+    if several:
+        return ConfigError(
+            several.group(1),
+            expected="one value: this runs once",
+            remedy="`tacevo search -m ...` runs a sweep of all values; a list is written KEY=[A,B]",
+        )
     if lines[0].startswith("You must specify 'llm'"):
         experiment = dict(override.split("=", 1) for override in overrides).get("experiment")
         return ConfigError(

@@ -1,5 +1,6 @@
 """Where the configs lie, which choices each group has, and the files that they name."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from tacevo.errors import ConfigError
@@ -38,6 +39,21 @@ def groups() -> dict[str, list[str]]:
     """List the choices of every config group, e.g. `{"task": ["force", "grating", "hardness"], ...}`."""
     folders = sorted(folder for folder in conf_root().iterdir() if folder.is_dir() and folder.name != "library")
     return {folder.name: sorted(path.stem for path in folder.glob("*.yaml")) for folder in folders}
+
+
+def check_experiment(overrides: Iterable[str]) -> None:
+    """Check that the size of a search is chosen: conf/config.yaml itself is that of the paper, and takes days.
+
+    Raises:
+        ConfigError: no experiment is chosen.
+    """
+    if not any(override.startswith("experiment=") for override in overrides):
+        raise ConfigError(
+            "none",
+            place="experiment",
+            expected=f"one of {', '.join(groups()['experiment'])}",
+            remedy="experiment=demo takes minutes; experiment=null is conf/config.yaml: 1,011 trainings at 256 px",
+        )
 
 
 def read_named(key: str, name: str) -> str:

@@ -97,7 +97,7 @@ class _Verifier(Watcher):
     """Compares every candidate's file with the replay."""
 
     def __init__(self, directory: RunDirectory, plan: Plan, view: Progress, trivial: float | None) -> None:
-        super().__init__(plan, view, trivial)
+        super().__init__(plan, view, trivial, is_replay=True)
         self._directory = directory
         #: What each candidate's answers cost.
         self.spending: dict[str, Spending] = {}

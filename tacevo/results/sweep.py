@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 
 from tacevo.config.identity import config_hash
@@ -26,16 +27,34 @@ class Finished:
     tested: JobScore | None = None
 
 
+class Standing(StrEnum):
+    """The state of a job."""
+
+    finished = "finished"
+    running = "running"
+    #: It failed by itself, which is a result of its arm.
+    failed = "failed"
+    #: It has begun, and is not running; or the scheduler ended it.
+    stopped = "stopped"
+    waiting = "not begun"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Missing:
-    """A job without a result."""
+    """A job without a result, or a finished one without a test score."""
 
     job: Job
-    #: In words, e.g. `not begun`.
-    reason: str
-    #: Whether it was tried and failed by itself: its search, or, of a job without a test score, a training of its
-    #: network; not where the scheduler ended it.
+    #: Finished where only its test score is missing.
+    standing: Standing = Standing.finished
+    #: In words; empty where the state says all.
+    reason: str = ""
+    #: Whether its search failed, or, of a job without a test score, a training of its network.
     has_failed: bool = False
+
+    @property
+    def why(self) -> str:
+        """Its state, and the reason where there is one."""
+        return f"{self.standing}: {self.reason}" if self.reason else self.standing.value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,11 +98,12 @@ def load_sweep(path: Path, known: Mapping[str, RecordedRun] | None = None) -> Re
     finished, missing = [], []
     for job in jobs:
         run = (known or {}).get(job.name)
-        absent = _absence(directory, job) if run is None else None
-        if absent is None:
+        standing, reason = (Standing.finished, "") if run else state_of(directory, job)
+        if standing is Standing.finished:
             finished.append(_checked(job, run or read_run(directory.run(job).path)))
         else:
-            missing.append(absent)
+            failed = standing is Standing.failed
+            missing.append(Missing(job=job, standing=standing, reason=reason, has_failed=failed))
     if not finished:
         raise RunError(
             f"{len(jobs)} of {len(jobs)} that are not finished",
@@ -103,22 +123,21 @@ def _with_tests(sweep: RecordedSweep, stated: Retraining) -> RecordedSweep:
             finished.append(replace(one, tested=job_score(one.run, stated)))
         except RunError as error:
             finished.append(one)
-            untested.append(Missing(job=one.job, reason=str(error), has_failed=isinstance(error, FailedTestError)))
+            failed = isinstance(error, FailedTestError)
+            untested.append(Missing(job=one.job, reason=str(error), has_failed=failed))
     return replace(sweep, finished=tuple(finished), untested=tuple(untested))
 
 
-def _absence(directory: SweepDirectory, job: Job) -> Missing | None:
-    """Return why a job has no result; None where it has one."""
+def state_of(directory: SweepDirectory, job: Job) -> tuple[Standing, str]:
+    """Return the state of a job, and the reason of one that failed or that the scheduler ended."""
     run = directory.run(job)
     if finished_digest(run) is not None:
-        return None
-    begun = "not finished" if (run.path / "run.json").exists() else "not begun"
-    failure = directory.failure(job)
-    if failure is None or run.is_busy:  # the same command repeats a job that failed
-        return Missing(job=job, reason=begun)
-    if failure.by_scheduler:
-        return Missing(job=job, reason=f"{begun}: {failure.reason}")
-    return Missing(job=job, reason=f"failed: {failure.reason}", has_failed=True)
+        return Standing.finished, ""
+    if run.is_busy:  # the same command repeats a job that failed
+        return Standing.running, ""
+    if (failure := directory.failure(job)) is not None:
+        return (Standing.stopped if failure.by_scheduler else Standing.failed), failure.reason
+    return (Standing.stopped if run.ledger.exists() else Standing.waiting), ""
 
 
 def _checked(job: Job, run: RecordedRun) -> Finished:

@@ -72,12 +72,13 @@ class _RateColumn(ProgressColumn):
 
 
 class Watcher:
-    """Shows the candidates and generations of a search; the observer of a replay."""
+    """Shows the candidates and generations of a search; the observer of a replay (`is_replay`)."""
 
-    def __init__(self, plan: Plan, view: Progress, trivial: float | None = None) -> None:
+    def __init__(self, plan: Plan, view: Progress, trivial: float | None = None, *, is_replay: bool = False) -> None:
         self._plan = plan
         self._view = view
         self._trivial = trivial
+        self._is_replay = is_replay
         self._baseline: float | None = None
         self._done = 0
         self._total = 1 + plan.initial + plan.generations * plan.settings.candidates
@@ -101,7 +102,6 @@ class Watcher:
         else:
             again = "" if line.reevaluated is None else f", {counted(line.reevaluated, 'elite')} trained again"
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
-            self._view.say(
-                f"generation {line.generation}: {line.trained} of {line.candidates} candidates trained"
-                f"{repaired}{again}, {reached} ({self._done} of {self._most} slots done)"
-            )
+            trained = f": {line.trained} of {line.candidates} candidates trained{repaired}{again}"
+            did = " replayed:" if self._is_replay else f"{trained},"
+            self._view.say(f"generation {line.generation}{did} {reached} ({self._done} of {self._most} slots done)")

@@ -23,13 +23,14 @@ from tacevo.errors import ConfigError, RunError, telling
 from tacevo.evolution.files import read_ledger
 from tacevo.redaction import check_address, secret_variables
 from tacevo.results.publishable import published_overrides
+from tacevo.results.sweep import Standing
 from tacevo.results.sweep_jobs import varied
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import needed_llm
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
-from tacevo.sweeps.status import Standing, Status, best_in_words, check_is_run_of, status_of
+from tacevo.sweeps.status import Status, best_in_words, check_is_run_of, status_of
 from tacevo.sweeps.terms import Asked, check_varied, settled, with_reference
 from tacevo.text import counted
 

@@ -20,9 +20,10 @@ from submitit.helpers import Checkpointable
 from tacevo.errors import RunError
 from tacevo.records import Json
 from tacevo.redaction import secret_variables
+from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.searches import GRACE, keep_ending, start, stop
-from tacevo.sweeps.status import Standing, status_of
+from tacevo.sweeps.status import status_of
 from tacevo.text import first_line
 
 #: Parameters that all executors of submitit share; any other one belongs to its executor.

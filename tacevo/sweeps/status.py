@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 from tacevo.config.identity import config_hash
 from tacevo.config.plain import from_plain
@@ -11,21 +10,11 @@ from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.files import finished_digest, read_ledger
 from tacevo.evolution.lines import GenerationLine
+from tacevo.results.sweep import Standing, state_of
 from tacevo.rounding import significant
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.text import counted, table
-
-
-class Standing(StrEnum):
-    """The state of a job."""
-
-    finished = "finished"
-    running = "running"
-    failed = "failed"
-    #: It has begun, and is not running.
-    stopped = "stopped"
-    waiting = "not begun"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,23 +40,14 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
     run = directory.run(job)
     try:
         lines = read_ledger(run).lines
-        best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
-        digest = ""
         if lines:
             check_is_run_of(job, run)
-            digest = finished_digest(run) or ""
+        best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
+        standing, reason = state_of(directory, job)
+        digest = (finished_digest(run) or "") if standing is Standing.finished else ""
         at_chance = bool(digest) and is_at_chance(best, run.read_run().trivial)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))
-    reason = ""
-    if digest:
-        standing = Standing.finished
-    elif run.is_busy:
-        standing = Standing.running
-    elif (failure := directory.failure(job)) is not None:
-        standing, reason = Standing.failed, failure.reason
-    else:
-        standing = Standing.stopped if lines else Standing.waiting
     return Status(
         job=job, standing=standing, lines=len(lines), best=best, at_chance=at_chance, digest=digest, reason=reason
     )

@@ -18,7 +18,6 @@ from pydantic import StringConstraints
 from tacevo.records import Reason, Record, Rejection, Stage, Training
 from tacevo.sandbox.client import AnswerError, Finished, Frame, Run
 from tacevo.sandbox.protocol import one_line
-from tacevo.training.answers import Answer, read_answer, training_of
 from tacevo.training.evaluation import Examples, Setting
 from tacevo.training.full import HeldOut
 
@@ -67,39 +66,29 @@ def train_and_keep(
         SandboxError: the sandbox is broken.
     """
     examples, held_out = data
-    predicted, recipe = [examples.validation, held_out.rows], setting.recipe
+    predicted = [examples.validation, held_out.rows]
     outcome = setting.train(run, source, seed, examples=examples, predicted=predicted, sent_epoch=epoch)
     sent: tuple[Frame, ...] = ()
     if isinstance(outcome, Finished):
         sent = tuple(frame for frame in outcome.frames if isinstance(frame.header, dict) and "weights" in frame.header)
         outcome = replace(outcome, frames=tuple(frame for frame in outcome.frames if frame not in sent))
-    answer = read_answer(
-        outcome,
-        setting.contract,
-        epochs=recipe.epochs,
-        steps=setting.steps(examples),
-        rows=sum(map(len, predicted)),
-        device=setting.device,
-    )
-    if isinstance(answer, Rejection):
-        return answer
+    verdict = setting.judge(outcome, examples, rows=sum(map(len, predicted)))
+    if isinstance(verdict, Rejection):
+        return verdict
+    tested, of_epochs = verdict
     try:
         weights = read_weights(sent)
-        if epoch == recipe.epochs and (came := digest_of(weights)) != answer.weights_sha256:
-            raise ValueError(f"expected weights of the digest {answer.weights_sha256[:12]}; got {came[:12]}")
+        if epoch == setting.recipe.epochs and (came := digest_of(weights)) != tested.weights_sha256:
+            raise ValueError(f"expected weights of the digest {tested.weights_sha256[:12]}; got {came[:12]}")
     except (AnswerError, ValueError) as error:
         return Rejection(stage=Stage.train, reason=Reason.bad_output, detail=one_line(str(error)))
-    return _kept(answer, weights, setting, examples, epoch)
-
-
-def _kept(answer: Answer, weights: Weights, setting: Setting, examples: Examples, epoch: int) -> Kept:
-    count, targets, loss = len(examples.validation), examples.validation_targets, setting.contract.loss
-    searched = replace(answer, predictions=tuple(values[:count] for values in answer.predictions))
+    count = len(examples.validation)
+    searched = hashlib.sha256(b"".join(values[:count].tobytes() for values in of_epochs)).hexdigest()
     return Kept(
-        training=training_of(searched, loss, targets),
-        tested=training_of(answer, loss, targets),
+        training=replace(tested, predictions_sha256=searched),
+        tested=tested,
         weights=weights,
-        predictions=answer.predictions[epoch - 1][count:],
+        predictions=of_epochs[epoch - 1][count:],
     )
 
 

@@ -80,6 +80,13 @@ def test_interrupted_search_is_continued(place: Path) -> None:
     assert run.digest == tacevo.search(*words, "run.dir=whole", quiet=True).digest
 
 
+@pytest.mark.parametrize(("words", "place"), [(["seed=0,1"], ""), (["seed=1"], "experiment")])
+def test_what_is_not_one_search_is_refused(words: list[str], place: str) -> None:
+    """A sweep; and one whose size nobody has chosen."""
+    with refused(tacevo.ConfigError, place=place, expected="one "):
+        tacevo.search(*words)
+
+
 @pytest.mark.parametrize("settings", [{"elites": 0}, {"seeds": "many"}, {"serach": 1}, {"elites": None}])
 def test_wrong_setting_is_refused_before_anything_is_trained(run: Path, settings: dict[str, object]) -> None:
     """As by the command."""

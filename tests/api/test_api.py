@@ -4,6 +4,7 @@ import gc
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -13,7 +14,10 @@ from pandas.testing import assert_frame_equal
 from refusals import refused
 
 import tacevo
+from analysis.sweeps.ablation import Ablation
+from analysis.sweeps.metrics import Metric
 from tacevo.api import frames
+from tacevo.api.sweeps import metric_of
 from tacevo.cli.app import main
 
 BUNDLES = sorted((ROOT / "cache" / "published").glob("*.zip"))
@@ -101,7 +105,7 @@ def test_every_published_bundle_can_be_looked_into(bundle: Path) -> None:
     opened = tacevo.open(bundle)
     if isinstance(opened, tacevo.Sweep):
         assert [*opened.jobs.columns][: len(frames.JOBS) - 1] == [*frames.JOBS][1:]
-        contrasts = opened.contrasts("best_fitness")
+        contrasts = opened.contrasts()
         assert [*contrasts.index] == [*dict.fromkeys([contrasts.index[0], *opened.arms])]
     run = opened.run(opened.jobs.index[0]) if isinstance(opened, tacevo.Sweep) else opened
     assert [*run.candidates.columns] == [*frames.CANDIDATES][1:]
@@ -136,6 +140,7 @@ def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixtu
     (study,) = made.studies
     assert study.tables["verdicts"].to_markdown() == made.tables[f"{study.name}/verdicts"].to_markdown()
     assert made.tables["verdicts"].to_markdown() in capsys.readouterr().out
+    assert next(iter(made.figures)) == "samples"
 
 
 def test_unknown_table_is_answered_with_the_near_one(opened: tacevo.Run) -> None:
@@ -230,6 +235,21 @@ def test_sweep_is_the_same_from_directory_and_bundle(swept: Path) -> None:
     assert {*one.tables} == {*other.tables}
     with refused(tacevo.ConfigError, place="metric", remedy="did you mean coverage?"):
         one.contrasts("coverag")
+    with refused(tacevo.ConfigError, place="metric", got="'test_score'", remedy="tacevo study sweep="):
+        one.contrasts("test_score")
+
+
+def test_contrasts_take_the_names_of_terms_and_tables() -> None:
+    """Without one, they are of what the sweep states that it is compared by first."""
+    arms = {metric: pd.DataFrame() for metric in (Metric.test_accuracy, Metric.qd_score)}
+    jobs = pd.DataFrame()
+    stated = Ablation(reference="none", wanted="none", primary=Metric.test_accuracy, jobs=jobs, arms=arms)
+    assert {metric_of(name, stated) for name in (None, "test_score", "test_accuracy", "test accuracy")} == {
+        Metric.test_accuracy
+    }
+    assert metric_of("QD-score", stated) is metric_of("qd_score", stated) is Metric.qd_score
+    with refused(tacevo.ConfigError, got="none", expected="one of test_accuracy, qd_score"):
+        metric_of(None, replace(stated, primary=None))
 
 
 def test_notebooks_see_tables(opened: tacevo.Run, swept: Path) -> None:

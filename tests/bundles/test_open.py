@@ -14,12 +14,13 @@ from sweeps import SHARED, begin
 from tacevo.bundles.open import located, opened
 from tacevo.errors import CacheMissError, RunError
 from tacevo.records import Mode
+from tacevo.results.sweep import Standing
 from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.plan import plan
-from tacevo.sweeps.status import Standing, status_of
+from tacevo.sweeps.status import status_of
 
 
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:

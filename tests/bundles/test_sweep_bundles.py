@@ -105,7 +105,7 @@ def test_replay_tells_every_digest_and_the_sweeps(swept: Path, place: Path, caps
         said = capsys.readouterr().out
         assert all(f"job {job}: digest {digest}\n" in said for job, digest in digests.items())
         assert said.endswith(f"digest: {sweep_digest(digests)}\n")
-    assert "files of tables follow from the records" in said
+    assert said.splitlines()[-2].startswith("EQUAL: 3 searches, ")
     assert list(place.iterdir()) == []
 
 
@@ -142,10 +142,8 @@ def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pyt
     page = (place / "page.html").read_text()
     assert "tacevo replay sweep.zip/none-seed1" in page
     assert "Every file of sweep.zip is as its manifest says" in page
-    assert main(["show", f"{swept}/sweep.zip/gone"]) == 2
-    assert "expected one of none-seed0, none-seed1, fixed_temperature-seed0; got 'gone'" in capsys.readouterr().err
     assert main(["figures", published]) == 2
-    assert "name by -o where to write the figures" in capsys.readouterr().err
+    assert "name by -o where to write figures" in capsys.readouterr().err
 
 
 def test_job_of_a_published_sweep_is_not_believed(

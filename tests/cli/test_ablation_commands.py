@@ -12,6 +12,7 @@ from run_files import contents
 from smallest import SMALLEST, UNTRACKED, Once
 from tiny_sweep import SIZES
 
+import tacevo
 from tacevo.cli.app import main
 from tacevo.config.identity import config_hash
 from tacevo.records import Json
@@ -74,20 +75,21 @@ def rows(sweep: Path, table: str) -> list[dict[str, str]]:
 
 
 def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every table in three formats, printed if a paper needs it; figures as PDF with their captions; again alike."""
+    """Every table in three formats, figures as PDF; on one screen the primary metric, and where the others are."""
     assert main(["ablations", "sweep"]) == 0
     told = capsys.readouterr()
     folder = sweep / "ablations"
     written = contents(folder)
     tables = {name.removesuffix(".md") for name in written if name.endswith(".md")} - {"index"}
     assert {name for name in tables if "/" not in name} == {"ablation"}  # it states no primary metric
-    assert {"more/ablation_best_fitness", "more/ablation_cost", "more/ablation_runs"} <= tables
+    assert {"more/ablation_best_fitness", "more/ablation_runs"} <= tables
+    assert "more/ablation_cost" not in tables  # answers of the grammar cost nothing
     others = {"ablation_curves.pdf", "ablation_finals.pdf", "index.md"}
     assert set(written) == {f"{name}{ending}" for name in tables for ending in (".md", ".tex", ".csv")} | others
-    for name in tables:
-        assert (written[f"{name}.md"].decode() in told.out) is not name.startswith("more/")
-    assert "ablation_curves.pdf: The arms by generation: median over seeds, band between" in told.out
-    assert told.out.endswith("tables and figures: sweep/ablations\n")
+    lines = told.out.splitlines()
+    assert len(lines) <= 25
+    assert {line.split()[1] for line in lines if line.startswith("| n")} == set(ARMS)
+    assert lines[-1].startswith("tables and figures: sweep/ablations ")
     assert told.err == ""
     assert main(["ablations", "sweep"]) == 0
     assert contents(folder) == written
@@ -129,15 +131,15 @@ def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str])
     assert main(["ablations", "sweep", "-o", "out"]) == 0
     told = capsys.readouterr()
     assert told.err.splitlines() == [
-        "missing: none-seed1: not begun",
-        "missing: no_prompt_archive-seed0: not finished",
-        "missing: no_prompt_archive-seed1: failed: no answer came",
+        "left out: none-seed1: not begun",
+        "left out: no_prompt_archive-seed0: stopped",
+        "left out: no_prompt_archive-seed1: failed: no answer came",
     ]
     names = "none-seed1, no_prompt_archive-seed0, no_prompt_archive-seed1"
     notes = Path("out/more/ablation_best_fitness.md").read_text()
     assert f"Missing, 3 jobs: {names}." in notes
     assert "Failed, 1 job: no_prompt_archive-seed1 (arm no_prompt_archive, its search)." in notes
-    assert "Failed" not in Path("out/more/ablation_cost.md").read_text()
+    assert "Failed" not in Path("out/more/ablation_tokens.md").read_text()
     assert not (sweep / "ablations").exists()
 
 
@@ -150,9 +152,17 @@ def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsy
     directory.fail(JOBS[3], "Slurm: NODE_FAIL", by_scheduler=True)
     with directory.run(JOBS[2]).locked():
         assert main(["ablations", "sweep", "-o", "out"]) == 0
+        opened = tacevo.open("sweep")
+        assert isinstance(opened, tacevo.Sweep)
+        assert list(opened.jobs.state) == ["finished", "finished", "running", "stopped"]
+        compared = opened.contrasts("best fitness")
+        assert list(compared.index) == ["none"]
+        (said,) = compared.attrs["left_out"]
+        assert "arm no_prompt_archive" in said
     assert capsys.readouterr().err.splitlines() == [
-        "missing: no_prompt_archive-seed0: not finished",
-        "missing: no_prompt_archive-seed1: not begun: Slurm: NODE_FAIL",
+        "left out: no_prompt_archive-seed0: running",
+        "left out: no_prompt_archive-seed1: stopped: Slurm: NODE_FAIL",
+        "left out: arm no_prompt_archive: none of its jobs is finished",
     ]
     assert "Failed" not in Path("out/more/ablation_best_fitness.md").read_text()
 

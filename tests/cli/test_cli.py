@@ -9,9 +9,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 from commands import tacevo
 from interruptions import SEARCH, ends, processes_of
 from refusals import refused
@@ -22,6 +24,7 @@ from tacevo.cli.app import COMMANDS, main
 from tacevo.cli.common import output_directory
 from tacevo.cli.search import print_end
 from tacevo.config.compose import compose
+from tacevo.config.plain import from_plain
 from tacevo.config.schema import keys
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
@@ -173,8 +176,14 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
             "nowhere.py: expected the file of an answer: text in UTF-8; got one that cannot be read (No such file",
         ),
         (["search", "--into", "here"], "--into names the directory of a sweep, so it needs -m"),
-        (["replay", "one", "--diff", "other", "--retrain", "1"], "it takes neither --retrain nor --store"),
-        (["study", "sweep=s", "data.split_seed=1"], "no setting of data with sweep=: jobs are compared on their own"),
+        (["search", "seed=1"], "experiment: expected one of demo, "),
+        (["search", "-m", "seed=1,2"], "experiment: expected one of demo, "),
+        (["search", "experiment=demo", "seed=0,1"], "expected one value: this runs once; got seed=0,1"),
+        (["search", "experiment=demo", "seed=range(0,2)"], "`tacevo search -m ...` runs a sweep of all values"),
+        (["replay", ".", "--diff", ".", "--retrain", "1"], "it takes neither --retrain nor --store"),
+        (["report", ".", "--latex", "--follow"], "does not go with --latex"),
+        (["tables"], "name a run or a sweep, or give --paper"),
+        (["study", "sweep=.", "data.split_seed=1"], "no setting of data with sweep=: jobs are compared on their own"),
     ],
 )
 def test_users_mistake_is_one_line_and_status_2(
@@ -191,11 +200,28 @@ def test_users_mistake_is_one_line_and_status_2(
     assert not (place / "runs").exists()
 
 
-def test_help_is_complete_without_any_library() -> None:
-    """Help lists every command, and imports nothing that would make it slow."""
+#: Mistakes that are seen before anything is read, and the help.
+QUICK = [
+    *(
+        f"{command} nowhere"
+        for command in ("tables", "replay", "report", "show", "figures", "ablations", "publish -o a")
+    ),
+    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "continue nowhere", "show . third"),
+    *("tables --wrong", "tables", "tables one/run.zip two/run.zip -o out", "figures one/run.zip", "replay . --draw 1"),
+    *("report one/run.zip --latex --follow", "show one/run.zip/job", "--help"),
+]
+
+
+def test_help_is_complete_and_mistakes_are_answered_without_any_library(place: Path) -> None:
+    """Help lists every command; neither it nor an error that needs no reading imports what would make it slow."""
+    for folder in ("one", "two"):
+        Path(folder).mkdir()
+        with zipfile.ZipFile(f"{folder}/run.zip", "w") as archive:
+            archive.writestr("run/run.json", "{}")
     script = (
         "import sys, contextlib\nfrom tacevo.cli.app import main\n"
-        "with contextlib.suppress(SystemExit): main(['--help'])\n"
+        f"for words in {QUICK}:\n"
+        "    with contextlib.suppress(SystemExit): assert main(words.split()) == 2, words\n"
         "print('slow:', sorted({'numpy', 'pydantic', 'torch', 'hydra', 'mlflow', 'rich'} & set(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
@@ -219,6 +245,16 @@ def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.Captu
     groups = {key.rpartition(".")[0] for key in keys()}
     assert {setting.partition("=")[0] for setting in told} == set(keys()) - groups
     assert compose(told) == compose([])
+
+
+@pytest.mark.parametrize("asked", [["--cfg", "job"], ["--resolve"], ["--info"], ["-c", "job", "--info", "config"]])
+def test_settings_are_printed_as_hydra_users_ask_for_them(
+    asked: list[str], place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As YAML that can be read again; nothing is run."""
+    assert main(["search", "experiment=demo", "seed=3", *asked]) == 0
+    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose(["experiment=demo", "seed=3"])
+    assert {path.name for path in place.iterdir()} <= {"temporary"}
 
 
 def test_check_judges_raw_answers(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -307,9 +343,3 @@ def test_command_of_the_last_release_names_what_took_its_place(
     """Whatever follows it."""
     assert main(command) == 2
     assert now in capsys.readouterr().err
-
-
-def test_options_that_would_be_ignored_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    """A document is not written again and again."""
-    assert main(["report", "run", "--latex", "--follow"]) == 2
-    assert "does not go with --latex" in capsys.readouterr().err

@@ -152,7 +152,7 @@ def test_run_without_a_study_is_told_how_to_have_one(run: Path, capsys: pytest.C
     shutil.rmtree(run / "studies")
     assert main(["tables", str(run)]) == 0
     told = capsys.readouterr()
-    assert "no finished study yet: `tacevo study run=run` makes one" in told.err
+    assert "no finished study yet: `tacevo study run` makes one" in told.err
     assert "verdicts" not in told.out
 
 
@@ -205,15 +205,6 @@ def test_what_is_no_finished_run_is_refused(
     assert len(errors) == 1
     assert said in errors[0]
     assert contents(Path()) == before
-
-
-def test_tables_of_nothing_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    """The message says what is missing."""
-    assert main(["tables"]) == 2
-    assert (
-        "error: tacevo tables: expected the directory or bundle of a run or a sweep, or --paper"
-        in capsys.readouterr().err
-    )
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def test_report_does_not_say_where_the_run_lay(published: Path, tmp_path: Path) 
     assert str(tmp_path) not in page.read_text()
     shutil.rmtree(run / "studies")
     assert main(["report", str(run)]) == 0
-    assert any("`tacevo study run=run`" in remark for remark in shown_in(page)["runs"][0]["remarks"])
+    assert any("`tacevo study run`" in remark for remark in shown_in(page)["runs"][0]["remarks"])
     assert str(tmp_path) not in page.read_text()
 
 

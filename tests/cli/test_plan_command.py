@@ -98,7 +98,7 @@ def test_pilot_without_a_study_is_refused(sweep: Path, published: Path, capsys: 
     """With what to do; and a run is not a sweep."""
     job = sweep / "none-seed0"
     assert main(["plan", "study", str(job), "--effect", "0.1"]) == 2
-    assert f"expected at least one finished study; got none; `tacevo study run={job}`" in capsys.readouterr().err
+    assert f"expected at least one finished study; got none; `tacevo study {job}`" in capsys.readouterr().err
     assert main(["plan", "sweep", str(job), "--effect", "0.1"]) == 2
     assert "expected the directory or bundle of a sweep" in capsys.readouterr().err
     with refused(RunError, place="run.zip", got="the bundle of a run"):

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from tacevo.choices import MarginKind
 from tacevo.cli.app import main
-from tacevo.cli.study import NOISE_SETTINGS, SETTINGS
+from tacevo.cli.arguments import NOISE_SETTINGS, SETTINGS
 from tacevo.config.compose import compose_noise, compose_study
 from tacevo.config.schema import ExecutorConfig, keys
 from tacevo.config.study import NoiseConfig, StudyConfig

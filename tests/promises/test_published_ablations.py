@@ -25,7 +25,7 @@ def test_place_for_a_bundle_is_asked_for(swept: Path, capsys: pytest.CaptureFixt
     """Nothing is written into a file, or beside it unasked."""
     assert main(["ablations", str(swept / "sweep.zip")]) == 2
     told = capsys.readouterr().err
-    assert "sweep.zip; name by -o where to write the tables and figures of a published sweep" in told
+    assert "sweep.zip; name by -o where to write ablations" in told
 
 
 def test_named_store_is_that_of_a_bundle_too(swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,9 +25,10 @@ from tacevo.cli.app import main
 from tacevo.config.schema import ExecutorConfig
 from tacevo.errors import ConfigError
 from tacevo.evolution.files import finished_digest
+from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.launch import SLURM, Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
-from tacevo.sweeps.status import Standing, Status, status_of
+from tacevo.sweeps.status import Status, status_of
 
 pytestmark = unhurried
 

@@ -8,9 +8,10 @@ from sweeps import SHARED, begin, composed
 
 from tacevo.config.identity import config_hash
 from tacevo.evolution.files import finished_digest
+from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.plan import plan
-from tacevo.sweeps.status import Standing, best_in_words, describe_jobs, status_of
+from tacevo.sweeps.status import best_in_words, describe_jobs, status_of
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ from refusals import refused
 from sweeps import SHARED, Heard, Launched, begin, files_of
 
 from tacevo.errors import ConfigError, RunError
+from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import SweepDirectory, name_arm
 from tacevo.sweeps import searches
 from tacevo.sweeps.launch import Launcher
 from tacevo.sweeps.plan import folder, name_job, part, plan, sweep
-from tacevo.sweeps.status import Standing
 
 TWO_BY_TWO = [*SHARED, "ablation=none,fixed_temperature", "seed=0,1"]
 NAMES = ["none-seed0", "none-seed1", "fixed_temperature-seed0", "fixed_temperature-seed1"]
