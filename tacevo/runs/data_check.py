@@ -16,13 +16,12 @@ from tacevo.config.tasks import load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.figures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.labels import units_of
-from tacevo.data.likeness import nearly_equal
 from tacevo.data.scaling import input_statistics
 from tacevo.data.simulator.export import export, overrides_for
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
 from tacevo.data.splitting import PARTS
-from tacevo.data.survey import constant_images, equal_images, label_table, split_of
+from tacevo.data.survey import constant_images, equal_images, label_table, nearly_equal, split_of
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Task
 from tacevo.runs.data_report import HOW, Image, Inspection

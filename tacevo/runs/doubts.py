@@ -6,7 +6,7 @@ from tacevo.choices import DataSource, SensorTask
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.config.tasks import left_of_others
 from tacevo.data.dataset import Dataset
-from tacevo.data.doubts import doubtful_images
+from tacevo.data.exposure import doubtful_images
 from tacevo.data.source import Catalogue, listed
 from tacevo.records import Kind, Task
 from tacevo.runs.datasets import source_of

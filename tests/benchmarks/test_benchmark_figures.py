@@ -14,23 +14,13 @@ from benchmarks.timing import Figure, medians, report
 LONELY = Figure(title="memory", name="ours", value=12.0, unit="MB")
 
 
-def test_ratio_of_a_time_is_the_peers_by_ours() -> None:
-    """Half the peer's time is a ratio of 2, and the line states both."""
-    figure = report("a search", {"ours": 2.0, "theirs": 4.0}, unit="s")
-    assert figure.ratio == 2
-    assert str(figure) == "a search: ours 2 s, theirs 4 s; ratio 2.00"
-
-
-def test_ratio_of_a_rate_is_ours_by_the_peers() -> None:
-    """Twice the peer's rate is a ratio of 2."""
-    figure = report("images", {"ours": 0.5, "theirs": 1.0}, unit="images", count=1000)
-    assert (figure.value, figure.peer_value, figure.ratio) == (2000, 1000, 2)
-    assert str(figure) == "images: ours 2,000 images/s, theirs 1,000 images/s; ratio 2.00"
-
-
-def test_figure_without_a_peer_has_no_ratio() -> None:
-    """Nothing is compared where nobody else does it."""
-    assert LONELY.ratio is None
+def test_ratio_says_how_many_times_better_ours_is() -> None:
+    """Half the peer's time, or twice its rate, is a ratio of 2; without a peer there is none."""
+    time = report("a search", {"ours": 2.0, "theirs": 4.0}, unit="s")
+    rate = report("images", {"ours": 0.5, "theirs": 1.0}, unit="images", count=1000)
+    assert (time.ratio, rate.ratio, LONELY.ratio) == (2, 2, None)
+    assert str(time) == "a search: ours 2 s, theirs 4 s; ratio 2.00"
+    assert str(rate) == "images: ours 2,000 images/s, theirs 1,000 images/s; ratio 2.00"
     assert str(LONELY) == "memory: ours 12 MB"
 
 

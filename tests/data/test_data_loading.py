@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from greys import Greys, entries
 from refusals import refused
-from small_recordings import loaded, save_arrays, save_folder, save_forces, save_gratings, save_table
+from small_recordings import loaded, save_arrays, save_folder, save_forces, save_gratings, save_table, simulated
 
-from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
+from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import STATISTICS, fingerprint
 from tacevo.data.loading import split_rows
-from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.errors import ConfigError, DataError, TacevoError
 from tacevo.records import Json, Kind
@@ -79,22 +78,9 @@ def test_everything_that_decides_the_content_makes_another_entry(tmp_path: Path,
     assert first.facts.fingerprint != second.facts.fingerprint
 
 
-def simulated(task: SensorTask, images: int) -> Simulated:
-    """Simulate the smallest images."""
-    return Simulated(
-        task=task,
-        images=images,
-        image_size=16,
-        seed=3,
-        sensor_seed=0,
-        light=LightScene.standard,
-        spacings_mm=(1.0, 2.0),
-    )
-
-
 def test_workers_change_no_byte(tmp_path: Path) -> None:
     """One thread and several give the same fingerprint."""
-    source = simulated(SensorTask.force, 100)
+    source = simulated(images=100)
     assert loaded(source, tmp_path / "one", workers=1).facts == loaded(source, tmp_path / "two", workers=3).facts
 
 
@@ -128,8 +114,8 @@ def values(first: int, count: int) -> str:
 
 #: One source of each form, with the split that it is loaded by.
 SOURCES: dict[str, Callable[[Path], tuple[Source, SplitRule]]] = {
-    "simulated force": lambda root: (simulated(SensorTask.force, 20), SplitRule.random),
-    "simulated grating": lambda root: (simulated(SensorTask.grating, 40), SplitRule.random),
+    "simulated force": lambda root: (simulated(images=20), SplitRule.random),
+    "simulated grating": lambda root: (simulated(SensorTask.grating, images=45), SplitRule.random),
     "csv": lambda root: (
         save_table(root, "".join(f"{n}.png,{values(n, 20)}\n" for n in range(20)), images=20),
         SplitRule.random,

@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
-from small_recordings import loaded, save_arrays
+from small_recordings import loaded, save_arrays, simulated
 
-from tacevo.choices import LightScene, SensorTask
+from tacevo.choices import SensorTask
 from tacevo.data.dataset import Dataset
-from tacevo.data.likeness import nearly_equal
-from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.survey import nearly_equal
 
 
 def presses(count: int, size: int = 24) -> npt.NDArray[np.float64]:
@@ -46,10 +45,8 @@ def test_frames_of_a_press_in_two_parts_are_found(tmp_path: Path, noise: float) 
 def test_different_presses_are_not_alike(tmp_path: Path) -> None:
     """Neither made-up ones nor those of the simulated sensor, of which many look alike."""
     assert nearly_equal(framed(tmp_path / "made", 1, 2.0)) == ()
-    usual = {"images": 400, "image_size": 32, "seed": 0, "sensor_seed": 0, "light": LightScene.standard}
     for task in SensorTask:
-        source = Simulated(task=task, spacings_mm=(0.5, 1.0, 2.0), **usual)  # type: ignore[arg-type]
-        assert nearly_equal(loaded(source, tmp_path / task)) == ()
+        assert nearly_equal(loaded(simulated(task, images=200, image_size=32, seed=0), tmp_path / task)) == ()
 
 
 def test_equal_images_are_left_to_those_who_look_for_them(tmp_path: Path) -> None:
@@ -63,7 +60,7 @@ def test_large_parts_are_looked_at_in_even_steps(tmp_path: Path, monkeypatch: py
     """The time is bounded, and what is found is true."""
     dataset = framed(tmp_path, 3, 1.0)
     every = nearly_equal(dataset)
-    monkeypatch.setattr("tacevo.data.likeness._MOST", 20)
+    monkeypatch.setattr("tacevo.data.survey._MOST", 20)
     some = nearly_equal(dataset)
     assert 0 < len(some) <= len(every)
     assert all(row // 3 == other // 3 for row, other in some)

@@ -58,7 +58,9 @@ class Arrays:
         images, labels, names = arrays["images"], arrays["labels"], arrays.get("names")
         _check_images(images, self.white_point)
         count = len(images)
-        _check_length("labels", labels, count)
+        if labels.shape[:1] != (count,):
+            expected = f"one row for each of the {count} images"
+            raise DataError(f"shape {labels.shape}", place="labels", expected=expected)
         is_classified = labels.dtype.kind in "iu"
         outputs = _count_classes(labels, names) if is_classified else _count_values(labels)
         return Catalogue(
@@ -134,18 +136,11 @@ def _check_images(images: npt.NDArray[Any], white_point: float | None) -> None:
             f"{images.dtype} of shape {images.shape}",
             place="images",
             expected=f"{number} of shape (N, H, W), (N, H, W, 1) or (N, H, W, 3)",
-            remedy="set data.white_point to the value that is white"
-            if is_shaped and images.dtype.kind in "uif"
-            else "",
+            remedy="other numbers need data.white_point, the value that is white",
         )
     if white_point is not None and images.dtype == np.uint8 and white_point > 255:
         expected = "at most 255 for images of 8 bits"
         raise DataError(f"{white_point:g}", place="data.white_point", expected=expected)
-
-
-def _check_length(name: str, array: npt.NDArray[Any], count: int) -> None:
-    if array.ndim == 0 or len(array) != count:
-        raise DataError(f"shape {array.shape}", place=name, expected=f"one row for each of the {count} images")
 
 
 def _count_classes(labels: npt.NDArray[Any], names: npt.NDArray[Any] | None) -> int:
@@ -193,8 +188,6 @@ def _names(names: npt.NDArray[Any] | None, outputs: int, default: str) -> tuple[
 def _groups(groups: npt.NDArray[Any] | None, count: int) -> npt.NDArray[np.int64] | None:
     if groups is None:
         return None
-    _check_length("groups", groups, count)
-    if groups.dtype.kind not in "iu" or groups.ndim != 1:
-        got = f"{groups.dtype} of shape {groups.shape}"
-        raise DataError(got, place="groups", expected="integers of shape (N,)")
+    if groups.shape != (count,) or groups.dtype.kind not in "iu":
+        raise DataError(f"{groups.dtype} of shape {groups.shape}", place="groups", expected=f"{count} integers")
     return groups.astype(np.int64)

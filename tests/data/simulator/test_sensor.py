@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from tacevo.choices import LightScene
 from tacevo.data.simulator.contact import normal_field, stick_radius
-from tacevo.data.simulator.sensor import Grating, Press, _bent_skin, _marker_cover, make_sensor, picture
+from tacevo.data.simulator.sensor import Grating, Press, _bent_skin, _marker_cover, _marker_pixels, make_sensor, picture
 from tacevo.randomness import stream
 
 #: The sensor at rest.
@@ -64,10 +64,15 @@ def neighbour_distance(centres: Grey) -> float:
 
 
 def moves(before: Press, after: Press) -> tuple[Grey, Grey]:
-    """Follow every marker to the nearest one in another picture: its place (N, 2) from the middle, its move (N, 2)."""
-    start, end = markers(clean(before))[0], markers(clean(after))[0]
-    nearest = np.hypot(*(start[:, None] - end).transpose(2, 0, 1)).argmin(axis=1)
-    return start - 127.5, end[nearest] - start
+    """Follow every marker from one press to another: its place (127, 2) from the middle, and its move (127, 2)."""
+    start, end = (places(press) for press in (before, after))
+    return start - 127.5, end - start
+
+
+def places(press: Press) -> Grey:
+    """Find the row and column of every marker, (127, 2), in pixels of a 256 pixel image."""
+    columns, rows, _ = _marker_pixels(make_sensor(256, 0), press)
+    return np.stack([rows, columns], axis=1)
 
 
 def extent(centres: Grey) -> float:
@@ -162,6 +167,16 @@ def test_slopes_towards_the_light_are_brighter() -> None:
     change = clean(dent) - clean(NO_CONTACT)
     assert change[100:156, 96:116].mean() > 3
     assert change[100:156, 140:160].mean() < -3
+
+
+def test_markers_are_seen_where_they_are() -> None:
+    """Of a press that bends, shears and leans, the picture has each of them within a pixel of its place."""
+    stick = stick_radius(0.5, 2.0, 3.0)
+    press = replace(NO_CONTACT, contact_radius=3.0, radius=5.0, share=0.5, slip_limit=(2.0, 1.0), stick_radius=stick)
+    seen, _ = markers(clean(replace(press, lean=(1.0, -0.5))))
+    there = places(replace(press, lean=(1.0, -0.5)))
+    assert len(seen) == 127
+    assert np.hypot(*(seen[:, None] - there).transpose(2, 0, 1)).min(axis=1).max() < 1
 
 
 def test_pins_splay_outwards_around_a_press() -> None:

@@ -12,26 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from small_recordings import loaded
+from small_recordings import loaded, simulated
 from test_data_portable import PLAINEST, require_plainest
 from torch import nn
 
 from tacevo.choices import LightScene, SensorTask
 from tacevo.data.simulator.sensor import Press, _marker_pixels, make_sensor
-from tacevo.data.simulator.tasks import DOME_STIFFNESS, FORCE_NOISE, HYSTERESIS, SHORE_LEVELS, Simulated, _press, draw
+from tacevo.data.simulator.tasks import DOME_STIFFNESS, FORCE_NOISE, HYSTERESIS, SHORE_LEVELS, _press, draw
 from tacevo.randomness import stream
 from tacevo.records import Kind
 
 SPACINGS = (0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0)
-FORCE = Simulated(
-    task=SensorTask.force,
-    images=200,
-    image_size=32,
-    seed=0,
-    spacings_mm=SPACINGS,
-    sensor_seed=0,
-    light=LightScene.standard,
-)
+FORCE = simulated(images=200, image_size=32, seed=0, spacings_mm=SPACINGS)
 
 #: Of three images and all labels of each task at 64 pixels; other bytes would be another simulator version.
 DIGEST = "498325093dd733d73c5a3de77afd1b2afd5dd220eaefa91814b81dca26baea2a"

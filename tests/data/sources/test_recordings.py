@@ -57,6 +57,7 @@ def test_tactip_poses_are_loaded(tmp_path: Path) -> None:
     assert load_task(composed("tactip", "data.root=x"), dataset.facts).contract.outputs == 3
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_gelsight_materials_are_loaded(tmp_path: Path) -> None:
     """Ten classes of 100 images arrive in the order of their numbers."""

@@ -149,14 +149,14 @@ def test_any_images_of_an_archive_are_read_or_refused(
 
 
 @forty
-@given(st.floats(0, 1))
-def test_archive_that_is_cut_off_is_refused(share: float) -> None:
+@given(st.integers(0, 2_000))
+def test_archive_that_is_cut_off_is_refused(length: int) -> None:
     """Wherever it ends."""
     with somewhere() as root:
         source = save_arrays(root / "a.npz")
         content = source.root.read_bytes()
-        source.root.write_bytes(content[: int(share * len(content))])
-        assert (listed(source) is None) == (share < 1)
+        source.root.write_bytes(content[:length])
+        assert (listed(source) is None) == (length < len(content))
 
 
 @forty

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from tacevo.choices import Normalisation, SensorTask, SplitRule, TargetScaling
+from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
+from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Source
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
@@ -30,6 +31,12 @@ PROTOCOL: dict[str, Any] = {
 def loaded(source: Source, cache: Path, **changes: Any) -> Dataset:
     """Load with the default protocol, but for what is named."""
     return load(source, cache=cache, **{**PROTOCOL, **changes})
+
+
+def simulated(task: SensorTask = SensorTask.force, **changes: Any) -> Simulated:
+    """Describe a small simulation."""
+    usual = {"images": 24, "image_size": 16, "seed": 3, "sensor_seed": 0, "light": LightScene.standard}
+    return Simulated(task=task, **{**usual, "spacings_mm": (0.5, 1.0, 2.0), **changes})
 
 
 def save_image(path: Path, value: int, size: tuple[int, int] = (8, 8)) -> None:

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from small_recordings import loaded, save_arrays, save_deep_colour
 
-from tacevo.data.doubts import doubtful_images
+from tacevo.data.exposure import doubtful_images
 from tacevo.data.source import Source
 from tacevo.data.sources.table import Table
 

@@ -1,4 +1,4 @@
-"""What is probably wrong with the images of a data set that can be used."""
+"""What is probably wrong with the light of images that can be used."""
 
 import math
 from collections import Counter
