@@ -180,8 +180,9 @@ def _held(thing: object) -> Iterable[object]:
         own = attributes(thing)  # type: ignore[arg-type]
         is_torchs = (kind in _TORCH or issubclass(kind, _BatchNorm)) and not _is_unused(own)
         return [value for name, value in own.items() if not (is_torchs and name == "_buffers")]
-    if isinstance(thing, FunctionType):  # its globals may be torch's; those of the text are walked anyway
-        return (thing.__closure__, thing.__defaults__, thing.__kwdefaults__, thing.__dict__)
+    if kind is FunctionType:  # its globals may be torch's; those of the text are walked anyway
+        function: Any = thing
+        return (function.__closure__, function.__defaults__, function.__kwdefaults__, function.__dict__)
     is_walked = thing.__module__ == NAME if isinstance(thing, type) else kind.__module__ in _WALKED
     return gc.get_referents(thing) if is_walked and kind is not ModuleType else ()
 

@@ -177,10 +177,13 @@ def test_class_closed_before_the_cut_counts(text: str) -> None:
     assert source_of(text, "max_tokens") == VALID
 
 
-@pytest.mark.parametrize("wrap", ["```python\n{}```\nBetter:\n```python\n{}", "{}\nI'd do this:\n\n{}"])
-def test_better_version_cut_off_is_truncated(wrap: str) -> None:
-    """The model was on its way to replace the first version."""
-    assert refusal_of(wrap.format(VALID, OTHER[:-20]), "max_tokens").reason is Reason.truncated
+@pytest.mark.parametrize(
+    "wrap", ["```python\n{}```\nBetter:\n```python\n{}", "{}\nI'd do this:\n\n{}", "```python {}```\n{}"]
+)
+@pytest.mark.parametrize("end", [-20, len("class ImageRegressionCNN(nn.M")])
+def test_better_version_cut_off_is_truncated(wrap: str, end: int) -> None:
+    """The model was on its way to replace the first version, be it at its first line."""
+    assert refusal_of(wrap.format(VALID, OTHER[:end]), "max_tokens").reason is Reason.truncated
 
 
 def test_extraction_runs_nothing() -> None:

@@ -345,6 +345,15 @@ def test_network_may_write_to_its_input(forward: str) -> None:
     assert profile_of(candidate(f"{forward}\nreturn {GOOD}")).flops == profile_of(VALID).flops
 
 
+#: Says that it is a function, and that it holds nothing.
+MASKED = """class Mask:
+    __class__ = property(lambda self: type(lambda: 0))
+    __closure__ = __defaults__ = __kwdefaults__ = None
+    __dict__ = property(lambda self: {})
+self.mask = Mask()
+self.mask.s = torch.zeros(6)"""
+
+
 @pytest.mark.parametrize(
     ("init", "forward", "learnt"),
     [
@@ -356,6 +365,7 @@ def test_network_may_write_to_its_input(forward: str) -> None:
         ("self.m = nn.BatchNorm1d(9, affine=False)", "self.m.running_var.add_(y.detach().mean())", 9),
         ("self.m = nn.BatchNorm1d(9)", "self.m.running_mean = self.m.running_mean + 1", 9),
         ("def hold(): pass\nhold.s = torch.zeros(6)\nself.hold = hold", "self.hold.s = self.hold.s + 1", 6),
+        (MASKED, "self.mask.s += 1", 6),
         ("self.grid = None", "self.grid = torch.linspace(-1, 1, 8)", 0),
         ("self.grid = [torch.ones(8), torch.zeros(8)]", "self.grid = [torch.zeros(8), torch.ones(8)]", 0),
         ("self.grid = [torch.ones(8), torch.zeros(8)]", "self.grid = [torch.zeros(8), self.grid[0] + 1]", 8),

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import pytest
 
@@ -17,18 +17,8 @@ from tacevo.sandbox.kernel import renounce_privileges
 needs_landlock = pytest.mark.skipif(not landlock.version(), reason="the kernel has no Landlock")
 
 
-class Places(NamedTuple):
-    """What is within reach of a process without the wall."""
-
-    folder: Path
-    tcp: int
-    abstract: str
-    search: int
-
-
-def _attempts(places: Places) -> dict[str, bool]:
+def _attempts(folder: Path, tcp: int, abstract: str, search: int) -> dict[str, bool]:
     """Try what Landlock governs; tell for each whether it worked."""
-    folder = places.folder
     acts: dict[str, Callable[[], object]] = {
         "read": partial(os.open, folder / "file", os.O_RDONLY),
         "write": partial(os.open, folder / "file", os.O_WRONLY),
@@ -38,10 +28,10 @@ def _attempts(places: Places) -> dict[str, bool]:
         "link": partial(os.symlink, "text", folder / "mark"),
         "empty": partial(os.truncate, folder / "file", 0),
         "remove": partial(os.unlink, folder / "doomed"),
-        "connect": partial(_connect, socket.AF_INET, ("127.0.0.1", places.tcp)),
+        "connect": partial(_connect, socket.AF_INET, ("127.0.0.1", tcp)),
         "bind": partial(_bind, ("127.0.0.1", 0)),
-        "abstract": partial(_connect, socket.AF_UNIX, places.abstract),
-        "signal": partial(os.kill, places.search, 0),
+        "abstract": partial(_connect, socket.AF_UNIX, abstract),
+        "signal": partial(os.kill, search, 0),
     }
     return {name: _works(act) for name, act in acts.items()}
 
@@ -64,11 +54,11 @@ def _bind(address: tuple[str, int]) -> None:
         server.bind(address)
 
 
-def _behind_the_wall(answers: Connection, wall: bool, places: Places) -> None:
+def _behind_the_wall(answers: Connection, wall: bool, *places: Any) -> None:
     if wall:
         renounce_privileges()
         landlock.restrict()
-    answers.send(_attempts(places))
+    answers.send(_attempts(*places))
 
 
 def tried(folder: Path, *, wall: bool) -> dict[str, bool]:
@@ -81,12 +71,12 @@ def tried(folder: Path, *, wall: bool) -> dict[str, bool]:
         unix.listen()
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
-        places = Places(folder, tcp.getsockname()[1], abstract, os.getpid())
-        process = context.Process(target=_behind_the_wall, args=(theirs, wall, places))
+        places = (folder, tcp.getsockname()[1], abstract, os.getpid())
+        process = context.Process(target=_behind_the_wall, args=(theirs, wall, *places))
         process.start()
-        found: dict[str, bool] = ours.recv()
+        worked: dict[str, bool] = ours.recv()
         process.join()
-    return found
+    return worked
 
 
 @needs_landlock
@@ -99,8 +89,7 @@ def test_nothing_outside_is_within_reach(tmp_path: Path) -> None:
     later = {"connect", "bind"} if landlock.version() < landlock.NETWORK_SINCE else set()
     later |= {"empty"} if landlock.version() < 3 else set()
     later |= {"abstract", "signal"} if landlock.version() < landlock.SCOPES_SINCE else set()
-    found = tried(tmp_path, wall=True)
-    assert {name for name, worked in found.items() if worked} <= later
+    assert {name for name, worked in tried(tmp_path, wall=True).items() if worked} <= later
     assert (tmp_path / "file").read_text() == "x"
 
 

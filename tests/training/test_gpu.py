@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -30,29 +30,26 @@ GPU = Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=4096)
 DATA = examples()
 
 
-@dataclass
 class Cuda:
-    """A driver of one GPU."""
+    """A driver of one GPU; it notes CUDA_VISIBLE_DEVICES when it is first asked, and the limits that it gets."""
 
-    model: str = "NVIDIA H200"
-    free_mib: int = 16_000
-    total_mib: int = 16_384
-    fractions: list[float] = field(default_factory=list)
-    #: CUDA_VISIBLE_DEVICES when it was first asked.
-    visible: str | None = None
+    def __init__(self, model: str = "NVIDIA H200", free_mib: int = 16_000, total_mib: int = 16_384) -> None:
+        self.fractions: list[float] = []
+        self.visible: str | None = None
+        self._model, self._free, self._total = model, free_mib * MIB, total_mib * MIB
 
     def get_device_name(self, device: int) -> str:
         """Name the GPU."""
         self.visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-        return self.model
+        return self._model
 
     def mem_get_info(self, device: int) -> tuple[int, int]:
         """Return free and all memory."""
-        return self.free_mib * MIB, self.total_mib * MIB
+        return self._free, self._total
 
     def get_device_properties(self, device: int) -> SimpleNamespace:
         """Describe the GPU."""
-        return SimpleNamespace(total_memory=self.total_mib * MIB)
+        return SimpleNamespace(total_memory=self._total)
 
     def set_per_process_memory_fraction(self, fraction: float, device: int) -> None:
         """Note a limit."""
