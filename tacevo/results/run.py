@@ -54,14 +54,17 @@ TOP = 4
 
 @dataclass(frozen=True, kw_only=True)
 class RecordedRun:
-    """A finished run; what is read of its files beyond these fields is read when it is first asked for."""
+    """A finished run; what is read of its files beyond these fields is read when it is first asked for.
+
+    A summary takes one that was stopped, too: of as many lines as there are, with the elites of the last archive.
+    """
 
     directory: RunDirectory
     #: What run.json holds.
     record: RunRecord
     #: As this machine may use it, see `tacevo.results.settings`.
     config: RunConfig
-    #: Checked, with at least one generation, and nothing after the last one.
+    #: Checked; of a finished run with at least one generation, and nothing after the last one.
     ledger: Sealed[Line]
     #: Its files, as they were read; None where the archives followed from the ledger.
     archives: tuple[NetworkArchiveFile, PromptFile] | None = None
@@ -121,7 +124,7 @@ class RecordedRun:
 
     @cached_property
     def generations(self) -> tuple[GenerationLine, ...]:
-        """The generations' lines, one at least."""
+        """The generations' lines; of a finished run one at least."""
         return tuple(line for line in self.ledger.lines if isinstance(line, GenerationLine))
 
     @cached_property

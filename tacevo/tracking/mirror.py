@@ -26,7 +26,7 @@ from tacevo.tracking.entries import (
 )
 from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
-from tacevo.tracking.sweeps import find_membership, join_sweep, leave_sweep
+from tacevo.tracking.sweeps import SWEEP_TAG, find_sweep, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter
 
 
@@ -56,15 +56,15 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         header = next(lines, None)
         if header is None:
             return
-        record, member = directory.read_run(), find_membership(run_dir)
+        record, sweep = directory.read_run(), find_sweep(run_dir)
         client = open_store(uri)
         place = find_or_create_experiment(client, experiment)
-        nesting = {} if member is None else join_sweep(client, place, member)
+        nesting = {} if sweep is None else join_sweep(client, place, *sweep)
         name = run_dir.resolve().name
         writer = SearchWriter(
             client,
             place,
-            key=content_hash([header[0], name, "" if member is None else member.name]),
+            key=content_hash([header[0], name, nesting.get(SWEEP_TAG, "")]),
             name=name,
             tags={**search_tags(record), **nesting},
             source=source_tags(record.code),
@@ -76,8 +76,8 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
             writer.finish(last, run_dir)
         elif finished is not None or not directory.is_busy:
             writer.stop()
-        if member is not None:
-            leave_sweep(client, nesting[PARENT_TAG], member.directory)
+        if sweep is not None:
+            leave_sweep(client, nesting[PARENT_TAG], sweep[0])
 
 
 def _write_lines(

@@ -15,7 +15,7 @@ from tacevo.bundles.zipfiles import packed
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, TacevoError
 from tacevo.results.study_directory import FinishedStudy, studies_of
-from tacevo.storage.canonical import canonical, readable
+from tacevo.storage.canonical import readable
 from tacevo.storage.run_directory import MANIFEST
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"
@@ -220,10 +220,3 @@ def test_lines_that_a_kill_tore_are_not_published(folder: Path, tmp_path: Path) 
     assert main(["publish", "run", "-o", "x.zip"]) == 0
     assert members_of(tmp_path / "x.zip")["run/timings.jsonl"].decode() == "".join([first, *others])
     assert main(["replay", "x.zip"]) == 0
-
-
-def test_canonical_lines_are_what_is_compared(whole: Members) -> None:
-    """Else a writer that wrote otherwise would be refused by its own reader."""
-    for name in ("ledger.jsonl", "scores.jsonl", "timings.jsonl"):
-        for line in whole[member(whole, name)].decode().splitlines():
-            assert canonical(json.loads(line)) == line

@@ -156,13 +156,6 @@ def test_nothing_is_called_equal_that_was_not_compared(lines: list[CandidateLine
     assert describe(lines, 9, "").splitlines() == said
 
 
-@pytest.mark.parametrize("number", ["0", "-1", "two"])
-def test_number_must_be_one(number: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """A mistake on the command line is told before the run is read."""
-    assert main(["replay", "run", f"--retrain={number}"]) == 2
-    assert "expected an integer of at least 1" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("change", "named"),
     [
@@ -182,7 +175,7 @@ def test_first_difference_is_named(change: dict[str, Any], named: str) -> None:
 
 def test_rejections_are_compared_by_reason() -> None:
     """A training that failed must fail again, for the same reason."""
-    assert difference(rejected("g00s01", "train", "not_finite"), REJECTION) is None
+    assert difference(FAILED, REJECTION) is None
     assert difference(LINE, REJECTION) == "the outcome: recorded trained, recomputed not_finite"
 
 
@@ -269,9 +262,32 @@ def test_draw_is_the_readers_own_and_is_told(folder: Path, capsys: pytest.Captur
     assert {"g00s00", "g00s02"} < set(drawn[0])  # the baseline of its study, and the best
 
 
-def test_every_evaluation_can_be_drawn() -> None:
-    """As often as the odds say: none is out of reach, as it was when the bundle's own seed drew."""
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--retrain=0"], "expected an integer of at least 1"),
+        (["--retrain=-1"], "expected an integer of at least 1"),
+        (["--retrain=two"], "expected an integer of at least 1"),
+        (["--draw", "7"], "--draw repeats the draw of --retrain N"),
+        (["--retrain", "--draw", "7"], "--draw repeats the draw of --retrain N"),
+        (["--diff", "run", "--draw", "7"], "--draw repeats the draw of --retrain N"),
+    ],
+)
+def test_options_that_would_be_without_effect_are_refused(
+    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before the run is read."""
+    assert main(["replay", "run", *options]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_every_evaluation_can_be_drawn_and_a_seed_repeats_a_draw() -> None:
+    """As often as the odds say, none twice, in their order: none is out of reach, as where its maker knew the seed."""
     keys = [str(number) for number in range(170)]
+    drawn = sampled(keys, 10, 0)
+    assert drawn == [key for key in keys if key in drawn]
+    assert len(drawn) == 10
+    assert sampled(keys, 10, 0) == drawn != sampled(keys, 10, 1)
     counts = Counter(key for seed in range(2000) for key in sampled(keys, 5, seed))
     assert set(counts) == set(keys)
     assert min(counts.values()) > 2000 * 5 / 170 / 2
@@ -290,22 +306,6 @@ def test_two_replays_draw_by_two_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
         commands._retrain([], Namespace(store=None, retrain=5, draw=draw), Progress(Console(quiet=True)))
     assert seeds[0] != seeds[1]
     assert seeds[2] == 7
-
-
-@pytest.mark.parametrize("options", [["--draw", "7"], ["--retrain", "--draw", "7"], ["--diff", "run", "--draw", "7"]])
-def test_draw_is_for_a_number_of_evaluations(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Alone it would be without effect."""
-    assert main(["replay", "run", *options]) == 2
-    assert "--draw repeats the draw of --retrain N" in capsys.readouterr().err
-
-
-def test_sample_follows_from_the_seed_and_keeps_the_order() -> None:
-    """The same seed draws the same evaluations, another seed others, none twice."""
-    keys = [f"{number:02}" for number in range(100)]
-    drawn = sampled(keys, 10, 0)
-    assert drawn == [key for key in keys if key in drawn]
-    assert len(drawn) == 10
-    assert sampled(keys, 10, 0) == drawn != sampled(keys, 10, 1)
 
 
 def test_only_what_was_promised_is_not_doubted() -> None:

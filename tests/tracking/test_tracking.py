@@ -226,16 +226,6 @@ def test_process_follows_a_growing_ledger(tmp_path: Path, uri: str) -> None:
     assert (run_dir / "tracking.log").read_text(encoding="utf-8") == ""
 
 
-@pytest.mark.slow
-def test_address_in_the_environment_is_used(run_dir: Path, uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no other is given."""
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
-    mirror = Mirror(run_dir, uri="", experiment="tacevo")
-    mirror.start()
-    assert mirror.finish(PATIENCE) is None
-    assert contents(uri)["parent"][1] == "FINISHED"
-
-
 def test_address_in_the_environment_is_not_recorded(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A whole address, with a password, may come from MLFLOW_TRACKING_URI; log and warning name the variable."""
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "nonsense://user:s3cret@nowhere")
@@ -309,9 +299,10 @@ def test_mirror_that_cannot_work_is_one_line_for_the_user(run_dir: Path, monkeyp
 
 
 @pytest.mark.slow
-def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str) -> None:
-    """A mirror that needs longer than the search waits is reported, and continues to its end."""
-    mirror = Mirror(run_dir, uri=uri, experiment="tacevo")
+def test_slow_mirror_is_left_to_itself(run_dir: Path, uri: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that needs longer than the search waits is reported, and goes on; where no address is given, in that here."""
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", uri)
+    mirror = Mirror(run_dir, uri="", experiment="tacevo")
     mirror.start()
     assert "continues by itself" in str(mirror.finish(0))
     assert mirror.finish(PATIENCE) is None
