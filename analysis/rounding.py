@@ -53,6 +53,12 @@ def shown(cell: Cell) -> str:
     return _NEGATIVE.sub(_MINUS, text)
 
 
+def p_in_words(value: float) -> str:
+    """Write a p-value with its relation: `= 0.012`, `< 0.001`."""
+    text = shown(PValue(value))
+    return f"< {text[1:]}" if text.startswith("<") else f"= {text}"
+
+
 def _interval(estimate: float, low: float, high: float) -> str:
     values = [finite(value) for value in (estimate, low, high)]
     largest = max(map(abs, values))

@@ -159,6 +159,5 @@ def _dtype(values: Iterable[str | int | float | None]) -> str:
 
 
 def _cells(frame: pd.DataFrame, shape: Callable[..., Cell] | None, *names: str) -> list[Cell]:
-    """Make the cells of one column."""
     rows = zip(*([None if pd.isna(value) else value for value in frame[name].tolist()] for name in names), strict=True)
     return [None if row[0] is None else row[0] if shape is None else shape(*row) for row in rows]

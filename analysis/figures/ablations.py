@@ -1,8 +1,8 @@
 """The arms of a sweep: how they went, generation by generation, and where every seed of them ended."""
 
-from dataclasses import dataclass
 from itertools import cycle
 from textwrap import fill
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -53,8 +53,7 @@ _ENDS = {
 _Values = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class _Look:
+class _Look(NamedTuple):
     """How an arm is drawn; no two of the first 420 arms look alike."""
 
     colour: str

@@ -97,13 +97,11 @@ def training_curves(networks: Sequence[CandidateLine]) -> Figure:
 
 
 def _write(axes: Axes, row: int, *texts: str) -> None:
-    """Write a candidate's id, what it was made by and its fitness beside its row."""
     for place, side, text in zip(_PLACES, ("left", "left", "right"), texts, strict=True):
         axes.text(place, row, text, transform=axes.get_yaxis_transform(), ha=side, va="center", parse_math=False)
 
 
 def _operators(used: Set[str]) -> list[Line2D]:
-    """Make the legend of the operators that occur."""
     return [
         Line2D([], [], color=colour, marker=marker, linestyle=dashes, label=operator.value)
         for operator, (colour, marker, dashes) in _OPERATORS.items()

@@ -102,7 +102,6 @@ def prompt_map(run: RecordedRun, centroids: NDArray[np.float64], reachable: Coll
 
 
 def _placed(centroids: NDArray[np.float64], extent: Extent) -> list[Polygon]:
-    """Return the cells in the units of the axes."""
     low, high = np.array(extent).T
     return [low + polygon * (high - low) for polygon in cells(centroids)]
 

@@ -5,11 +5,10 @@ and activations are those of the trunk, so the convolution inside an attention m
 network is read or run here.
 """
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 from analysis.motifs.attention import find_gates
-from analysis.motifs.residuals import find_shortcuts
 from analysis.motifs.step_graph import Flow
 from tacevo.gate.operations import CONVOLUTIONS, activation
 from tacevo.profile import Profile, Step
@@ -50,7 +49,7 @@ def read_anatomy(profile: Profile) -> Anatomy:
     whole = Flow.of(profile)
     gates = find_gates(whole)
     ungated = whole.without((gate.step, gate.operand) for gate in gates)
-    shortcuts = find_shortcuts(ungated)
+    shortcuts = _find_shortcuts(ungated)
     trunk = ungated.without(shortcuts)
     steps = [(index, trunk.steps[index]) for index in sorted(trunk.live)]
     halves = _halves(trunk, steps)
@@ -100,3 +99,39 @@ def _halves(trunk: Flow, steps: Sequence[tuple[int, Step]]) -> dict[int, Step]:
 
 def _place(step: Step) -> str:
     return "blocks" if len(step.shape) > 3 else "head"
+
+
+def _find_shortcuts(flow: Flow) -> tuple[tuple[int, int], ...]:
+    """Find every residual connection.
+
+    Args:
+        flow: the network without its gates, so that `x + x * gate(x)` is not one.
+
+    Returns:
+        (addition, number of the operand that is the shortcut), in the order of the calls.
+    """
+    found = ((index, _shortcut(flow, index)) for index in sorted(flow.live))
+    return tuple((index, number) for index, number in found if number is not None)
+
+
+def _shortcut(flow: Flow, index: int) -> int | None:
+    """Return which operand of an addition goes past what the other one goes through; None where neither does."""
+    step = flow.steps[index]
+    if step.op != "add" or len(step.operands) != 2 or step.sources[0] == step.sources[1]:
+        return None
+    first, second = (flow.reaching(sources) for sources in step.sources)
+    shared = first & second
+    ways = (first - shared, second - shared)
+    for number in (0, 1):
+        if _passes(flow, short=ways[number], long=ways[1 - number]):
+            return number
+    return None
+
+
+def _passes(flow: Flow, *, short: Set[int], long: Set[int]) -> bool:
+    """Return whether one way has at most a projection, and the other one layers that this is a way past."""
+    projections = [flow.steps[index] for index in short if flow.steps[index].weighted]
+    layers = [flow.steps[index] for index in long if flow.steps[index].weighted]
+    looks_around = any(max(step.kernel, default=1) > 1 for step in layers)
+    projects = len(projections) <= 1 and all(max(step.kernel, default=1) == 1 for step in projections)
+    return projects and (len(layers) > len(projections) or looks_around)

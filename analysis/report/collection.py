@@ -156,7 +156,6 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
 
 
 def _finished(directory: StudyDirectory, run: RecordedRun) -> FinishedStudy:
-    """Read a study of the run as it is."""
     finished = directory.read_finished()
     if (studied := finished.record.run) != run.digest:
         raise RunError(
@@ -313,7 +312,6 @@ def _of_study(table: Table, compared: Compared) -> Table:
 
 
 def _corrected(run: RecordedRun, again: Reestimates) -> list[Table]:
-    """Return the table of the corrected archive, where every elite was trained again."""
     sources = {candidate.id: candidate.source for candidate in run.candidates}
     found = correct(run.elites, run.places, sources, again)
     return [] if found is None else [corrected_table(found, again, run.task)]

@@ -16,14 +16,13 @@ from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
 from analysis.report.sweep_collection import SweepCollection
-from analysis.rounding import shown
+from analysis.rounding import p_in_words
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
-from analysis.table import PValue
 from analysis.tables.ablation import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
@@ -146,14 +145,14 @@ def undrawn(run: RecordedRun) -> tuple[str, ...]:
 
 
 def _has_map(run: RecordedRun) -> bool:
-    """Return whether the network archive is a map: has niches, over two axes."""
     return run.has_niches and len(run.config.archive.axes) == 2
 
 
 def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[Picture, ...]:
     """List the figures of a study; without comparisons its boxes have no verdicts."""
     verdicts = {
-        found.network: f"{found.verdict}\n{_p_value(found.p_holm)}" for found in of_whole(comparisons).itertuples()
+        one.network: f"{one.verdict}\nHolm's p\n{p_in_words(one.p_holm)}"  # in lines, since boxes stand close
+        for one in of_whole(comparisons).itertuples()
     }
     ending = "; p is Holm's." if verdicts else "."
     words = (
@@ -177,7 +176,6 @@ def _data_of(study: RecordedStudy) -> str:
 
 
 def _of_elites(run: RecordedRun) -> list[tuple[str, Callable[[], Figure], str]]:
-    """List the figures of the best networks."""
     first = run.ranked()[0].id
     networks = [run.baseline, *run.best()]
     return [
@@ -188,9 +186,3 @@ def _of_elites(run: RecordedRun) -> list[tuple[str, Callable[[], Figure], str]]:
             "Short training of the baseline and the best networks.",
         ),
     ]
-
-
-def _p_value(value: float) -> str:
-    """Write a p-value with its name and relation: `Holm's p = 0.012`, `< 0.001`; broken, since boxes stand close."""
-    text = shown(PValue(value))
-    return f"Holm's p\n< {text[1:]}" if text.startswith("<") else f"Holm's p\n= {text}"

@@ -92,6 +92,5 @@ def _centroids(root: Path, archive: ArchiveConfig, niches: int, dimensions: int)
 
 
 def _in_order(corners: Polygon, centre: NDArray[np.float64]) -> Polygon:
-    """Sort the corners of a convex polygon around a point in it."""
     across, up = (corners - centre).T
     return corners[np.argsort(np.arctan2(up, across))]

@@ -137,7 +137,6 @@ def _verdict(row: Mapping[str, float], *, lower: bool, differs: bool, equals: bo
 
 
 def _check_size(study: RecordedStudy) -> None:
-    """Check that some outcome of a comparison could be significant."""
     place = f"the study of {study.task}"
     if len(study.networks) < 2:
         raise RunError("the baseline alone", place=place, expected="a baseline and at least one variant")
@@ -153,7 +152,6 @@ def _check_size(study: RecordedStudy) -> None:
 
 
 def _width(margin: Margin, baseline: Sample, metric: str) -> float:
-    """Return the margin in the unit of the metric."""
     width = margin.around(float(np.median(baseline)))
     if width == 0:
         raise RunError(

@@ -48,7 +48,6 @@ def correct(
 
 
 def _figures(losses: Mapping[str, float | None], elites: Sequence[EliteEntry], places: int) -> tuple[Any, ...]:
-    """Fill an empty archive with the elites that have a loss, each in its niche."""
     archive = Archive()
     for elite in elites:
         loss = losses[elite.id]

@@ -150,7 +150,6 @@ def _tested(header: StudyHeader, rows: Sequence[ScoreLine]) -> NDArray[np.float6
 
 
 def _losses(store: Path, row: ScoreLine) -> tuple[float, ...]:
-    """Return the validation loss of each epoch of a full training."""
     path = store / place_of("studies", row.evaluation)
     if not path.exists():
         raise RunError(

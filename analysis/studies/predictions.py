@@ -65,7 +65,6 @@ def load_predictions(study: RecordedStudy, store: Path) -> Predictions | None:
 def _check(
     study: RecordedStudy, network: str, seed: int, predictions: NDArray[np.float32], labels: NDArray[Any]
 ) -> None:
-    """Compare the primary metric of a training with its predictions."""
     unit = [1.0] * len(study.names)  # that of training, as the primary metric's
     metrics, _ = score(study.kind, predictions, labels, names=study.names, scale=unit)
     recorded, computed = study.values(network, study.primary)[seed], metrics[study.primary]

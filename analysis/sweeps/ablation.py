@@ -213,7 +213,6 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
 
 
 def _samples(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
-    """Return the known values of each arm by seed, in the order of the seeds."""
     known = jobs.dropna(subset=metric.name).sort_values("seed").astype({metric.name: "float64"})
     return {arm: dict(zip(found.seed, found[metric.name], strict=True)) for arm, found in known.groupby("arm")}
 

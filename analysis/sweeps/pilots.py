@@ -75,7 +75,7 @@ def study_pilot(pilots: Sequence[tuple[RecordedRun, RecordedStudy]]) -> Pilot:
         epochs=first.recipe.epochs,
         search_epochs=0,
         seconds=_seconds(runs),
-        runs=_digests(runs),
+        runs=tuple(sorted({run.digest for run in runs})),
     )
 
 
@@ -96,7 +96,8 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
     metric = Measure(scores[0].metric) if is_tested else Measure.fitness
     arms: dict[tuple[Path, str], list[float]] = {}
     for sweep, one in _distinct_runs(pilots):
-        arms.setdefault((sweep.path, one.job.arm), []).append(_value(one, is_tested))
+        value = one.tested.value if is_tested and one.tested else one.run.generations[-1].best or 0.0
+        arms.setdefault((sweep.path, one.job.arm), []).append(value)
     seeds = len(scores[0].values) if is_tested else 1
     # The seeds of a job's study follow from the job's, so jobs that found one network, say the baseline, may have its
     # very trainings.
@@ -114,7 +115,7 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
         epochs=stated[0].epochs if stated[0] is not None else None,
         search_epochs=max(map(_epochs, runs)),
         seconds=_seconds(runs),
-        runs=_digests(runs),
+        runs=tuple(sorted({run.digest for run in runs})),
     )
 
 
@@ -149,12 +150,6 @@ def _epochs(run: RecordedRun) -> int:
     return len(trainings) * run.seeds * run.config.training.epochs
 
 
-def _value(one: Finished, is_tested: bool) -> float:
-    if is_tested and one.tested is not None:
-        return one.tested.value
-    return one.run.generations[-1].best or 0.0
-
-
 def _scaled(values: ArrayLike, metric: Measure) -> NDArray[np.float64]:
     """Return values on the scale that they are taken to be normal on: an error's logarithm."""
     found = np.asarray(values, dtype=np.float64)
@@ -175,7 +170,6 @@ def _pooled(samples: Sequence[NDArray[np.float64]], needed: str) -> Spread:
 
 
 def _tested(stated: Retraining | None) -> str:
-    """Say how the jobs of a sweep were tested."""
     if stated is None:
         return "not tested"
     seeds, epochs = counted(stated.seeds, "training seed"), counted(stated.epochs, "epoch")
@@ -204,7 +198,3 @@ def _seconds(runs: Sequence[RecordedRun]) -> float | None:
         if timing.seconds is not None and timing.id in {one.id for one in run.trained} and timing.seconds > RECALLED
     ]
     return median(found) if found else None
-
-
-def _digests(runs: Sequence[RecordedRun]) -> tuple[str, ...]:
-    return tuple(sorted({run.digest for run in runs}))

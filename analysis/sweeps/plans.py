@@ -6,7 +6,7 @@ all cases, because a pilot is small. The plan is the cheapest way.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import pandas as pd
 
@@ -60,10 +60,7 @@ class Planned:
             kind=self.pilot.kind,
             task=self.pilot.task,
             metric=self.pilot.metric,
-            effect=self.wish.effect,
-            alpha=self.wish.alpha,
-            power=self.wish.power,
-            comparisons=self.wish.comparisons,
+            **asdict(self.wish),
             seeds=int(way["seeds"]),
             retraining=None if pd.isna(way["retraining"]) else int(way["retraining"]),
             epochs=self.pilot.epochs,
@@ -108,5 +105,4 @@ def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | 
 
 
 def _shift(effect: float, metric: Measure) -> float:
-    """Return the effect on the scale of the spread."""
     return -math.log1p(-effect) if is_error(metric) else effect

@@ -1,6 +1,6 @@
 """The tables of a study: scores, metrics, verdicts and effect sizes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +27,8 @@ ONE_SPLIT = (
     "One split of one data set: another split, sensor or light may turn a verdict. The same networks are "
     "studied on another by: tacevo study RUN data.split_seed=N."
 )
+
+_FREQUENCIES = "Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one."
 
 
 def study_tables(study: RecordedStudy, found: pd.DataFrame | None, *, is_alone: bool = False) -> tuple[Table, ...]:
@@ -98,7 +100,7 @@ def metrics_table(study: RecordedStudy) -> Table:
             "Median of the seeds, with their lower and upper quartile in brackets.",
             *_scale_note(study),
             *_trivial_note(study),
-            *_frequencies_note(trivial),
+            *([_FREQUENCIES] if "cross_entropy" in trivial else []),
             _training(study),
         ),
     )
@@ -158,7 +160,13 @@ def effects_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
             f"percentiles of {RESAMPLES:,} bootstrap resamples of the seeds of the difference of medians.",
             f"A12 is the chance that a seed of the variant has a larger {metric} than one of the "
             f"baseline: {better} 0.5 the variant is the better one.",
-            _power_note(study),
+            power_note(
+                counted(study.seeds, "seed"),
+                study.seeds,
+                study.seeds,
+                alpha=study.terms.alpha,
+                family=len(study.networks) - 1,
+            ),
             *_trivial_note(study),
             *(
                 ["It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference."]
@@ -223,12 +231,6 @@ def _trivial_note(study: RecordedStudy) -> tuple[str, ...]:
         return ()
     always = "the most frequent class" if study.kind is Kind.classification else "the mean"
     return (f"Trivial: looks at no image, and always predicts {always} of the test images.",)
-
-
-def _frequencies_note(trivial: Mapping[str, float]) -> tuple[str, ...]:
-    if "cross_entropy" not in trivial:
-        return ()
-    return ("Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one.",)
 
 
 def _spread(values: Sample) -> tuple[float, ...]:
@@ -345,8 +347,3 @@ def _late_note(study: RecordedStudy) -> tuple[str, ...]:
         f"Best epoch in the last tenth of {study.recipe.epochs}, by share of the trainings: {shares}. These may not "
         "have converged, so better may only mean faster, and worse only slower.",
     )
-
-
-def _power_note(study: RecordedStudy) -> str:
-    who, seeds = counted(study.seeds, "seed"), study.seeds
-    return power_note(who, seeds, seeds, alpha=study.terms.alpha, family=len(study.networks) - 1)

@@ -72,7 +72,6 @@ def generations_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table
 
 
 def _statuses(run: RecordedRun) -> str:
-    """Explain `new` and `improved`."""
     if run.has_niches:
         return "New: found their niche empty; improved: beat its elite."
     return f"New: found a place empty among the best {run.places}; improved: took the place of the worst of them."

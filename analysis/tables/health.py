@@ -60,7 +60,6 @@ def niches_table(run: RecordedRun, niches: Niches) -> Table:
 
 
 def _filled(occupied: int, reached: int, total: int) -> tuple[Cell, ...]:
-    """Return the cells that both archives have."""
     return total, occupied, Percent(occupied / total), reached, percent(occupied / reached if reached else None)
 
 

@@ -19,6 +19,8 @@ from tacevo.text import counted, listed
 #: How many networks of a noise run are listed: the baseline, the best on record, and the best of the re-estimates.
 MOST = 10
 
+_ONE_SPLIT = "One split of one data set: another may turn a verdict; try it by data.split_seed=N."
+
 _TOGETHER = (
     f"Better and worse: by intervals that hold for all elites together with {100 * LEVEL:g} %, and so are wider than "
     "those of the table."
@@ -67,9 +69,9 @@ def study_outcome(
             *at_chance(study),
             *_late(study, found),
             *_few(found),
-            *_alone(is_alone),
+            *([_ONE_SPLIT] if is_alone else []),
             _fitness(again),
-            *_chosen(study),
+            *([f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}."] if study.chosen_by else []),
         ),
     )
 
@@ -176,7 +178,6 @@ def _score(study: RecordedStudy, network: str) -> Cell:
 
 
 def _ends(seeds: int) -> str:
-    """Say what stands in brackets behind a median."""
     if seeds == 1:
         return ""
     return f" [{100 * LEVEL:g} %]" if median_confidence(seeds) >= LEVEL else " [least, most]"
@@ -198,12 +199,6 @@ def _few(found: pd.DataFrame | None) -> tuple[str, ...]:
     return caution_notes((one.network, few) for one in of_whole(found).itertuples() if few[0] in one.cautions)
 
 
-def _alone(is_alone: bool) -> tuple[str, ...]:
-    if not is_alone:
-        return ()
-    return ("One split of one data set: another may turn a verdict; try it by data.split_seed=N.",)
-
-
 def _fitness(again: Reestimates | None) -> str:
     if again is None:
         return "The fitness is not re-estimated here; tacevo noise RUN does that, and tacevo show RUN prints it."
@@ -211,15 +206,11 @@ def _fitness(again: Reestimates | None) -> str:
     return f"Fitness: the loss after {epochs}; the record is {again.record}, the re-estimate a median of {seeds}."
 
 
-def _chosen(study: RecordedStudy) -> tuple[str, ...]:
-    return (f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}.",) if study.chosen_by else ()
-
-
 def _left_out(found: Reestimates, unlisted: int) -> tuple[str, ...]:
-    failed: list[Network] = list(found.failed)
+    failed = listed(one.name for one in found.failed)
     return (
         *([f"Not listed: {unlisted} with a higher re-estimate; the tables have all."] if unlisted else []),
-        *([f"Left out, because a training failed: {listed(one.name for one in failed)}."] if failed else []),
+        *([f"Left out, because a training failed: {failed}."] if found.failed else []),
     )
 
 

@@ -58,7 +58,6 @@ def plan_notes(plan: SeedPlan | None) -> tuple[str, ...]:
 
 
 def _effect(metric: Measure, effect: float) -> str:
-    """Write an effect: a part of an error, or points of an accuracy."""
     if metric is Measure.accuracy:
         return f"{shown(100 * effect)} percentage points of {_VALUES[metric]}"
     return f"{shown(Percent(effect))} less {_VALUES[metric]}"

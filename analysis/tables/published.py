@@ -131,7 +131,6 @@ def _is_bound(printed: str) -> bool:
 
 
 def _nominal(printed: str) -> float:
-    """Return the number that is printed; of a bound, the bound."""
     return float(printed.removeprefix("<"))
 
 

@@ -37,7 +37,6 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
 
 
 def _rows(on: OnData) -> Iterator[tuple[Cell, ...]]:
-    """Show the networks on one data set, and what looks at no image."""
     study, found = on
     head = study.where or OWN, study.data.counts[2]
     verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(found).itertuples()}

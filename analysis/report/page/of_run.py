@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
 from analysis.report.page.sources import kept_lines, marked
-from analysis.rounding import shown
+from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
@@ -23,7 +23,7 @@ from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
-from analysis.table import PValue, Table
+from analysis.table import Table
 from analysis.tables.dynamics import by_seeds, reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
@@ -128,7 +128,6 @@ def table_contents(table: Table) -> dict[str, Any]:
 
 
 def _sourceless(given: RunMaterial) -> list[str]:
-    """Name the candidates without a source, and why."""
     there = {*given.texts, *given.edited}
     missing = [line.id for line in given.found.run.candidates if line.source is not None and line.id not in there]
     lost = {"the file was edited": given.edited, "the file is missing": missing}
@@ -245,7 +244,6 @@ def _extents(points: NDArray[np.float64]) -> list[tuple[float, float]]:
 
 
 def _rows(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a frame by column; None where a value is missing."""
     rows: list[dict[str, Any]] = frame.astype(object).where(frame.notna(), None).to_dict("records")
     return rows
 
@@ -262,7 +260,7 @@ def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
     """
     study = compared.study
     variants = of_whole(compared.comparisons).itertuples()
-    verdicts = {one.network: f"{one.verdict}, Holm's p {_relation(one.p_holm)}" for one in variants}
+    verdicts = {one.network: f"{one.verdict}, Holm's p {p_in_words(one.p_holm)}" for one in variants}
     matrices = {(score.network, score.seed): score.confusion for score in study.scores}
     is_classification = study.kind is Kind.classification
     networks = [
@@ -285,13 +283,7 @@ def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
     }
 
 
-def _relation(value: float) -> str:
-    text = shown(PValue(value))
-    return f"< {text[1:]}" if text.startswith("<") else f"= {text}"
-
-
 def _model(run: RecordedRun) -> dict[str, str]:
-    """Name the model that was asked, and who provides it; neither where none was."""
     return {"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}
 
 

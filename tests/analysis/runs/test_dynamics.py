@@ -145,14 +145,9 @@ def test_interval_is_the_one_of_wilson() -> None:
     z, n, p = 1.959963984540054, 2, 0.5
     centre = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
-    assert by_prompt(two_generations()).loc[0, ["rate_low", "rate_high"]].tolist() == pytest.approx(
-        (centre - half, centre + half)
-    )
-
-
-def test_interval_of_no_success_begins_at_zero() -> None:
-    """Not a hair beside it, which a table would print."""
-    assert by_prompt(two_generations()).rate_low[1] == 0.0
+    found = by_prompt(two_generations())
+    assert found.loc[0, ["rate_low", "rate_high"]].tolist() == pytest.approx((centre - half, centre + half))
+    assert found.rate_low[1] == 0.0  # of no success, not a hair beside it
 
 
 def test_instruction_that_was_never_tried_has_no_rate() -> None:

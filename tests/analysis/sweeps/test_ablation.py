@@ -198,32 +198,19 @@ def test_few_seeds_are_judged_by_every_arms_least_p() -> None:
 
 def test_without_the_reference_nothing_is_mann_whitney_of() -> None:
     """Medians and intervals stay."""
-    found = compare_arms(jobs({"temperature=fixed": NONE, "temperature=stall": BETTER}))
-    assert found.reference is None
+    found = compare_arms(jobs({"none": NONE, "a": BETTER}), wanted="b")  # neither `none` nor the first arm replaces it
+    assert (found.reference, found.wanted) == (None, "b")
     assert all(frame.comparability.isna().all() and frame.better.isna().all() for frame in found.arms.values())
     assert found.arms[Metric.best_fitness]["median"].tolist() == [0.54, 0.44]
 
 
-def test_reference_comes_first() -> None:
-    """Wherever it stands among the jobs; the others keep their order."""
-    found = compare_arms(jobs({"z": NONE, "none": NONE, "a": NONE}))
-    assert found.names == ["none", "z", "a"]
-
-
 def test_any_arm_can_be_the_reference() -> None:
     """A sweep over models has no arm called `none`; the test is against the arm that was wanted."""
-    found = compare_arms(jobs({"llm=a": NONE, "llm=b": BETTER, "llm=c": MIXED}), wanted="llm=b")
+    found = compare_arms(jobs({"llm=a": NONE, "llm=b": BETTER, "llm=c": MIXED}), wanted="llm=b")  # comes first
     assert (found.reference, found.names) == ("llm=b", ["llm=b", "llm=a", "llm=c"])
     row = contrast(found, "llm=a")
     assert (row.p, row.n_arm, row.n_reference) == (mann_whitney(NONE, BETTER).p, 5, 5)
     assert pd.isna(contrast(found, "llm=b").comparability)
-
-
-def test_reference_without_a_run_is_not_replaced_by_another() -> None:
-    """Neither by `none` nor by the first arm."""
-    found = compare_arms(jobs({"none": NONE, "a": BETTER}), wanted="b")
-    assert (found.reference, found.wanted) == (None, "b")
-    assert all(frame.comparability.isna().all() for frame in found.arms.values())
 
 
 def test_score_on_test_images_is_shown_where_a_run_has_one() -> None:
