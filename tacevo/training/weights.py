@@ -44,7 +44,7 @@ class _Sent(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Kept:
+class Weighed:
     """A training with the weights of one epoch."""
 
     #: Of the training and validation images alone, as a search records it.
@@ -56,9 +56,9 @@ class Kept:
     predictions: NDArray[np.float32]
 
 
-def train_and_keep(
+def train_and_weigh(
     run: Run, setting: Setting, source: str, seed: int, *, epoch: int, data: tuple[Examples, HeldOut]
-) -> Kept | Rejection:
+) -> Weighed | Rejection:
     """Train a network in a sandbox and keep its weights after an epoch, from 1; nothing is stored.
 
     Predicting test images changes no bit of a training, so it is that of a search as well as that of a study.
@@ -89,13 +89,13 @@ def train_and_keep(
             raise ValueError(f"expected weights of the digest {answer.weights_sha256[:12]}; got {came[:12]}")
     except (AnswerError, ValueError) as error:
         return Rejection(stage=Stage.train, reason=Reason.bad_output, detail=one_line(str(error)))
-    return _kept(answer, weights, setting, examples, epoch)
+    return _weighed(answer, weights, setting, examples, epoch)
 
 
-def _kept(answer: Answer, weights: Weights, setting: Setting, examples: Examples, epoch: int) -> Kept:
+def _weighed(answer: Answer, weights: Weights, setting: Setting, examples: Examples, epoch: int) -> Weighed:
     count, targets, loss = len(examples.validation), examples.validation_targets, setting.contract.loss
     searched = replace(answer, predictions=tuple(values[:count] for values in answer.predictions))
-    return Kept(
+    return Weighed(
         training=training_of(searched, loss, targets),
         tested=training_of(answer, loss, targets),
         weights=weights,
@@ -118,6 +118,8 @@ def read_weights(frames: Sequence[Frame]) -> Weights:
         if name in weights or kind not in TYPES:
             raise ValueError(f"expected weights of distinct names and of plain types; got {name}, {kind}")
         size = prod(shape)
+        if size > len(frame.payload):
+            raise ValueError(f"expected as many bytes as the shapes say; got {len(frame.payload)}")
         weights[name] = np.frombuffer(frame.payload, TYPES[kind], size, at).reshape(shape)
         at += size * TYPES[kind].itemsize
     if at != len(frame.payload):
