@@ -23,8 +23,8 @@ from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.directory import export as write_export
-from tacevo.export.trainings import Settings
-from tacevo.gate.given import with_imports
+from tacevo.export.trainings import ExportSettings
+from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
@@ -158,7 +158,7 @@ class Run:
             DivergenceError: with `retrained`, a training is not as recorded.
             RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so.
         """
-        given = convert(Settings, settings, place="export", error=ConfigError)
+        given = convert(ExportSettings, settings, place="export", error=ConfigError)
         self._read_source(candidate)
         check_walls(self.place)
         line = next(line for line in self.recorded.candidates if line.id == candidate)

@@ -14,7 +14,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.conversion import BOUND, OPSET, Converted
-from tacevo.export.trainings import Design, Trained
+from tacevo.export.trainings import Trained, TrainingPlan
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, to_json, written
 from tacevo.results.run import RecordedRun
@@ -35,7 +35,7 @@ class Exported:
 
     run: RecordedRun
     line: CandidateLine
-    plan: Design
+    plan: TrainingPlan
     data: Dataset
     #: Of each output, empty where it is not known; () for classification.
     units: tuple[str, ...]
@@ -67,7 +67,7 @@ class Exported:
     @property
     def weights(self) -> list[Weights]:
         """Of each network."""
-        return [one.kept.weights for one in self.trained]
+        return [one.weighed.weights for one in self.trained]
 
     @property
     def weight_files(self) -> list[str]:
@@ -80,7 +80,7 @@ class Exported:
     @cached_property
     def outputs(self) -> NDArray[np.float64]:
         """What the whole model must say of the test images: units of the recording, or probabilities; shape (t, K)."""
-        each = np.array([one.kept.predictions for one in self.trained], np.float64)
+        each = np.array([one.weighed.predictions for one in self.trained], np.float64)
         if self.is_regression:
             return np.asarray((each * self.data.scale + self.data.offset).mean(axis=0))
         powers = np.exp(each - each.max(axis=2, keepdims=True))
@@ -101,7 +101,7 @@ class Exported:
     def _predictions(self) -> NDArray[np.float32]:
         """Return predictions as metrics take them: scaled units, or logits."""
         if len(self.trained) == 1:
-            return self.trained[0].kept.predictions
+            return self.trained[0].weighed.predictions
         if self.is_regression:
             return np.asarray((self.outputs - self.data.offset) / self.data.scale, np.float32)
         return np.log(np.maximum(self.outputs, 1e-30)).astype(np.float32)
@@ -167,7 +167,7 @@ def run_of(model: Exported) -> dict[str, Json]:
             "seed": one.seed,
             "epoch": one.epoch,
             "key": one.key,
-            "weights_sha256_after_last_epoch": one.kept.training.weights_sha256,
+            "weights_sha256_after_last_epoch": one.weighed.training.weights_sha256,
             "was_recorded": one.was_recorded,
             "differs_from_record": list(one.differing),
         }

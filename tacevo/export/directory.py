@@ -17,8 +17,8 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.export.card import card
 from tacevo.export.contents import Exported, config_of, latency_of, run_of
 from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, convert
-from tacevo.export.trainings import Settings, design, train
-from tacevo.gate.given import with_imports
+from tacevo.export.trainings import ExportSettings, design, train
+from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
@@ -38,7 +38,7 @@ def export(
     run: RecordedRun,
     line: CandidateLine,
     target: Path,
-    settings: Settings,
+    settings: ExportSettings,
     *,
     bundle: str | None,
     retrained: bool,

@@ -27,7 +27,7 @@ from tacevo.storage.store import Stores
 from tacevo.text import listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
-from tacevo.training.weights import Kept
+from tacevo.training.weights import Weighed
 
 _Evaluator = Evaluator | FullEvaluator
 
@@ -46,7 +46,7 @@ def _is_licence(name: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Settings(Record):
+class ExportSettings(Record):
     """What a user may set."""
 
     #: Trainings; several are an ensemble.
@@ -59,7 +59,7 @@ class Settings(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
+class TrainingPlan:
     """How a candidate is trained."""
 
     like: Like
@@ -79,7 +79,7 @@ class Design:
 class Trained:
     """One training with its weights."""
 
-    kept: Kept
+    weighed: Weighed
     seed: int
     #: Whose weights these are, from 1.
     epoch: int
@@ -91,7 +91,7 @@ class Trained:
     differing: tuple[str, ...]
 
 
-def design(run: RecordedRun, line: CandidateLine, settings: Settings) -> Design:
+def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> TrainingPlan:
     """Work out how a candidate is trained: as the run's first study of it, else as a study by default."""
     config, like = run.config, settings.like
     if like is Like.search:
@@ -110,7 +110,7 @@ def design(run: RecordedRun, line: CandidateLine, settings: Settings) -> Design:
         training, study = replace(training, epochs=settings.epochs), None
     rows = () if study is None else study.scores.rows
     scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
-    return Design(
+    return TrainingPlan(
         like=like, config=replace(config, training=training), seeds=seeds, rules=rules, study=study, scores=scores
     )
 
@@ -131,7 +131,7 @@ def _studies(run: RecordedRun, line: CandidateLine) -> list[FinishedStudy]:
 
 
 def train(
-    run: RecordedRun, plan: Design, source: str, data: Dataset, view: Progress, *, retrained: bool
+    run: RecordedRun, plan: TrainingPlan, source: str, data: Dataset, view: Progress, *, retrained: bool
 ) -> tuple[list[Trained], tuple[str, ...]]:
     """Train a network with every seed of a plan and compare with what is recorded.
 
@@ -177,7 +177,7 @@ def train(
 
 
 def _train(
-    bench: Workbench, evaluators: tuple[_Evaluator, _Evaluator], plan: Design, source: str, seed: int
+    bench: Workbench, evaluators: tuple[_Evaluator, _Evaluator], plan: TrainingPlan, source: str, seed: int
 ) -> Trained:
     """Train a network with one seed; of the evaluators, one reads what is recorded, the other trains and stores."""
     known, fresh = evaluators
@@ -188,16 +188,16 @@ def _train(
     rules = plan.rules if plan.like is Like.search else CURRENT.training
     if isinstance(told, Rejection):
         raise _failed(told)
-    kept = bench.keep(source, seed, epoch, rules)
-    if isinstance(kept, Rejection):
-        raise _failed(kept)
+    weighed = bench.weigh(source, seed, epoch, rules)
+    if isinstance(weighed, Rejection):
+        raise _failed(weighed)
     return Trained(
-        kept=kept,
+        weighed=weighed,
         seed=seed,
         epoch=epoch,
         key=known.key(source, seed),
         was_recorded=was_recorded,
-        differing=_differing(told, kept),
+        differing=_differing(told, weighed),
     )
 
 
@@ -222,17 +222,17 @@ def _check_equal(trained: Sequence[Trained], doubts: Sequence[str]) -> None:
             )
 
 
-def _evaluator(bench: Workbench, run: RecordedRun, plan: Design, data: Dataset) -> _Evaluator:
+def _evaluator(bench: Workbench, run: RecordedRun, plan: TrainingPlan, data: Dataset) -> _Evaluator:
     if plan.like is Like.search:
         return bench.evaluator(run.rules)
     return bench.studies(plan.rules, data.scale, predictions=run.has_predictions)
 
 
-def _differing(told: FullTraining | Training | None, kept: Kept) -> tuple[str, ...]:
+def _differing(told: FullTraining | Training | None, weighed: Weighed) -> tuple[str, ...]:
     """Name the fields in which a training differs from what is recorded of it."""
     if told is None:
         return ()
-    was, now = (told.training, kept.tested) if isinstance(told, FullTraining) else (told, kept.training)
+    was, now = (told.training, weighed.tested) if isinstance(told, FullTraining) else (told, weighed.training)
     return tuple(field.name for field in fields(Training) if getattr(was, field.name) != getattr(now, field.name))
 
 

@@ -37,7 +37,7 @@ from tacevo.training.evaluation import Evaluator, Setting
 from tacevo.training.full import FullEvaluator
 from tacevo.training.leases import Leases, visible_gpus
 from tacevo.training.numerics import check_machine
-from tacevo.training.weights import Kept, train_and_keep
+from tacevo.training.weights import Weighed, train_and_weigh
 from tacevo.typed import convert
 
 #: What a sandbox runs: entry names to functions.
@@ -272,12 +272,12 @@ class Workbench:
             scale=scale,
         )
 
-    def keep(self, source: str, seed: int, epoch: int, training: int) -> Kept | Rejection:
+    def weigh(self, source: str, seed: int, epoch: int, training: int) -> Weighed | Rejection:
         """Train a network under these rules of training, and keep its weights after an epoch; nothing is stored."""
         assert self.data is not None  # as whoever trains must have it
         setting = replace(self._setting(), contiguous=training in CONTIGUOUS)
         data = examples_of(self.data), held_out_of(self.data)
-        return train_and_keep(self._sandbox(self.mode), setting, source, seed, epoch=epoch, data=data)
+        return train_and_weigh(self._sandbox(self.mode), setting, source, seed, epoch=epoch, data=data)
 
     def _mode_under(self, rules: Rules) -> Mode:
         """Keep what this code computes from being stored under the numbers of other rules."""

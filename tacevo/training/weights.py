@@ -43,7 +43,7 @@ class _Sent(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Kept:
+class Weighed:
     """A training with the weights of one epoch."""
 
     #: Of the training and validation images alone, as a search records it.
@@ -55,9 +55,9 @@ class Kept:
     predictions: NDArray[np.float32]
 
 
-def train_and_keep(
+def train_and_weigh(
     run: Run, setting: Setting, source: str, seed: int, *, epoch: int, data: tuple[Examples, HeldOut]
-) -> Kept | Rejection:
+) -> Weighed | Rejection:
     """Train a network in a sandbox and keep its weights after an epoch, from 1; nothing is stored.
 
     Predicting test images changes no bit of a training, so it is that of a search as well as that of a study.
@@ -84,7 +84,7 @@ def train_and_keep(
         return Rejection(stage=Stage.train, reason=Reason.bad_output, detail=one_line(str(error)))
     count = len(examples.validation)
     searched = hashlib.sha256(b"".join(values[:count].tobytes() for values in of_epochs)).hexdigest()
-    return Kept(
+    return Weighed(
         training=replace(tested, predictions_sha256=searched),
         tested=tested,
         weights=weights,
@@ -107,6 +107,8 @@ def read_weights(frames: Sequence[Frame]) -> Weights:
         if name in weights or kind not in TYPES:
             raise ValueError(f"expected weights of distinct names and of plain types; got {name}, {kind}")
         size = prod(shape)
+        if size > len(frame.payload):
+            raise ValueError(f"expected as many bytes as the shapes say; got {len(frame.payload)}")
         weights[name] = np.frombuffer(frame.payload, TYPES[kind], size, at).reshape(shape)
         at += size * TYPES[kind].itemsize
     if at != len(frame.payload):

@@ -1,0 +1,168 @@
+"""Promise: a file of a network predicts as its training did, is no pickle, and is made where the class does no harm."""
+
+import io
+import json
+import os
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from canaries import SECRET, canaries
+from gate_cases import examples as shared
+from gate_cases import needs_shared
+from refusals import refused
+from training_jobs import CONTRACT, SOURCE
+from waiting import eventually
+
+from tacevo.api.network import build
+from tacevo.choices import Numerics
+from tacevo.data.dataset import Dataset
+from tacevo.errors import RunError
+from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, check_plain, convert
+from tacevo.records import DataFacts
+from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.processes import descendants
+from tacevo.training.numerics import environment
+from tacevo.training.weights import Weights
+
+SIZE, OUTPUTS = CONTRACT.image_size, CONTRACT.outputs
+
+#: It draws a tensor that is not among its weights.
+DRAWS = SOURCE.replace("super().__init__()", "super().__init__(); self.drawn = torch.randn(1)").replace(
+    "return ", "return self.drawn + "
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Make ten images, of which seven are tested."""
+    path = tmp_path_factory.mktemp("data") / "images.npy"
+    np.save(path, np.random.default_rng(0).integers(0, 256, (10, 3, SIZE, SIZE), dtype=np.uint8))
+    names = tuple(f"F{number}" for number in range(OUTPUTS))
+    rows = np.arange(10)
+    return Dataset(
+        facts=DataFacts(
+            fingerprint="f",
+            kind=CONTRACT.kind,
+            counts=(2, 1, 7),
+            in_channels=3,
+            image_size=SIZE,
+            outputs=OUTPUTS,
+            names=names,
+        ),
+        images=path,
+        targets=np.zeros((10, OUTPUTS), np.float32),
+        train=rows[:2],
+        validation=rows[2:3],
+        test=rows[3:],
+        mean=(100.0, 110.0, 120.0),
+        deviation=(50.0, 60.0, 70.0),
+        offset=(0.5,) * OUTPUTS,
+        scale=(4.0,) * OUTPUTS,
+    )
+
+
+@pytest.fixture(scope="module")
+def sandbox(data: Dataset) -> Iterator[Sandbox]:
+    """Open the sandbox of an export, behind traps."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TACEVO_CANARY", SECRET)
+        images = {"images": data.images}
+        with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays=images, equip=EQUIP) as opened:
+            yield opened
+
+
+def example(data: Dataset, source: str = SOURCE, seed: int = 1) -> tuple[Weights, Any]:
+    """Draw weights; return them, and what they must predict in the units of the recording."""
+    torch.manual_seed(seed)
+    model = build(source, "drawn_for_a_test", CONTRACT).eval()
+    images = np.load(data.images)[data.test].astype(np.float32)
+    inputs = (images.transpose(0, 2, 3, 1) - data.mean) / data.deviation
+    with torch.no_grad():
+        outputs = model(torch.tensor(inputs.transpose(0, 3, 1, 2), dtype=torch.float32)).numpy()
+    weights = {name: value.numpy() for name, value in model.state_dict().items()}
+    return weights, outputs.astype(np.float64) * data.scale + data.offset
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_file_is_the_mean_of_its_networks(form: Form, sandbox: Sandbox, data: Dataset) -> None:
+    """For one image and for many; twice the same bytes of ONNX."""
+    (one, first), (other, second) = example(data), example(data, seed=2)
+    expected = (first + second) / 2
+    made = convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, other], expected=expected)
+    assert made.difference < 1e-6
+    assert {size: len(times) for size, times in made.milliseconds.items()} == {"1": 40, "32": 40}
+    with refused(RunError, place=f"model.{form}", got="a difference of"):
+        convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, one], expected=expected)
+
+
+def test_draws_beside_the_weights_are_refused(sandbox: Sandbox, data: Dataset) -> None:
+    """What the files hold would not be what was trained."""
+    weights, expected = example(data, DRAWS)
+    with refused(RunError, got="a difference of"):
+        convert(sandbox, "onnx", DRAWS, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+
+
+def test_weights_of_another_class_are_refused(sandbox: Sandbox, data: Dataset) -> None:
+    """By name, type and shape."""
+    weights, expected = example(data)
+    name = next(iter(weights))
+    for change in ({"more": weights[name]}, {name: weights[name][:1]}, {name: weights[name].astype(np.float64)}):
+        with refused(RunError, place="model.onnx", got="crashed: ValueError: expected"):
+            forged = {**weights, **change}
+            convert(sandbox, "onnx", SOURCE, contract=CONTRACT, data=data, weights=[forged], expected=expected)
+
+
+PROGRAMS = shared("hostile")
+
+
+@pytest.mark.long
+@needs_shared
+@pytest.mark.parametrize("program", PROGRAMS, ids=[program["id"] for program in PROGRAMS])
+def test_hostile_program_gets_no_file_out(program: Any, sandbox: Sandbox, data: Dataset, place: Path) -> None:
+    """Whatever it does as it is built, no trap is sprung, and no file comes of weights that are not its own."""
+    _, expected = example(data)
+    before = set(descendants(os.getpid()))
+    with canaries() as traps:
+        with pytest.raises(RunError):
+            convert(sandbox, "pt2", program["source"], contract=CONTRACT, data=data, weights=[{}], expected=expected)
+        assert traps.sprung() == []
+    assert eventually(lambda: before.issuperset(descendants(os.getpid())))
+    assert not [*place.iterdir()]
+
+
+def archive(**members: bytes) -> bytes:
+    """Make an archive as torch.export does."""
+    file = io.BytesIO()
+    plain = json.dumps({"config": {"a": {"use_pickle": False}}}).encode()
+    with zipfile.ZipFile(file, "w") as written:
+        for name, content in {"weights_config.json": plain, "constants_config.json": plain, **members}.items():
+            written.writestr(f"archive/{name}", content)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        b"",
+        b"PK",
+        archive(**{"weights_config.json": b'{"config": {"a": {"use_pickle": true}}}'}),
+        archive(**{"weights_config.json": b'{"config": []}'}),
+        archive(**{"weights_config.json": b"["}),
+        archive(**{"more_config.json": b'{"config": {}}'}),
+        archive(**{"data/sample_inputs/model.pt": b"\x80\x02."}),
+    ],
+)
+def test_pickle_in_a_file_is_refused(file: bytes) -> None:
+    """Torch would run it as it loads the file."""
+    with pytest.raises(ValueError, match=r"expected|Expecting"):
+        check_plain(file)
+
+
+def test_plain_file_is_accepted() -> None:
+    """Of sample inputs, too, where there are none."""
+    check_plain(archive(**{"data/sample_inputs/model.pt": b""}))

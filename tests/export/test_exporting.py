@@ -1,0 +1,274 @@
+"""Promise: an exported network is the one that was recorded, needs no tacevo, and is whole or absent."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+import pytest
+from checkout import ROOT
+from PIL import Image
+from refusals import refused
+from rich.console import Console
+from safetensors.numpy import load_file, save
+from smallest import Once
+
+import tacevo
+from tacevo.cli.app import main
+from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
+from tacevo.export import directory
+from tacevo.export.trainings import ExportSettings, Like, design, train
+from tacevo.results.study_lines import ScoreLine
+from tacevo.runs.datasets import load_same
+from tacevo.runs.progress import Progress
+from tacevo.storage.arrays import ArrayStore
+from tacevo.storage.store import Entry, Store
+from tacevo.training.full import read_kept
+from tacevo.training.weights import digest_of
+
+#: Of one run each.
+BUNDLES = [path for path in sorted((ROOT / "cache" / "published").glob("*.zip")) if "ablation" not in path.name]
+
+#: Runs a program where only the packages of its second argument, and what these need, can be imported.
+ALONE = """
+import sys
+program, allowed = sys.argv[1], set(sys.argv[2].split(","))
+hidden = {"tacevo", "analysis", "onnx", "onnxscript", "onnxruntime", "torch", "safetensors"} - allowed
+class Hiding:
+    def __init__(self, finder):
+        self._finder = finder
+    def __getattr__(self, name):
+        return getattr(self._finder, name)
+    def find_spec(self, name, path=None, target=None):
+        return None if name.partition(".")[0] in hidden else self._finder.find_spec(name, path, target)
+sys.meta_path[:] = map(Hiding, sys.meta_path)
+sys.path.insert(0, "")
+exec(compile(program, "README.md", "exec"))
+"""
+
+
+def studied(published: Path) -> tuple[tacevo.Run, str]:
+    """Open the session's run; return it with the elite that its study is about."""
+    run = tacevo.open(published / "run")
+    assert isinstance(run, tacevo.Run)
+    return run, str(run.studies[0].networks["id"].iloc[1])
+
+
+def scores(run: tacevo.Run, name: str) -> list[ScoreLine]:
+    """Return what the study recorded of a network, by seed."""
+    rows = run.studies[0]._finished.scores.rows
+    return [row for row in rows if isinstance(row, ScoreLine) and row.id == name]
+
+
+@pytest.fixture(scope="module")
+def exported(once: Once, published: Path) -> Path:
+    """Export an ensemble of two trainings of that study."""
+
+    def fill(folder: Path) -> None:
+        run, name = studied(published)
+        run.export(name, folder / "model", seeds=2, retrained=True, quiet=True)
+        dataset = load_same(run.config, run.recorded.facts, Progress(Console(quiet=True)))
+        np.save(folder / "images.npy", np.load(dataset.images)[dataset.test])
+        kept = [row.kept for row in scores(run, name)[:2]]
+        arrays = ArrayStore(Store(Path(run.config.store.root), "arrays"))
+        values = [read_kept(arrays, one, run.recorded.facts)[0] for one in kept if one is not None]
+        np.save(folder / "expected.npy", np.mean(values, axis=0) * dataset.scale + dataset.offset)
+
+    return once("exported", fill)
+
+
+def read(exported: Path, name: str) -> Any:
+    """Read a JSON file of the export."""
+    return json.loads((exported / "model" / name).read_text())
+
+
+def test_files_are_those_of_the_page(exported: Path) -> None:
+    """No more and no fewer; the class comes with its imports, and no file names a directory of this machine."""
+    files = {path.name: path.read_bytes() for path in (exported / "model").iterdir()}
+    weights = {"weights-1.safetensors", "weights-2.safetensors"}
+    texts = {"README.md", "model.py", "config.json", "latency.json", "run.json"}
+    assert files.keys() == weights | texts | {"model.onnx", "model.pt2"}
+    assert files["model.py"].startswith((b"import torch\n", b'"""'))
+    for content in files.values():
+        assert not re.search(rb"site-packages|/home/|/root/|" + os.fsencode(ROOT), content)
+
+
+def test_weights_are_the_recorded_ones(exported: Path, published: Path) -> None:
+    """By the digest that the scores of the study have, where the best epoch is the last."""
+    run, name = studied(published)
+    rows = scores(run, name)
+    digests = [digest_of(load_file(exported / "model" / f"weights-{number}.safetensors")) for number in (1, 2)]
+    assert digests == [row.weights for row in rows[:2]] == read(exported, "config.json")["weights_sha256"]
+    assert "is the recorded one" in (exported / "model" / "README.md").read_text()
+
+
+def test_onnx_takes_raw_images_and_gives_newtons(exported: Path) -> None:
+    """The mean of what the study's trainings predicted for its test images, for any number of them."""
+    images, expected = np.load(exported / "images.npy").astype(np.float32), np.load(exported / "expected.npy")
+    session = onnxruntime.InferenceSession(exported / "model" / "model.onnx", providers=["CPUExecutionProvider"])
+    for part in (slice(0, 1), slice(0, 3), slice(None)):
+        (values,) = session.run(None, {"images": images[part]})
+        assert values == pytest.approx(expected[part], abs=1e-5)
+    assert max(read(exported, "config.json")["largest_difference"].values()) < 1e-5
+
+
+def test_card_and_run_name_where_it_comes_from(exported: Path, published: Path) -> None:
+    """What is needed to find the run again; and what the metrics are of."""
+    run, name = studied(published)
+    told, card = read(exported, "run.json"), (exported / "model" / "README.md").read_text()
+    assert (told["digest"], told["candidate"], told["run"]) == (run.digest, name, run.name)
+    assert [one["was_recorded"] for one in told["trainings"]] == [True, True]
+    assert told["study"] == run.studies[0].digest
+    for text in ("license: cc-by-4.0", run.digest, "ensemble of 2", "4 seeds the run's study", "Fx (N)", "type: r2"):
+        assert text in card
+    for times in read(exported, "latency.json")["milliseconds"].values():
+        assert all(0 < one["lower_quartile"] <= one["median"] for one in times.values())
+
+
+def programs(exported: Path) -> list[str]:
+    """Return the programs of the card: with onnxruntime, with torch, and the class alone."""
+    return re.findall(r"```python\n(.*?)```", (exported / "model" / "README.md").read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize(("number", "allowed"), [(0, "onnxruntime"), (1, "torch"), (2, "torch,safetensors")])
+def test_programs_of_the_card_run_without_tacevo(number: int, allowed: str, exported: Path, place: Path) -> None:
+    """They print the forces in one image; the class takes its weights."""
+    for file in (exported / "model").iterdir():
+        (place / file.name).symlink_to(file)
+    pixels, expected = np.load(exported / "images.npy")[0], np.load(exported / "expected.npy")[0]
+    Image.fromarray(pixels.transpose(1, 2, 0)).save(place / "image.png")
+    command = [sys.executable, "-c", ALONE, programs(exported)[number], allowed]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=place)
+    lines = [line.split() for line in done.stdout.splitlines()]
+    if number < 2:
+        assert [(name, unit) for name, _, unit in lines] == [("Fx", "N"), ("Fy", "N"), ("Fz", "N")]
+        assert [float(value) for _, value, _ in lines] == pytest.approx(expected.tolist(), rel=1e-3)
+
+
+def test_trainings_repeat_bit_for_bit(published: Path) -> None:
+    """The same bytes of weights each time, like the search and like its study."""
+    run, name = studied(published)
+    recorded, view = run.recorded, Progress(Console(quiet=True))
+    line = next(line for line in recorded.candidates if line.id == name)
+    data = load_same(recorded.config, recorded.facts, view)
+    for like in Like:
+        plan = design(recorded, line, ExportSettings(like=like))
+        source = recorded.directory.read_source(name, str(line.source))
+        files = []
+        for _ in range(2):
+            (one,), _ = train(recorded, plan, source, data, view, retrained=True)
+            assert one.differing == ()
+            files.append(save(dict(one.weighed.weights)))
+        assert files[0] == files[1]
+        assert like is Like.study or digest_of(one.weighed.weights) == line.weights
+
+
+def test_missing_record_is_an_error_if_nothing_is_believed(published: Path, place: Path) -> None:
+    """Without `retrained` it is trained; with it, a training that no one recorded is refused before it starts."""
+    run, name = studied(published)
+    with refused(RunError, got="no record of it"):
+        run.export(name, place / "model", epochs=2, like="search", retrained=True, quiet=True)
+    assert not (place / "model").exists()
+
+
+def test_other_record_is_an_error_if_nothing_is_believed(folder: Path) -> None:
+    """One other digest of weights in the store is named."""
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    line = next(line for line in run.recorded.trained if line.weights)
+    for path in Path("cache/evaluations").rglob("*.json"):
+        entry = json.loads(path.read_text().replace(str(line.weights), "0" * 64))
+        again = Entry(kind=entry["kind"], request=entry["request"], answer=entry["answer"])
+        path.write_text(json.dumps(again.sealed()))
+    with refused(DivergenceError, got="other weights_sha256"):
+        run.export(line.id, "model", like="search", retrained=True, quiet=True)
+    assert not Path("model").exists()
+
+
+@pytest.mark.parametrize(
+    ("settings", "place"),
+    [
+        ({"seeds": 0}, "seeds"),
+        ({"seeds": "two"}, "seeds"),
+        ({"epochs": 0}, "epochs"),
+        ({"like": "both"}, "like"),
+        ({"licence": "a: b"}, "licence"),
+        ({"sedes": 2}, "sedes"),
+    ],
+)
+def test_wrong_setting_is_refused(settings: dict[str, Any], place: str, published: Path) -> None:
+    """Before anything is trained."""
+    run, name = studied(published)
+    with refused(ConfigError, place=f"export, {place}"):
+        run.export(name, "never", **settings, quiet=True)
+
+
+def test_what_exists_is_not_written_over(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Neither a directory nor a file; the command says so, and names the directory."""
+    _, name = studied(published)
+    (place / "model").mkdir()
+    assert main(["export", str(published / "run"), name, "-o", "model", "like=search"]) == 2
+    assert "model: expected a directory to be made; got one that exists" in capsys.readouterr().err
+    assert main(["export", str(published / "run"), name, "-o", "other", "like"]) == 2
+    assert main(["export", str(published / "run"), "g99s99", "-o", "other"]) == 2
+    assert [path.name for path in place.iterdir()] == ["model"]
+
+
+def test_missing_packages_are_named_with_the_remedy(monkeypatch: pytest.MonkeyPatch, published: Path) -> None:
+    """The extra is what brings them."""
+    run, name = studied(published)
+    monkeypatch.setattr(directory, "find_spec", lambda each: None if each == "onnxscript" else find_spec(each))
+    with refused(ConfigError, got="no onnxscript", remedy="pip install 'tacevo[export]'"):
+        run.export(name, "never", quiet=True)
+
+
+@pytest.mark.parametrize("call", ["rename", "fsync"])
+def test_interrupted_export_leaves_nothing(call: str, monkeypatch: pytest.MonkeyPatch, place: Path) -> None:
+    """Whenever it is stopped while it writes."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, call, interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            directory._write(place / "model", {"a": b"1", "b": b"2"})
+    assert not [*place.iterdir()]
+    directory._write(place / "model", {"a": b"1"})
+    assert {path.name: path.read_bytes() for path in (place / "model").iterdir()} == {"a": b"1"}
+    with refused(ConfigError, got="one that exists"):
+        directory._write(place / "model", {"a": b"2"})
+
+
+def test_bundle_is_asked_for_its_walls(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As for `replay --retrain`: a stranger's code must not run here unconfined."""
+    run = tacevo.open(published / "run.zip")
+    assert isinstance(run, tacevo.Run)
+
+    def refuse(place: object) -> None:
+        assert place is run.place
+        raise BundleError("no walls")
+
+    monkeypatch.setattr("tacevo.api.runs.check_walls", refuse)
+    with refused(BundleError, got="no walls"):
+        run.export(str(run.elites["id"].iloc[0]), "never", quiet=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "bundle", [path for path in BUNDLES if "ablation" not in path.name], ids=lambda path: path.stem
+)
+def test_every_elite_of_the_shipped_bundles_exports(bundle: Path, place: Path) -> None:
+    """Like the search, with the recorded weights."""
+    run = tacevo.open(bundle)
+    assert isinstance(run, tacevo.Run)
+    for name in run.elites["id"]:
+        run.export(name, place / name, like="search", quiet=True)
+        told = json.loads((place / name / "run.json").read_text())
+        assert [one["differs_from_record"] for one in told["trainings"]] == [[]]
