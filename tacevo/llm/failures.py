@@ -11,6 +11,7 @@ from tacevo.llm.recording import Choice, choice
 from tacevo.llm.retry import Fault, FaultKind, setting_to_drop
 from tacevo.records import Completion, Delivery, Request
 from tacevo.redaction import without_secrets
+from tacevo.text import listed
 
 _LOG = logging.getLogger(__name__)
 
@@ -67,14 +68,10 @@ class Models:
         """Return the error about a model that the server lacks; it names the models that there are."""
         retired = None if self._prices is None else self._prices.retirement(model)
         offered = () if self._prices is None else self._prices.offered
-        names = [*self.served[:_MOST_NAMES], *(["..."] if len(self.served) > _MOST_NAMES else [])] or offered
-        whose = "the server" if self.served or not names else "llm.prices"
+        whose, names = ("llm.prices", offered) if offered and not self.served else ("the server", self.served)
         since = f", which was retired on {retired}" if retired else ""
-        return ConfigError(
-            f"{model}{since} (the server says: {said})",
-            place="llm.model",
-            expected=f"a model that {whose} has" + (f" ({', '.join(names)})" if names else ""),
-        )
+        expected = f"a model that {whose} has" + (f" ({listed(names, most=_MOST_NAMES)})" if names else "")
+        return ConfigError(f"{model}{since} (the server says: {said})", place="llm.model", expected=expected)
 
     def note_answer(self, request: Request, begun: float) -> None:
         """Note that a model answers a request that was sent at a time of `time.monotonic`."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import hosted, request
+from hosted import QUICK, hosted, request
 from raw_server import replying
 from refusals import refused
 
@@ -17,13 +17,11 @@ from tacevo.costs import in_words, spending_on
 from tacevo.errors import StoreError, TransportError
 from tacevo.llm.answers import read_body, read_chat, read_message
 from tacevo.llm.recording import RecordingLLM, ever_answered
-from tacevo.llm.retry import FaultError, FaultKind, Patience
+from tacevo.llm.retry import FaultError, FaultKind
 from tacevo.records import Completion, Delivery, Json, Mode, Price, to_json
 from tacevo.storage.store import Store
 
 pytestmark = pytest.mark.usefixtures("keys")
-
-QUICK = Patience(tries=3, first=0.001, longest=0.01)
 
 USAGE = {"prompt_tokens": 10, "completion_tokens": 20, "total_tokens": 30}
 COUNTS = {"input_tokens": 10, "output_tokens": 20}

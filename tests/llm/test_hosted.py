@@ -11,7 +11,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from hosted import KEY, PROVIDERS, hosted, request, texts
+from hosted import KEY, PROVIDERS, QUICK, hosted, request, stored, texts
 from llm_script import Script
 from llm_server import serving
 from refusals import refused
@@ -20,12 +20,9 @@ from waiting import eventually
 from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.hosted import SHARE, HostedLLM
 from tacevo.llm.recording import RecordingLLM
-from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
+from tacevo.llm.retry import Fault, FaultError, FaultKind
 from tacevo.records import Completion, Request
-from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
-
-QUICK = Patience(tries=3, first=0.001, longest=0.01)
 
 pytestmark = pytest.mark.usefixtures("keys")
 both = pytest.mark.parametrize("provider", PROVIDERS)
@@ -220,20 +217,13 @@ def slow(*, concurrency: int = 1) -> tuple[_Slow, HostedLLM]:
     return server, HostedLLM(lambda: server, concurrency=concurrency, name="llm=fake")
 
 
-def held(root: Path) -> list[str]:
-    """List the questions whose answers are stored."""
-    return sorted(
-        str(value_at(entry.request, ("messages", -1, "content"))) for entry in Store(root, "completions").entries()
-    )
-
-
 def test_answers_are_stored_before_the_reader_sees_them(tmp_path: Path) -> None:
     """A slow reader, or one that is killed, keeps no answer from the store."""
     server, llm = slow(concurrency=3)
     answers = RecordingLLM(llm, Store(tmp_path, "completions")).complete([request(text) for text in "abc"])
     server.go.release(3)
     next(answers)
-    assert eventually(lambda: held(tmp_path) == ["a", "b", "c"])
+    assert eventually(lambda: stored(tmp_path) == ["a", "b", "c"])
 
 
 def test_reader_who_leaves_loses_no_answer(tmp_path: Path) -> None:
@@ -247,7 +237,7 @@ def test_reader_who_leaves_loses_no_answer(tmp_path: Path) -> None:
     threading.Timer(0.3, server.go.release, (2,)).start()
     answers.close()  # type: ignore[attr-defined]
     assert sorted(server.begun) == ["a", "b", "c", "retried"]
-    assert held(tmp_path) == ["a", "b", "c"]
+    assert stored(tmp_path) == ["a", "b", "c"]
 
 
 class _Broken(_Slow):
@@ -267,7 +257,7 @@ def test_unforeseen_failure_loses_no_answer_in_flight(tmp_path: Path) -> None:
     threading.Timer(0.3, server.go.release).start()
     with pytest.raises(RuntimeError, match="unforeseen"):
         list(RecordingLLM(llm, Store(tmp_path, "completions")).complete([request("a"), request("b")]))
-    assert held(tmp_path) == ["b"]
+    assert stored(tmp_path) == ["b"]
 
 
 class _Unclosed(_Slow):
@@ -286,7 +276,7 @@ def test_failure_between_requests_reaches_the_reader(tmp_path: Path) -> None:
     assert next(answers)[0] == 0
     with pytest.raises(RuntimeError, match="stays open"):
         next(answers)
-    assert held(tmp_path) == ["a"]
+    assert stored(tmp_path) == ["a"]
 
 
 def test_full_disk_stops_the_asking_and_nothing_else(tmp_path: Path) -> None:

@@ -13,12 +13,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from hosted import hosted, request
+from hosted import hosted, request, stored
 from llm_script import Script, text_of
 from llm_server import LLMServer, serving
 
 from tacevo.llm.recording import RecordingLLM
-from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
 pytestmark = pytest.mark.usefixtures("keys")
@@ -29,11 +28,6 @@ def ask(url: str, root: Path, count: int, provider: str = "anthropic") -> Counte
     asked = [request(f"question {number}") for number in range(count)] * 2
     llm = RecordingLLM(hosted(url, provider, concurrency=64), Store(root, "completions"))
     return Counter(completion.text for _, completion in llm.complete(asked))
-
-
-def stored(root: Path) -> list[str]:
-    """List the questions whose answers are in the store, each entry checked."""
-    return [str(value_at(entry.request, ("messages", -1, "content"))) for entry in Store(root, "completions").entries()]
 
 
 def expect_each_once(server: LLMServer, root: Path, answers: Counter[str], count: int) -> None:

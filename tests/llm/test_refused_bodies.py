@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hosted import PROVIDERS, hosted, request, texts
+from hosted import PROVIDERS, QUICK, hosted, request, texts
 from raw_server import Reply, replying
 from refusals import refused
-from test_answers import QUICK, chat
+from test_answers import chat
 
 from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.hosted import HostedLLM

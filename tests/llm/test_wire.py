@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hosted import PROVIDERS, batched, hosted, request, texts
+from hosted import PROVIDERS, QUICK, batched, hosted, request, texts
 from llm_server import listen, serving
 from raw_server import CUT, Reply, replying
 from refusals import refused
@@ -31,8 +31,6 @@ both = pytest.mark.parametrize("provider", PROVIDERS)
 
 #: Ten tries, as usual, without their waits.
 PATIENT = Patience(first=0.001, longest=0.01)
-
-QUICK = Patience(tries=3, first=0.001, longest=0.01)
 
 PROXIES = [name for word in ("HTTP", "HTTPS", "ALL", "NO") for name in (f"{word}_PROXY", f"{word}_proxy".lower())]
 

@@ -9,12 +9,16 @@ from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.retry import Patience
 from tacevo.records import Message, Request, Setting
+from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
 KEY = "sk-ant-a-secret-key-0123456789"
 
 #: Tries as often as a stormy server needs, without waiting long.
 PATIENCE = Patience(tries=40, first=0.002, longest=0.05)
+
+#: Three tries, almost without waits.
+QUICK = Patience(tries=3, first=0.001, longest=0.01)
 
 #: The providers, by the names of their tests.
 PROVIDERS: dict[str, tuple[Callable[[str | None, int], Server], str]] = {
@@ -65,6 +69,12 @@ def request(text: str, *, settings: tuple[tuple[str, Setting], ...] = (), draw: 
         draw=draw,
         settings=settings,
     )
+
+
+def stored(root: Path) -> list[str]:
+    """List the questions whose answers are stored, each entry checked."""
+    entries = Store(root, "completions").entries()
+    return sorted(str(value_at(entry.request, ("messages", -1, "content"))) for entry in entries)
 
 
 def texts(llm: HostedLLM, *asked: str) -> list[str]:

@@ -53,7 +53,9 @@ def test_a_huge_network_is_narrowed_until_it_fits() -> None:
     huge = replace(BASELINE, blocks=(block,) * 6, grid=8, head=Head(hidden=(Hidden(width=2048),) * 4))
     assert parameters(fit(huge)) <= MAX_PARAMETERS
     assert cost(fit(huge)) <= MAX_COST
-    assert len(fit(huge).blocks) == 6
+    widths = [block.channels for block in fit(huge).blocks], [layer.width for layer in fit(huge).head.hidden]
+    assert widths == ([12] * 6, [56] * 4)
+    assert {type(width) for each in widths for width in each} == {int}
 
 
 def test_what_cannot_be_narrowed_further_is_left_to_the_gate() -> None:

@@ -159,6 +159,7 @@ def test_faster_is_never_larger_and_slower(seed: int) -> None:
         ),
         ("Put a skip connection around the last conv block.", lambda n: replace(n, skips=((2, 3),))),
         ("Concatenate adaptive max pooling with the average.", lambda n: replace(n, pooling=Pooling.both)),
+        ("Pool by adaptive average and adaptive max pooling.", lambda n: replace(n, pooling=Pooling.both)),
         ("Use adaptive max pooling in place of adaptive average pooling.", lambda n: replace(n, pooling=Pooling.max)),
         ("Widen conv2.", _channels(32, 80, 128)),
         ("Use fewer channels in conv3.", _channels(32, 64, 96)),
