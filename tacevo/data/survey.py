@@ -6,6 +6,7 @@ or position changes are not found, nor all of a large data set.
 
 import hashlib
 from collections import defaultdict
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -82,12 +83,12 @@ def nearly_equal(dataset: Dataset) -> tuple[tuple[int, int], ...]:
 
     images: npt.NDArray[np.uint8] = np.load(dataset.images, mmap_mode="r")
     parts = [rows[:: -(-len(rows) // _MOST)] for rows in (dataset.train, dataset.validation, dataset.test)]
-    rows, held_out = np.concatenate(parts), len(parts[0])
+    rows, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts]).tolist()
     thumbnails = np.array([_thumbnail(images[row]) for row in rows])
-    thumbnails -= thumbnails[:held_out].mean(axis=0)
-    limit = 2 * float((thumbnails[:held_out] ** 2).sum(axis=1).mean()) / ALIKE
+    thumbnails -= thumbnails[: ends[0]].mean(axis=0)
+    limit = 2 * float((thumbnails[: ends[0]] ** 2).sum(axis=1).mean()) / ALIKE
     pairs: list[tuple[int, int]] = []
-    for start, end in ((held_out, held_out + len(parts[1])), (held_out + len(parts[1]), len(rows))):
+    for start, end in pairwise(ends):
         nearest, distances = pairwise_distances_argmin_min(thumbnails[start:end], thumbnails[:start])
         alike = distances**2 < limit
         pairs += zip(rows[start:end][alike].tolist(), rows[nearest[alike]].tolist(), strict=True)
