@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from bundles import with_line
 from hand_runs import configured, of_lines
-from ledger_lines import candidate, ended, header, run_record, trained
+from ledger_lines import ended, header, rejected, run_record, trained
 
 from tacevo.choices import ArchiveKind
 from tacevo.cli.app import main
@@ -21,7 +21,10 @@ from tacevo.records import Json
 from tacevo.reproduce.compare import compare
 from tacevo.results.run import RecordedRun
 
-CANDIDATES = (trained("g01s00", 0.1), trained("g01s01", 0.2), trained("g01s02", 0.3), candidate("g01s03"))
+#: It has a source, and no fitness.
+FAILED = rejected("g01s03", "train", "out_of_time", source="source 03")
+
+CANDIDATES = (trained("g01s00", 0.1), trained("g01s01", 0.2), trained("g01s02", 0.3), FAILED)
 
 SETTINGS: dict[str, Any] = {"seed": 0, "archive": {}}
 
@@ -60,7 +63,7 @@ def with_settings(**groups: Json) -> RecordedRun:
         (RUN, LONGER, "best: 0.1 and 0.05"),
         (
             RUN,
-            recorded(*OTHER.ledger.lines[1:], first=header(config={"seed": 1})),
+            recorded(CANDIDATES[0], trained("g01s01", 0.3), *RUN.ledger.lines[3:], first=header(config={"seed": 1})),
             "first difference behind the header: generation 1, slot 1: field 'fitness' is 0.2 in the first run and "
             "0.3 in the second",
         ),

@@ -173,6 +173,7 @@ def test_timings_are_appended_with_their_moment(directory: RunDirectory) -> None
     directory.path.mkdir(parents=True)
     directory.add_timing(Spending(), id="g00s00", seconds=1.5)
     directory.add_timing(Spending(answers=1), generation=0)
+    assert len((directory.path / "timings.jsonl").read_text().splitlines()) == 2
     first, second = directory.read_timings()
     assert (first.id, first.seconds, second.generation, second.spent) == ("g00s00", 1.5, 0, Spending(answers=1))
     assert all(datetime.fromisoformat(line.at).tzinfo is not None for line in (first, second))
