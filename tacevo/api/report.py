@@ -29,11 +29,12 @@ def page_of(one: Run | Sweep, name: str) -> tuple[PageContents, list[str]]:
         return page, [*missing, *unseen]
     materials, lacks = zip(*(_material(run, place, name) for run in one.runs), strict=True)
     missing = [f"{run.name}: {lack}" for run, each in zip(one.runs, lacks, strict=True) for lack in each]
-    arms, states = None, [*one.left_out]
+    arms = None
     try:
-        arms = sweep_contents(one.collection())
+        arms, states = sweep_contents(one.collection()), [*one.left_out]
     except IncomparableError as error:
-        states.append(f"the arms are not compared: {str(error).replace(str(place.folder), name)}")
+        states = [f"the arms are not compared: {error}"]
+    states = [words.replace(str(place.folder), name) for words in states]
     page = page_contents(materials, sweep=arms, title=name, state="; ".join(states), checked=checked, commands=commands)
     return page, [*missing, *states]
 

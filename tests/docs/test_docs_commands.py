@@ -7,6 +7,7 @@ import pytest
 from checkout import ROOT
 
 from tacevo.config.compose import compose, compose_estimate, spread
+from tacevo.config.folder import check_experiment
 
 #: Written on purpose with a part left out, or with a task that `tacevo init` makes first.
 NOT_WHOLE = re.compile(r" \.\.\.| @|task=shear")
@@ -26,6 +27,8 @@ def searches() -> list[str]:
 def test_written_search_can_be_typed(command: str) -> None:
     """Every value of every setting; an estimate needs no model."""
     words = shlex.split(command)[2:]
+    if "--estimate" not in words:
+        check_experiment(words)
     values = spread([word for word in words if "=" in word and not word.startswith("hydra")])
     for number in range(max(map(len, values))):
         overrides = [one[min(number, len(one) - 1)] for one in values]
