@@ -17,13 +17,10 @@ from tacevo.storage.sweep_directory import SweepDirectory
 def table_files(directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]) -> dict[str, bytes]:
     """Make every table of a run or a sweep from its records and recorded probes; return contents by file name.
 
-    `say` is called with the reason if a sweep has no tables of its arms.
+    `say` is called with what is at work, and with the reason if a sweep has no tables of its arms.
     """
     say("making the tables again")
-    if SweepDirectory(directory).is_one:
-        return _of_sweep(directory, runs, say)[0]
-    (done,) = runs
-    return _files(tables_of(_collected(done), recall_profiles(done.run)))
+    return _tables(directory, runs, say)[0]
 
 
 def pages(
@@ -34,35 +31,30 @@ def pages(
     from analysis.figures.style import render  # Matplotlib takes a second to import, and a replay draws nothing
     from analysis.report.figure_list import pictures_of, sweep_pictures
 
-    if SweepDirectory(directory).is_one:
-        tables, swept = _of_sweep(directory, runs, say)
-        pictures = () if swept is None else sweep_pictures(swept)
-    else:
-        (done,) = runs
-        found = _collected(done)
-        tables = _files(tables_of(found, recall_profiles(done.run)))
-        pictures = pictures_of(found)
+    tables, shown = _tables(directory, runs, say)
+    if shown is None:
+        return tables, {}
+    pictures = sweep_pictures(shown) if isinstance(shown, SweepCollection) else pictures_of(shown)
     return tables, {f"{picture.name}.pdf": render(picture.draw(), ".pdf") for picture in pictures}
 
 
-def _collected(done: Rerun) -> Collection:
-    """Gather a run that was run again, with its studies."""
-    return collection_of(done.run, compared_studies(done.run, done.studies.values()))
-
-
-def _of_sweep(
+def _tables(
     directory: Path, runs: Sequence[Rerun], say: Callable[[str], object]
-) -> tuple[dict[str, bytes], SweepCollection | None]:
-    """Make the tables of a sweep, and read what its figures show; without a fair comparison there are none of arms."""
-    shown = [done.run for done in runs]
-    beside, known = beside_published(shown), {run.path.name: run for run in shown}
+) -> tuple[dict[str, bytes], Collection | SweepCollection | None]:
+    """Make the tables, and return what figures show, too; without a fair comparison a sweep has neither of its arms."""
+    if not SweepDirectory(directory).is_one:
+        (done,) = runs
+        shown = collection_of(done.run, compared_studies(done.run, done.studies.values()))
+        return _files(tables_of(shown, recall_profiles(done.run))), shown
+    known = {done.run.path.name: done.run for done in runs}
+    beside = beside_published(list(known.values()))
     try:
-        found = collect_sweep(directory, runs[0].run.stores, known=known)
+        swept = collect_sweep(directory, runs[0].run.stores, known=known)
     except IncomparableError as error:  # e.g. budgets that differ; the runs themselves have been replayed
         reason = str(error).replace(str(directory), "the sweep")
         say(f"no table or figure compares the arms: {reason}")
         return _files([beside]), None
-    return _files([beside, *sweep_tables(found)]), found
+    return _files([beside, *sweep_tables(swept)]), swept
 
 
 def _files(tables: Iterable[Table]) -> dict[str, bytes]:

@@ -37,12 +37,13 @@ def page_of(one: Run | Sweep, name: str, say: Callable[[str], object]) -> tuple[
         material, lacks = _material(run, place, name)
         materials.append(material)
         missing += [f"{run.name}: {lack}" for lack in lacks]
-    arms, states = None, [*one.left_out]
+    arms = None
     say("the arms, compared")
     try:
-        arms = sweep_contents(one.collection())
+        arms, states = sweep_contents(one.collection()), [*one.left_out]
     except IncomparableError as error:
-        states.append(f"the arms are not compared: {str(error).replace(str(place.folder), name)}")
+        states = [f"the arms are not compared: {error}"]
+    states = [words.replace(str(place.folder), name) for words in states]
     page = page_contents(materials, sweep=arms, title=name, state="; ".join(states), checked=checked, commands=commands)
     return page, [*missing, *states]
 

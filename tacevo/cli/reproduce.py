@@ -50,8 +50,7 @@ def _verdict(done: Replay) -> str:
         equal.append("1 study" if studies == 1 else f"{studies} studies")
     older, figures = sum(run.pages != PAGES for run in done.runs), 0
     if done.verified is not None:
-        if done.verified.tables:
-            equal.append(f"{counted(done.verified.tables, 'file')} of tables")
+        equal += [f"{counted(done.verified.tables, 'file')} of tables"] if done.verified.tables else []
         older, figures = older + done.verified.older, done.verified.figures
     left = [f"{counted(older, 'file')} of an older form"] if older else []
     left += [counted(figures, "figure")] if figures else []

@@ -4,6 +4,7 @@ import csv
 import json
 import shlex
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -182,33 +183,40 @@ def test_reference_that_is_not_an_arm_is_refused(sweep: Path, capsys: pytest.Cap
     assert "--reference: expected one of the arms: 'no_prompt_archive', 'none'; got 'nobody'" in capsys.readouterr().err
 
 
-def test_edited_run_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It is not passed over as if it were missing."""
+def _edit(sweep: Path) -> None:
     ledger = sweep / "none-seed1" / "ledger.jsonl"
     ledger.write_text(ledger.read_text().replace('"status":"new"', '"status":"improved"', 1))
-    assert main(["ablations", "sweep"]) == 2
-    assert "sweep/none-seed1/ledger.jsonl" in capsys.readouterr().err
-    assert not (sweep / "ablations").exists()
 
 
-def test_run_of_another_seed_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Pairs would not be pairs."""
+def _repeat(sweep: Path) -> None:
     shutil.rmtree(sweep / "none-seed1")
     shutil.copytree(sweep / "none-seed0", sweep / "none-seed1")
-    assert main(["ablations", "sweep"]) == 2
-    assert "sweep/none-seed1: expected seed 1, as sweep.json states; got a run of seed 0" in capsys.readouterr().err
 
 
-def test_runs_that_changed_places_are_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of one seed each, and each sound in itself: every contrast would be the other way round."""
+def _exchange(sweep: Path) -> None:
+    """Let runs of one seed change places: each is sound in itself, and every contrast is the other way round."""
     for seed in range(2):
         one, other = sweep / f"none-seed{seed}", sweep / f"no_prompt_archive-seed{seed}"
         one.rename(sweep / "moved")
         other.rename(one)
         (sweep / "moved").rename(other)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (_edit, "sweep/none-seed1/ledger.jsonl"),
+        (_repeat, "sweep/none-seed1: expected seed 1, as sweep.json states; got a run of seed 0"),
+        (_exchange, "the hash that sweep.json states of job none-seed0; got a run whose configuration has the hash "),
+    ],
+)
+def test_run_that_is_not_its_jobs_is_refused(
+    spoil: Callable[[Path], None], said: str, sweep: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is not passed over as if it were missing, and nothing is written."""
+    spoil(sweep)
     assert main(["ablations", "sweep"]) == 2
-    told = capsys.readouterr().err
-    assert ", the hash that sweep.json states of job none-seed0; got a run whose configuration has the hash " in told
+    assert said in capsys.readouterr().err
     assert not (sweep / "ablations").exists()
 
 

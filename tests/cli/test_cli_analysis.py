@@ -133,6 +133,9 @@ def test_files_that_a_call_did_not_write_stay(
         assert f"{run / folder / place}: " in told
     index = run / folder / "index.md"
     assert not index.exists() or study_in(run).name not in index.read_text()
+    assert "left out: " in told
+    assert "scores.jsonl" in told
+    assert "no finished study yet" not in told
 
 
 def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -154,18 +157,6 @@ def test_run_without_a_study_is_told_how_to_have_one(run: Path, capsys: pytest.C
     told = capsys.readouterr()
     assert "no finished study yet: `tacevo study run` makes one" in told.err
     assert "verdicts" not in told.out
-
-
-def test_study_that_was_edited_is_left_out_and_told(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The exit status is that of a failed check; the search's tables come all the same."""
-    (scores,) = run.glob("studies/*/scores.jsonl")
-    scores.write_text(scores.read_text().replace('"mse":', '"mse":1', 1))
-    assert main(["tables", str(run)]) == 1
-    told = capsys.readouterr()
-    assert "left out: " in told.err
-    assert "scores.jsonl" in told.err
-    assert "no finished study yet" not in told.err
-    assert (run / "tables" / "gate.md").exists()
 
 
 @pytest.mark.slow
@@ -223,15 +214,6 @@ def test_published_run_gives_what_its_folder_gives(command: str, results: str, r
     folder, published = map(contents, whole)
     assert published == folder
     assert set(bundle.parent.iterdir()) == beside
-
-
-@pytest.mark.parametrize("command", ["tables", "figures", "report"])
-def test_published_run_takes_no_results(
-    command: str, run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It is one file: the user says where they go."""
-    assert main([command, str(bundle)]) == 2
-    assert "name by -o where" in capsys.readouterr().err
 
 
 def test_no_code_of_a_published_candidate_runs(

@@ -127,6 +127,8 @@ def test_check_uses_the_entry_of_a_search(capsys: pytest.CaptureFixture[str]) ->
     assert {path: path.stat().st_mtime_ns for path in made} == made
     assert captured.out == "look: figure.pdf\n"
     assert Path("figure.pdf").read_bytes().startswith(b"%PDF")
+    assert main(["data", "check", *SMALL, "task.outputs=2"]) == 2  # for another task it is still refused
+    assert "set task.outputs=3" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("task", ["force", pytest.param("hardness", marks=pytest.mark.slow)])
@@ -195,13 +197,6 @@ def test_directory_is_not_the_name_of_a_picture(capsys: pytest.CaptureFixture[st
     assert not Path("cache").exists()
 
 
-def test_misfit_is_told_again_from_the_cache(capsys: pytest.CaptureFixture[str]) -> None:
-    """A data set that was loaded for one task is still refused for another."""
-    assert main(["data", "check", *SMALL]) == 0
-    assert main(["data", "check", *SMALL, "task.outputs=2"]) == 2
-    assert "set task.outputs=3" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_ctrl_c_ends_an_export_and_leaves_nothing(tmp_path: Path) -> None:
     """Interrupted by a terminal while processes draw, neither a process nor a file remains."""
@@ -214,13 +209,6 @@ def test_ctrl_c_ends_an_export_and_leaves_nothing(tmp_path: Path) -> None:
     assert making.returncode == 130
     assert errors.strip() == "interrupted; nothing half-made is left"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_search_imports_no_drawing() -> None:
-    """Only the commands that draw load Matplotlib, which takes a second; those that print tables do not."""
-    script = "import sys, tacevo.runs.session, tacevo.cli.tables\nprint('drawing:', 'matplotlib' in sys.modules)"
-    out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
-    assert "drawing: False" in out
 
 
 @pytest.mark.parametrize(

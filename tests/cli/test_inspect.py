@@ -138,37 +138,17 @@ def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: py
     assert "ok   configs" in told
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        (
-            "x.txt",
-            b"\xff",
-            "x.txt: expected the file of an answer: text in UTF-8; got 'utf-8' codec can't decode byte 0xff",
-        ),
-        ("x.json", b"{}", "x.json: expected a field `response` or `source` with a text; got no field"),
-        ("x.json", b"[]", "x.json: expected "),
-    ],
-)
-def test_file_that_is_not_an_answer_is_one_line(
-    name: str, content: bytes, words: str, place: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Before any process is started for the others."""
-    (place / name).write_bytes(content)
-    assert main(["check", name]) == 2
-    assert words in capsys.readouterr().err
-
-
 def test_file_that_cannot_be_read_stops_no_other(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Missing, a directory, not UTF-8, not a recording: each has its entry, and the status says that one failed."""
     (place / "folder").mkdir()
     (place / "latin.txt").write_bytes(b"class Caf\xe9")
     (place / "x.json").write_bytes(b"{}")
+    (place / "y.json").write_bytes(b"[]")
     (place / "good.py").write_text((conf_root() / "library" / "force" / "baseline.py").read_text())
-    unreadable = ["absent", "folder", "latin.txt", "x.json"]
+    unreadable = ["absent", "folder", "latin.txt", "x.json", "y.json"]
     assert main(["check", *unreadable[:2], "good.py", *unreadable[2:], "--image-size", "32", "--json"]) == 2
     found = {entry["file"]: entry for entry in map(json.loads, capsys.readouterr().out.splitlines())}
-    assert list(found) == ["absent", "folder", "good.py", "latin.txt", "x.json"]
+    assert list(found) == ["absent", "folder", "good.py", "latin.txt", "x.json", "y.json"]
     assert found["good.py"]["verdict"] == "admitted"
     for name in unreadable:
         assert (found[name]["verdict"], found[name]["stage"], found[name]["parameters"]) == ("unreadable", None, None)

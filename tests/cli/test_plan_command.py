@@ -118,7 +118,7 @@ def test_pilot_without_a_study_is_refused(sweep: Path, published: Path, capsys: 
 )
 def test_wrong_option_is_refused(option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """Before any pilot is read."""
-    assert main(["plan", "study", "nowhere", "--effect", "0.1", *option]) == 2
+    assert main(["plan", "study", ".", "--effect", "0.1", *option]) == 2
     error = capsys.readouterr().err
     assert f"{option[0]}: expected" in error
     assert f"got {option[1]}" in error

@@ -42,30 +42,29 @@ def test_unfinished_study_in_a_folder_is_passed_over(run: Path, capsys: pytest.C
     assert f"study {study.name} is not finished and is passed over" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("recorded", ["run", "run.zip"])
+@pytest.mark.usefixtures("without_sandbox")
+@pytest.mark.parametrize(
+    ("recorded", "told"), [("run", "study "), ("run.zip", "study "), ("sweep", "job "), ("sweep.zip", "job ")]
+)
 def test_replay_needs_no_sandbox(
-    recorded: str, published: Path, without_sandbox: None, capsys: pytest.CaptureFixture[str]
+    recorded: str,
+    told: str,
+    published: Path,
+    swept: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """A run with its study is replayed, as a directory and as a bundle, where no sandbox can be made."""
-    assert main(["replay", str(published / recorded)]) == 0
-    assert "every score is as recorded" in capsys.readouterr().out
+    """A run with its study and a sweep are replayed where no sandbox can be made."""
+    place = swept if recorded.startswith("sweep") else published
+    assert main(["replay", str(place / recorded)]) == 0
+    assert f"\n{told}" in capsys.readouterr().out
 
 
-def test_what_reads_records_imports_nothing_that_composes_or_trains(published: Path) -> None:
+def test_what_reads_records_imports_nothing_that_composes_draws_or_trains(published: Path) -> None:
     """A recorded configuration is whole, so a replay does without Hydra, which takes half a second, as tables do."""
     script = (
         "import sys, tacevo.cli.publish, tacevo.cli.tables\nfrom tacevo.cli.app import main\n"
         f"status = main(['replay', {str(published / 'run.zip')!r}])\n"
-        "print('slow:', status, sorted({'hydra', 'mlflow', 'omegaconf', 'torch'} & set(sys.modules)))"
+        "print('slow:', status, sorted({'hydra', 'matplotlib', 'mlflow', 'omegaconf', 'torch'} & set(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert "slow: 0 []" in out
-
-
-@pytest.mark.parametrize("recorded", ["sweep", "sweep.zip"])
-def test_replay_of_a_sweep_needs_no_sandbox(
-    recorded: str, swept: Path, without_sandbox: None, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """So is a sweep."""
-    assert main(["replay", str(swept / recorded)]) == 0
-    assert "job " in capsys.readouterr().out

@@ -130,12 +130,11 @@ def test_run_is_a_setting_or_a_bare_word(command: str, tmp_path: Path, capsys: p
     for words in (["seeds=5", str(place)], [str(place)], [f"run='{place}'", "seeds=5"]):
         assert main([command, *words]) == 2
         assert capsys.readouterr().err.startswith(f"error: {place}: expected the directory of a run")
-    assert main([command, "a", "run=b"]) == 2
-    assert capsys.readouterr().err == "error: run: expected one run, as RUN or run=RUN; got a, run=b\n"
-    for other in ("sweep=b", "networks=b.py"):
-        assert main([command, "a", other]) == 2
-        assert f"run: expected one run, as RUN or run=RUN; got a, {other}\n" in capsys.readouterr().err
-    assert main([command, "a", "task=force"]) == 2
+    for other in (f"run={tmp_path}", f"sweep={tmp_path}", "networks=b.py"):
+        assert main([command, str(tmp_path), other]) == 2
+        told = f"run: expected one run, as RUN or run=RUN; got {tmp_path}, {other}\n"
+        assert capsys.readouterr().err == f"error: {told}"
+    assert main([command, str(tmp_path), "task=force"]) == 2
     assert "task: not a setting" in capsys.readouterr().err
     assert main([command, "seeds=5"]) == 2
     assert "run: expected the directory of a finished run" in capsys.readouterr().err

@@ -8,6 +8,7 @@ from checkout import ROOT
 
 from tacevo.cli.app import _parsed, main
 from tacevo.config.compose import compose, compose_estimate, spread
+from tacevo.config.folder import check_experiment
 
 PAGES = (
     *sorted(ROOT.glob("*.md")),
@@ -31,12 +32,15 @@ def commands() -> list[str]:
 
 @pytest.mark.few(30)
 @pytest.mark.parametrize("command", commands())
-def test_written_command_can_be_typed(command: str) -> None:
+def test_written_command_can_be_typed(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line reads it; every value of a search's settings is composed; an estimate needs no model."""
+    monkeypatch.setattr("tacevo.cli.arguments.check_place", lambda path: None)  # runs/NAME is not there
     words = shlex.split(command)[1:]
     _parsed(words)
     if words[0] != "search":
         return
+    if "--estimate" not in words:
+        check_experiment(words)
     values = spread([word for word in words if "=" in word and not word.startswith("hydra")])
     for number in range(max(map(len, values))):
         overrides = [one[min(number, len(one) - 1)] for one in values]
