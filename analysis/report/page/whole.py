@@ -22,7 +22,7 @@ class PageContents:
     #: As `sweep_contents`; None of a single run.
     sweep: dict[str, Any] | None
     #: As `run_sources`, by hash; runs of a sweep share many.
-    sources: Mapping[str, dict[str, str]]
+    sources: Mapping[str, dict[str, Any]]
     #: What was checked before this was written, a sentence each; and the commands that check the rest.
     checked: tuple[str, ...]
     commands: tuple[str, ...]
@@ -39,7 +39,7 @@ def page_contents(
     live: bool = False,
 ) -> PageContents:
     """Return all that the page shows; the arguments are the fields of `PageContents`."""
-    sources: dict[str, dict[str, str]] = {}
+    sources: dict[str, dict[str, Any]] = {}
     for one in runs:
         sources |= run_sources(one.found.run, one.recorded.texts)
     return PageContents(
