@@ -5,6 +5,8 @@ import os
 import re
 import subprocess
 import sys
+import venv
+from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import numpy as np
 import onnxruntime
 import pytest
 from checkout import ROOT
+from packaging.requirements import Requirement
 from PIL import Image
 from refusals import refused
 from rich.console import Console
@@ -260,10 +263,59 @@ def test_bundle_is_asked_for_its_walls(published: Path, monkeypatch: pytest.Monk
         run.export(str(run.elites["id"].iloc[0]), "never", quiet=True)
 
 
+def test_source_is_shown_as_the_file_that_is_exported(
+    exported: Path, published: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a run and of its bundle; not of a candidate that is not there, or of none."""
+    _, name = studied(published)
+    for run in ("run", "run.zip"):
+        assert main(["show", str(published / run), name, "--source"]) == 0
+        assert capsys.readouterr().out == (exported / "model" / "model.py").read_text()
+    assert main(["show", str(published / "run"), "g99s99", "--source"]) == 2
+    assert main(["show", str(published / "run"), "--source"]) == 2
+
+
+def needed_by(package: str) -> set[str]:
+    """Return a distribution and all that it requires here, by name."""
+    names: set[str] = set()
+    waiting = [package]
+    while waiting:
+        name = waiting.pop()
+        names.add(name)
+        required = [Requirement(text) for text in metadata.requires(name) or []]
+        known = [one.name for one in required if one.marker is None or one.marker.evaluate({"extra": ""})]
+        waiting += [one for one in known if one not in names]
+    return names
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "bundle", [path for path in BUNDLES if "ablation" not in path.name], ids=lambda path: path.stem
+    ("number", "packages"),
+    [(0, ["onnxruntime", "numpy", "pillow"]), (1, ["torch", "numpy", "pillow"]), (2, ["torch", "safetensors"])],
 )
+def test_programs_of_the_card_run_in_a_fresh_environment(
+    number: int, packages: list[str], exported: Path, place: Path
+) -> None:
+    """One that has what the card says, and what this needs; linked, not installed."""
+    venv.create(place / "fresh", with_pip=False)
+    (target,) = (place / "fresh").glob("lib/*/site-packages")
+    for name in set().union(*map(needed_by, packages)):
+        tops = {file.parts[0] for file in metadata.files(name) or []} - {"..", "__pycache__"}
+        for top in tops:
+            (target / top).symlink_to(Path(str(metadata.distribution(name).locate_file(top))))
+    for file in (exported / "model").iterdir():
+        (place / file.name).symlink_to(file)
+    Image.fromarray(np.load(exported / "images.npy")[0].transpose(1, 2, 0)).save(place / "image.png")
+    (place / "program.py").write_text(programs(exported)[number])
+    python = place / "fresh" / "bin" / "python"
+    done = subprocess.run([python, "program.py"], capture_output=True, text=True, check=True, cwd=place)
+    assert len(done.stdout.splitlines()) == (0 if number == 2 else 3)
+    assert subprocess.run([python, "-c", "import tacevo"], capture_output=True, check=False).returncode != 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)
 def test_every_elite_of_the_shipped_bundles_exports(bundle: Path, place: Path) -> None:
     """Like the search, with the recorded weights."""
     run = tacevo.open(bundle)

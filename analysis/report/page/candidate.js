@@ -155,13 +155,21 @@ function sourceOf(run, one) {
     choice.onchange = () => show(one.changes[choice.value]);
     choice.value = one.changes.length ? "0" : "";
     show(one.changes[choice.value]);
+    const copy = h("button", { id: "source-copy" }, "Copy it as a file");
+    copy.onclick = async () => {
+        await navigator.clipboard.writeText(withImports(source));
+        copy.textContent = "Copied";
+    };
     return h(
         "div",
         null,
-        h("p", null, h("label", null, "Show ", choice)),
+        h("p", null, h("label", null, "Show ", choice), " ", copy),
         h("pre", { class: "source", tabindex: 0, "aria-label": `source of ${one.id}` }, code),
     );
 }
+
+// Return a source with the imports that the sandbox gave it.
+const withImports = ({ text, given: [at, imports] }) => text.slice(0, at) + imports + text.slice(at);
 
 // Cut a source into lines of (class, text).
 function linesOf({ text, marks }) {

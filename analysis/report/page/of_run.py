@@ -31,6 +31,7 @@ from tacevo.config.identity import identity
 from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
+from tacevo.gate.imports import with_imports
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
@@ -110,10 +111,19 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
     }
 
 
-def run_sources(run: RecordedRun, texts: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """Return the sources of a run's candidates by their hash: the text, and what its parts are (`marked`)."""
+def run_sources(run: RecordedRun, texts: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return the sources of a run's candidates by their hash: the text, and what its parts are (`marked`).
+
+    `given` is where the imports go that make it a file that runs, and their text.
+    """
     known = {line.source: texts[line.id] for line in run.candidates if line.source and line.id in texts}
-    return {source: {"text": text, "marks": marked(text)} for source, text in known.items()}
+    return {source: {"text": text, "marks": marked(text), "given": _given(text)} for source, text in known.items()}
+
+
+def _given(text: str) -> tuple[int, str]:
+    whole = with_imports(text)
+    at = next((at for at, letter in enumerate(text) if letter != whole[at]), len(text))
+    return at, whole[at : at + len(whole) - len(text)]
 
 
 def table_contents(table: Table) -> dict[str, Any]:

@@ -22,7 +22,7 @@ class PageContents:
     #: As `sweep_contents`; None of a single run.
     sweep: dict[str, Any] | None = None
     #: As `run_sources`, by hash; runs of a sweep share many.
-    sources: Mapping[str, dict[str, str]]
+    sources: Mapping[str, dict[str, Any]]
     #: What was checked before this was written, a sentence each; and the commands that check the rest.
     checked: Sequence[str]
     commands: Sequence[str] = ()
@@ -30,7 +30,7 @@ class PageContents:
 
 def page_contents(runs: Sequence[RunMaterial], **fields: Any) -> PageContents:
     """Return all that the page shows of runs; `fields` are the others of `PageContents`."""
-    sources: dict[str, dict[str, str]] = {}
+    sources: dict[str, dict[str, Any]] = {}
     for one in runs:
         sources |= run_sources(one.found.run, one.texts)
     return PageContents(runs=tuple(map(run_contents, runs)), sources=sources, **fields)

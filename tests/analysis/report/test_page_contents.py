@@ -20,6 +20,7 @@ from analysis.sweeps.ablation import compare_arms
 from analysis.tables.dynamics import reestimated
 from tacevo.evolution.archive import AddStatus, find_centroids
 from tacevo.evolution.lines import ReevaluationLine
+from tacevo.gate.imports import with_imports
 from tacevo.records import to_json
 from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job
@@ -72,6 +73,9 @@ def test_every_candidate_has_its_line_and_its_source(whole: tuple[Collection, di
         assert one["loss"] == line.fitness
         if line.source is not None:
             assert hashlib.sha256(sources[line.source]["text"].encode()).hexdigest() == line.source
+            at, imports = sources[line.source]["given"]
+            text = sources[line.source]["text"]
+            assert text[:at] + imports + text[at:] == with_imports(text)
 
 
 def test_network_of_a_study_has_its_reestimates(whole: tuple[Collection, dict[str, Any]]) -> None:
