@@ -114,6 +114,7 @@ def test_slot_order_holds_whatever_finishes_first() -> None:
     assert weights(outcomes) == order
     assert finished == order[::-1]
     assert [outcome.completion and outcome.completion.text for outcome in outcomes] == [None, "a", "b", "c"]
+    assert all(0 <= outcome.seconds < 60 for outcome in outcomes)
 
 
 def test_equal_sources_are_trained_once_and_keep_one_worker_only() -> None:
