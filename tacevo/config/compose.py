@@ -40,6 +40,7 @@ def compose(overrides: Sequence[str]) -> RunConfig:
             nothing.
     """
     _check_settings(overrides)
+    overrides = [each for each in overrides if each != "experiment=null"]  # the default, which Hydra cannot be told
     choice, others = split_arm(overrides)
     arm = read_arm(choice)
     with _hydra([*groups(), *keys()], overrides):

@@ -40,7 +40,14 @@ class ImageRegressionCNN(nn.Module):
 ```
 """
 
-SEARCH = ["task=force", "llm=anthropic", "training.epochs=1", "search.generations=1", "search.candidates=3"]
+SEARCH = [
+    "experiment=null",
+    "task=force",
+    "llm=anthropic",
+    "training.epochs=1",
+    "search.generations=1",
+    "search.candidates=3",
+]
 
 
 def answer(body: Body) -> str:

@@ -240,6 +240,8 @@ def test_settings_are_printed_as_hydra_users_ask_for_them(
     """As YAML that can be read again; nothing is run."""
     assert main(["search", "experiment=demo", "seed=3", *asked]) == 0
     assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose(["experiment=demo", "seed=3"])
+    assert main(["search", "experiment=null", *asked]) == 0
+    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose([])
     assert {path.name for path in place.iterdir()} <= {"temporary"}
 
 
