@@ -22,8 +22,6 @@ from tacevo.bundles.open import Opened, check_walls
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
-from tacevo.export.directory import export as write_export
-from tacevo.export.trainings import ExportSettings
 from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
@@ -158,6 +156,9 @@ class Run:
             DivergenceError: with `retrained`, a training is not as recorded.
             RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so.
         """
+        from tacevo.export.directory import export as write_export  # composes the recipe of a study, with Hydra
+        from tacevo.export.trainings import ExportSettings
+
         given = convert(ExportSettings, settings, place="export", error=ConfigError)
         self._read_source(candidate)
         check_walls(self.place)

@@ -4,6 +4,7 @@ import argparse
 import math
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
 
@@ -79,7 +80,7 @@ _HIDDEN = {"kind", "id", "prompt", "train_losses", "validation_losses", "repairs
 def show_run(path: Path, store: Path | None = None) -> str:
     """Write the summary of a run, finished or not, then what its studies and noise runs found, then its makers' note.
 
-    `store` is where its stores lie, if not where the run had them.
+    `store` are the entries of its bundle.
 
     Raises:
         RunError: this is not a run directory, or it is damaged.
@@ -88,7 +89,7 @@ def show_run(path: Path, store: Path | None = None) -> str:
     finished = run.digest == ledger.digest
     state = f"digest: {run.digest}" if finished else "Not finished: the command that began it continues it."
     if finished:
-        known = finished_run(directory, run, ledger, None if store is None else str(store))
+        known = replace(finished_run(directory, run, ledger), packed=store)
     else:
         config, elites = read_config(path, run), read_elites(directory)
         known = RecordedRun(directory=directory, record=run, config=config, ledger=ledger, elites=elites)

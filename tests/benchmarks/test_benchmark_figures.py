@@ -1,4 +1,4 @@
-"""Promise: a figure's ratio says how many times better ours is, and README.md holds the table of what was measured."""
+"""Promise: a figure's ratio says how many times better ours is; benchmarks/README.md holds the measured table."""
 
 import inspect
 import json
@@ -63,7 +63,7 @@ def test_page_without_its_two_markers_is_refused(page: str) -> None:
 
 def test_readme_holds_the_table_of_the_results() -> None:
     """Nobody has typed a figure; before the first measurement there is none."""
-    page, results = (ROOT / "README.md").read_text(encoding="utf-8"), ROOT / RESULTS
+    page, results = (ROOT / "benchmarks/README.md").read_text(encoding="utf-8"), ROOT / RESULTS
     lines = list(table(json.loads(results.read_text(encoding="utf-8")))) if results.exists() else []
     assert with_table(page, lines) == page
 

@@ -183,7 +183,7 @@ def test_each_source_has_its_own_split() -> None:
         ("+search.extra=1", "", "KEY=VALUE", "'+search.extra=1'"),
         ("seed", "", "KEY=VALUE", "'seed'"),
         ("hydra.job.name=x", "", "KEY=VALUE", "'hydra.job.name=x'"),
-        ("seed=1,2", "", "", "Ambiguous value for argument 'seed=1,2'"),
+        ("seed=1,2", "", "one value", "seed=1,2"),
         ("data.root=~/photos", "", "", "~/photos"),
     ],
 )

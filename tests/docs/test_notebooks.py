@@ -11,6 +11,7 @@ from checkout import ROOT
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
+@pytest.mark.slow  # `make docs` runs them as well
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs(notebook: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the directory where it lies, as Jupyter runs it; outputs are not kept, so that none can be outdated."""

@@ -83,7 +83,7 @@ def exported(once: Once, published: Path) -> Path:
         values = [read_kept(arrays, one, run.recorded.facts)[0] for one in kept if one is not None]
         np.save(folder / "expected.npy", np.mean(values, axis=0) * dataset.scale + dataset.offset)
 
-    return once("exported", fill)
+    return once("exported-network", fill)
 
 
 def read(exported: Path, name: str) -> Any:

@@ -275,9 +275,11 @@ def test_draw_is_the_readers_own_and_is_told(folder: Path, capsys: pytest.Captur
     ],
 )
 def test_options_that_would_be_without_effect_are_refused(
-    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+    options: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Before the run is read."""
+    monkeypatch.chdir(tmp_path)
+    Path("run").mkdir()
     assert main(["replay", "run", *options]) == 2
     assert words in capsys.readouterr().err
 

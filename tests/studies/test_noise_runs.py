@@ -126,7 +126,7 @@ def test_bundle_holds_the_noise_run_and_can_be_verified(folder: Path, capsys: py
     assert main(["replay", "run.zip"]) == 0
     told = capsys.readouterr().out
     assert noise_of(folder).path.name in told
-    assert "EQUAL: search, 1 study, " in told.splitlines()[-2]
+    assert "EQUAL: search, 2 studies, " in told.splitlines()[-2]
 
 
 def test_tables_set_record_and_re_estimates_beside_each_other(noisy: Path) -> None:

@@ -324,7 +324,7 @@ def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: p
     ("settings", "message"),
     [
         ([], "run: expected the directory of a finished run, as in run=runs/NAME"),
-        (["run=nowhere"], "nowhere: expected the directory of a run"),
+        (["run=nowhere"], "nowhere: expected the directory or bundle of a run"),
         (["run=run", "seed=1"], "seed: not a setting; did you mean seeds?"),
     ],
 )
