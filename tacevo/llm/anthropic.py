@@ -12,7 +12,7 @@ from tacevo.llm.answers import read_body, read_message
 from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of
-from tacevo.llm.wire import check_proxies
+from tacevo.llm.wire import bound_results, check_proxies
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
@@ -58,7 +58,7 @@ def connect_batches(base_url: str | None) -> anthropic.Anthropic:
     """Prepare to submit batches to Claude; otherwise like `connect`."""
     with _explaining():
         check_proxies(context := httpx2.create_ssl_context())
-        http = anthropic.DefaultHttpxClient(timeout=TIMEOUT, verify=context)
+        http = anthropic.DefaultHttpxClient(timeout=TIMEOUT, verify=context, event_hooks={"response": [bound_results]})
         client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT, http_client=http)
         _check_key(client)
         return client

@@ -1,8 +1,9 @@
 """What passes between an SDK and a server: bodies up to a limit, and which requests are not sent yet."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from urllib.request import getproxies, proxy_bypass
 
@@ -14,27 +15,37 @@ from tacevo.errors import ConfigError
 MOST_BYTES = 4 * 2**20
 
 
-class _Bounded(httpx2.AsyncByteStream):
-    """The body of a response, decompressed piece by piece, up to the limit."""
+class _Bounded(httpx2.AsyncByteStream, httpx2.SyncByteStream):
+    """The body of a response, decompressed piece by piece, up to a limit in bytes."""
 
-    def __init__(self, response: httpx2.Response) -> None:
+    def __init__(self, response: httpx2.Response, most: int) -> None:
         self._coded = httpx2.Response(response.status_code, headers=response.headers, stream=response.stream)
+        self._left = self._most = most
+
+    def _checked(self, part: bytes) -> bytes:
+        self._left -= len(part)
+        if self._left < 0:
+            raise httpx2.DecodingError(f"the body is larger than {self._most / 2**20:g} MiB")
+        return part
 
     async def __aiter__(self) -> AsyncIterator[bytes]:
-        left = MOST_BYTES
         async for part in self._coded.aiter_bytes():
-            left -= len(part)
-            if left < 0:
-                raise httpx2.DecodingError(f"the body is larger than {MOST_BYTES / 2**20:g} MiB")
-            yield part
+            yield self._checked(part)
+
+    def __iter__(self) -> Iterator[bytes]:
+        for part in self._coded.iter_bytes():
+            yield self._checked(part)
 
     async def aclose(self) -> None:
         await self._coded.aclose()
 
+    def close(self) -> None:
+        self._coded.close()
 
-async def _bound(response: httpx2.Response) -> None:
+
+def bound(response: httpx2.Response, most: int = MOST_BYTES) -> None:
     """Let a response have so many bytes, decompressed; more is an error of the connection."""
-    response.stream = _Bounded(response)
+    response.stream = _Bounded(response, most)
     response.headers.pop("content-encoding", None)
 
 
@@ -62,6 +73,10 @@ async def _begin(request: httpx2.Request) -> None:
     request.extensions["trace"] = follow
 
 
+async def _bound(response: httpx2.Response) -> None:
+    bound(response)
+
+
 #: What the HTTP client of an SDK calls before it sends a request, and before it reads a body.
 HOOKS = {"request": [_begin], "response": [_bound]}
 
@@ -87,3 +102,7 @@ def by_proxy(address: httpx2.URL) -> str:
     if named is None or proxy_bypass(address.host):
         return ""
     return f", through the proxy that {named.upper()}_PROXY names"
+
+
+#: For a client of batches, whose results are one body.
+bound_results = partial(bound, most=2**30)

@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx2
 import pytest
 from hosted import PROVIDERS, QUICK, batched, hosted, request, texts
 from llm_server import listen, serving
@@ -23,7 +24,7 @@ from refusals import refused
 from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.recording import RecordingLLM
 from tacevo.llm.retry import Fault, FaultKind, Patience
-from tacevo.llm.wire import MOST_BYTES
+from tacevo.llm.wire import MOST_BYTES, bound
 from tacevo.storage.store import Store
 
 pytestmark = pytest.mark.usefixtures("keys", "direct")
@@ -243,3 +244,12 @@ def test_compressed_answer_is_read(provider: str) -> None:
     with replying((200, data), {"content-encoding": "gzip"}) as server:
         assert texts(hosted(server.url, provider, patience=QUICK), "a") == ["hi"]
         assert len(server.bodies) == 1
+
+
+def test_results_of_a_batch_are_one_body_with_a_limit() -> None:
+    """It counts decompressed bytes, so a few thousand that unpack to more are refused before they are unpacked."""
+    packed = gzip.compress(b"a" * 2**20)
+    response = httpx2.Response(200, headers={"content-encoding": "gzip"}, stream=httpx2.ByteStream(packed))
+    bound(response, most=2**16)
+    with pytest.raises(httpx2.DecodingError, match=r"larger than 0\.0625 MiB"):
+        response.read()
