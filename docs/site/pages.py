@@ -234,4 +234,4 @@ def python() -> str:
 
 
 if __name__ == "__main__":
-    write_pages(Path(sys.argv[1]))
+    write_pages(Path(sys.argv[1]).resolve())

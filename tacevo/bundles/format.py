@@ -14,7 +14,6 @@ from pathlib import Path
 from tacevo.bundles.texts import check_papers
 from tacevo.bundles.zipfiles import LONGEST_NAME, packed, read_members
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError, TacevoError
-from tacevo.storage.canonical import value_at
 from tacevo.storage.entries import CANDIDATES, Budget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
@@ -123,8 +122,9 @@ def candidate_entry(job: str, name: str, text: str) -> Entry:
 
 def _add_candidate(entry: Entry, tree: Tree, place: str) -> None:
     """Put the file that `candidate_entry` packed beside its ledger."""
-    file = str(value_at(entry.request, ("file",)))[:LONGEST_NAME]
-    text, match, sweep = str(value_at(entry.answer, ("text",))), _OF_A_JOB.fullmatch(file), tree.get(SWEEP)
+    asked, told = (value if isinstance(value, dict) else {} for value in (entry.request, entry.answer))
+    file = str(asked.get("file"))[:LONGEST_NAME]
+    text, match, sweep = str(told.get("text")), _OF_A_JOB.fullmatch(file), tree.get(SWEEP)
     job = sweep.get(match["job"]) if match and isinstance(sweep, dict) else None
     candidates = job.setdefault("candidates", {}) if isinstance(job, dict) else None
     is_ours = match is not None and entry == candidate_entry(match["job"], match["name"], text)

@@ -1,12 +1,17 @@
 """The command `tacevo export`."""
 
 import argparse
+import re
+from collections.abc import Sequence
 from typing import Any
 
 from tacevo.cli.arguments import RUN, candidate, named
 from tacevo.cli.common import DONE, Parser, existing_store
 from tacevo.errors import ConfigError
 from tacevo.text import printable
+
+#: What may be set; `tacevo.export.trainings.ExportSettings` says the ranges.
+_SETTINGS = ("seeds", "epochs", "like", "licence")
 
 
 def add_export(parser: Parser) -> None:
@@ -38,15 +43,19 @@ def run_export(options: argparse.Namespace) -> int:
     from tacevo.api.opening import open_run  # what reads a run takes a second to import
 
     run = open_run(options.run, store=existing_store(options.store))
-    settings = dict(map(_setting, options.overrides))
+    settings = _settings(options.overrides)
     run.export(options.candidate, options.output, retrained=options.retrained, **settings)
     print(printable(f"{options.output}: README.md says how to use it"))
     return DONE
 
 
-def _setting(text: str) -> tuple[str, Any]:
-    """Read `KEY=VALUE`."""
-    key, equals, value = text.partition("=")
-    if not equals or key in {"retrained", "quiet"}:
-        raise ConfigError(text, place="tacevo export", expected="KEY=VALUE, such as seeds=3")
-    return key, int(value) if value.isdecimal() else value
+def _settings(overrides: Sequence[str]) -> dict[str, Any]:
+    """Read `KEY=VALUE` words."""
+    settings: dict[str, Any] = {}
+    for text in overrides:
+        key, _, value = text.partition("=")
+        if key not in _SETTINGS or key in settings or not value:
+            expected = f"{', '.join(_SETTINGS)}, each once, as KEY=VALUE"
+            raise ConfigError(text[:100], place="tacevo export", expected=expected, remedy="see tacevo export --help")
+        settings[key] = int(value) if re.fullmatch(r"\d{1,9}", value) else value
+    return settings

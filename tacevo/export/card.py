@@ -20,7 +20,8 @@ import onnxruntime
 from PIL import Image
 
 config = json.load(open("config.json"))
-image = Image.open("image.png").convert("RGB").resize((config["input"]["size"],) * 2)
+image = Image.open("image.png").convert("RGB")
+image = image.resize((config["input"]["size"],) * 2, Image.Resampling.BILINEAR)
 pixels = np.asarray(image, np.float32).transpose(2, 0, 1)[None]  # 1 x 3 x size x size, 0 to 255
 [output] = onnxruntime.InferenceSession("model.onnx").run(None, {"images": pixels})[0]
 """

@@ -69,13 +69,15 @@ def export(
     check_means(plan.config)
     source = run.directory.read_source(line.id, str(line.source))
     data = load_same(plan.config, run.record.data, view)
+    units = units_of(source_of(plan.config).catalogue()) if data.scale else ()
+    _make_parent(target)
     trained, doubts = train(run, plan, source, data, view, retrained=retrained)
     model = Exported(
         run=run,
         line=line,
         plan=plan,
         data=data,
-        units=units_of(source_of(plan.config).catalogue()) if data.scale else (),
+        units=units,
         trained=trained,
         doubts=doubts,
         licence=settings.licence,
@@ -128,18 +130,23 @@ def _check_absent(target: Path) -> None:
         )
 
 
-def _write(target: Path, files: Mapping[str, bytes]) -> None:
-    """Write a directory: out of sight first, then with its name.
+def _make_parent(target: Path) -> None:
+    """Make the directory that the export is made in, before hours of training.
 
     Raises:
-        ConfigError: it cannot be written there.
+        ConfigError: nothing can be written there.
     """
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
+        Path(tempfile.mkdtemp(dir=target.parent)).rmdir()
     except OSError as error:
         got, expected = f"one that cannot ({error.strerror})", "a directory that can be written to"
         raise ConfigError(got, place=str(target.parent), expected=expected) from error
+
+
+def _write(target: Path, files: Mapping[str, bytes]) -> None:
+    """Write a directory: out of sight first, then with its name."""
+    stage = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
     try:
         for name, content in files.items():
             (stage / name).write_bytes(content)

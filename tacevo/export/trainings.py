@@ -108,6 +108,7 @@ def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> T
         training = replace(config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
     if settings.epochs not in {None, training.epochs}:
         training, study = replace(training, epochs=settings.epochs), None
+        rules = rules if like is Like.search else STUDY  # it is no training of that study
     rows = () if study is None else study.scores.rows
     scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
     return TrainingPlan(
@@ -163,7 +164,8 @@ def train(
         Workbench(config, record.task, data.facts, Mode.replay, stores=Stores(run.stores)) as stored,
         Workbench(config, record.task, data.facts, Mode.record, data=data) as bench,
     ):
-        known, fresh = [_evaluator(each, run, plan, data) for each in (stored, bench)]
+        known = _evaluator(stored, run, plan, data, predictions=run.has_predictions)
+        fresh = _evaluator(bench, run, plan, data, predictions=True)
         for seed in plan.seeds if retrained else ():
             _check_recorded(known, source, seed)
         for one in bench.executor.map(lambda seed: _train(bench, (known, fresh), plan, source, seed), plan.seeds):
@@ -222,10 +224,12 @@ def _check_equal(trained: Sequence[Trained], doubts: Sequence[str]) -> None:
             )
 
 
-def _evaluator(bench: Workbench, run: RecordedRun, plan: TrainingPlan, data: Dataset) -> _Evaluator:
+def _evaluator(
+    bench: Workbench, run: RecordedRun, plan: TrainingPlan, data: Dataset, *, predictions: bool
+) -> _Evaluator:
     if plan.like is Like.search:
         return bench.evaluator(run.rules)
-    return bench.studies(plan.rules, data.scale, predictions=run.has_predictions)
+    return bench.studies(plan.rules, data.scale, predictions=predictions)
 
 
 def _differing(told: FullTraining | Training | None, weighed: Weighed) -> tuple[str, ...]:

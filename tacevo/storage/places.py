@@ -46,7 +46,9 @@ def check_place(path: Path) -> None:
     raise RunError(
         repr(path.name),
         place=str(sweep),
-        expected=f"one of its {counted(len(jobs), 'job')}, such as {listed(near[:3])}",
+        expected=f"one of its {counted(len(jobs), 'job')}, such as {listed(near[:3])}"
+        if jobs
+        else "a job that has begun",
         remedy=f"`tacevo show {shlex.quote(str(sweep))}` lists them",
     )
 

@@ -32,7 +32,7 @@ def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
     return Refused(tmp_path, capsys)
 
 
-def with_candidate(members: Members, file: str, answer: dict[str, Any] | None = None) -> Members:
+def with_candidate(members: Members, file: str, answer: Any = None) -> Members:
     """Return members with a further entry that holds a candidate's file."""
     entry = {
         "kind": "candidates",
@@ -289,8 +289,10 @@ def test_candidate_twice_or_without_its_text_is_found(whole: Members, refused: R
     other = "sweep/none-seed1/candidates/g99s99.py"
     half = lzma.decompress(with_candidate(whole, other, answer={"text": "HALF"})[STORE]).replace(b"HALF", b"\\ud800")
     refused({**whole, STORE: lzma.compress(half)}, "expected JSON; got ")
-    for answer in ({"text": 1}, {}, {"text": "class Mine: pass\n", "note": "mine"}):
+    for answer in ({"text": 1}, {}, ["text"], {"text": "class Mine: pass\n", "note": "mine"}):
         refused(with_candidate(whole, other, answer=answer), "expected files of a sweep's candidates, each once")
+    listed = {"kind": "candidates", "request": ["file"], "answer": {"text": "class Mine: pass\n"}}
+    refused(with_entries(whole, [*entries_of(whole), listed]), "expected files of a sweep's candidates, each once")
 
 
 def test_members_of_an_older_bundle_are_read(swept: Path, whole: Members, tmp_path: Path) -> None:

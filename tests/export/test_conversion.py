@@ -135,13 +135,24 @@ def test_hostile_program_gets_no_file_out(program: Any, sandbox: Sandbox, data: 
     assert not [*place.iterdir()]
 
 
+WEIGHTS, CONSTANTS = "data/weights/model_weights_config.json", "data/constants/model_constants_config.json"
+
+
 def archive(**members: bytes) -> bytes:
     """Make an archive as torch.export does."""
     file = io.BytesIO()
-    plain = json.dumps({"config": {"a": {"use_pickle": False}}}).encode()
+    plain = json.dumps({"config": {"a": {"use_pickle": False, "path_name": "weight_0"}}}).encode()
     with zipfile.ZipFile(file, "w") as written:
-        for name, content in {"weights_config.json": plain, "constants_config.json": plain, **members}.items():
-            written.writestr(f"archive/{name}", content)
+        for name, content in {WEIGHTS: plain, CONSTANTS: plain, **members}.items():
+            written.writestr(name if name.startswith("/") else f"archive/{name}", content)
+    return file.getvalue()
+
+
+def compressed(content: bytes) -> bytes:
+    """Make an archive whose weight unpacks to more than it takes."""
+    file = io.BytesIO(archive())
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as written:
+        written.writestr("archive/data/weights/weight_0", content)
     return file.getvalue()
 
 
@@ -150,11 +161,17 @@ def archive(**members: bytes) -> bytes:
     [
         b"",
         b"PK",
-        archive(**{"weights_config.json": b'{"config": {"a": {"use_pickle": true}}}'}),
-        archive(**{"weights_config.json": b'{"config": []}'}),
-        archive(**{"weights_config.json": b"["}),
+        archive(**{WEIGHTS: b'{"config": {"a": {"use_pickle": true, "path_name": "weight_0"}}}'}),
+        archive(**{CONSTANTS: b'{"config": {"a": {"use_pickle": false, "path_name": "opaque_obj_0"}}}'}),
+        archive(**{CONSTANTS: b'{"config": {"a": {"use_pickle": false, "path_name": "custom_obj_0"}}}'}),
+        archive(**{WEIGHTS: b'{"config": []}'}),
+        archive(**{WEIGHTS: b"["}),
+        archive(**{"data/constants/opaque_obj_0": b"\x80\x02."}),
+        archive(**{"data/aotinductor/model/a.so": b"\x7fELF"}),
         archive(**{"more_config.json": b'{"config": {}}'}),
+        archive(**{"/serialized_state_dict.pt": b"\x80\x02."}),
         archive(**{"data/sample_inputs/model.pt": b"\x80\x02."}),
+        compressed(b"0" * 2**20),
     ],
 )
 def test_pickle_in_a_file_is_refused(file: bytes) -> None:
