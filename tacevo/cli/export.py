@@ -3,15 +3,13 @@
 import argparse
 import re
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any
 
 from tacevo.cli.arguments import RUN, candidate, named
 from tacevo.cli.common import DONE, Parser, existing_store
 from tacevo.errors import ConfigError
 from tacevo.text import printable
-
-#: What may be set; `tacevo.export.trainings.ExportSettings` says the ranges.
-_SETTINGS = ("seeds", "epochs", "like", "licence")
 
 
 def add_export(parser: Parser) -> None:
@@ -51,11 +49,14 @@ def run_export(options: argparse.Namespace) -> int:
 
 def _settings(overrides: Sequence[str]) -> dict[str, Any]:
     """Read `KEY=VALUE` words."""
+    from tacevo.export.trainings import ExportSettings  # composes the recipe of a study, with Hydra
+
+    known = [field.name for field in fields(ExportSettings)]
     settings: dict[str, Any] = {}
     for text in overrides:
         key, _, value = text.partition("=")
-        if key not in _SETTINGS or key in settings or not value:
-            expected = f"{', '.join(_SETTINGS)}, each once, as KEY=VALUE"
+        if key not in known or key in settings or not value:
+            expected = f"{', '.join(known)}, each once, as KEY=VALUE"
             raise ConfigError(text[:100], place="tacevo export", expected=expected, remedy="see tacevo export --help")
         settings[key] = int(value) if re.fullmatch(r"\d{1,9}", value) else value
     return settings

@@ -47,14 +47,12 @@ def run_show(options: argparse.Namespace) -> int:
         text = show_sweep(sweep)
     elif options.source:
         text = source_of(path, options.candidate)
+    elif options.candidate is not None:
+        text = show_candidate(path, options.candidate)
     else:
-        text = _text(path, store, options.candidate)
+        text = show_run(path, store)
     print(printable(text), end="")
     return DONE
-
-
-def _text(run: Path, store: Path | None, candidate: str | None) -> str:
-    return show_run(run, store) if candidate is None else show_candidate(run, candidate)
 
 
 def show_sweep(directory: SweepDirectory) -> str:

@@ -42,15 +42,10 @@ def check_place(path: Path) -> None:
             expected="the directory or bundle of a run or a sweep",
             remedy="`tacevo search` makes a run, and prints its name",
         )
-    near = difflib.get_close_matches(path.name, jobs, n=3) or jobs
-    raise RunError(
-        repr(path.name),
-        place=str(sweep),
-        expected=f"one of its {counted(len(jobs), 'job')}, such as {listed(near[:3])}"
-        if jobs
-        else "a job that has begun",
-        remedy=f"`tacevo show {shlex.quote(str(sweep))}` lists them",
-    )
+    near = (difflib.get_close_matches(path.name, jobs, n=3) or jobs)[:3]
+    expected = f"one of its {counted(len(jobs), 'job')}, such as {listed(near)}" if jobs else "a job that has begun"
+    remedy = f"`tacevo show {shlex.quote(str(sweep))}` lists them"
+    raise RunError(repr(path.name), place=str(sweep), expected=expected, remedy=remedy)
 
 
 def _jobs_of_bundle(bundle: Path) -> list[str] | None:
