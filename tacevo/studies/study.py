@@ -332,6 +332,7 @@ def _train(
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
     verdicts: dict[int, _Verdict] = {}
     done = len(recorded)
+    view.advance("trainings", done, len(jobs))
     for future in as_completed(futures):
         place = futures[future]
         verdict = verdicts[place] = future.result()
