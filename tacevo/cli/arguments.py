@@ -253,8 +253,8 @@ def _check_replay(options: argparse.Namespace) -> None:
         options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
 
 
-def add_continue(parser: Parser) -> None:
-    """Describe `tacevo continue`."""
+def add_extend(parser: Parser) -> None:
+    """Describe `tacevo extend`."""
     parser.description = (
         "Replay a finished run, and search on from its end in a new run directory, whose ledger begins with the lines "
         "of the published one. The published run and its stores are only read."
@@ -264,7 +264,7 @@ def add_continue(parser: Parser) -> None:
         "overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; a larger search.generations is needed"
     )
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
-    parser.set_defaults(command=_later("reproduce", "continue"))
+    parser.set_defaults(command=_later("reproduce", "extend"))
 
 
 def add_publish(parser: Parser) -> None:

@@ -192,7 +192,7 @@ QUICK = [
         f"{command} nowhere"
         for command in ("tables", "replay", "report", "show", "figures", "ablations", "publish -o a")
     ),
-    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "continue nowhere", "show . third"),
+    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "extend nowhere", "show . third"),
     *("tables --wrong", "tables", "tables one/run.zip two/run.zip -o out", "figures one/run.zip", "replay . --draw 1"),
     *("report one/run.zip --latex --follow", "show one/run.zip/job", "--help"),
 ]
@@ -323,6 +323,7 @@ def test_directory_that_is_write_protected_is_refused(tmp_path: Path, monkeypatc
         (["paper", "run", "-o", "out"], "`tacevo report RUN... --latex`"),
         (["sweep", "status", "all"], "`tacevo show SWEEP`"),
         (["watch", "run", "--open"], "`tacevo report RUN --follow`"),
+        (["continue", "run", "search.generations=9"], "`tacevo extend RUN search.generations=N`"),
     ],
 )
 def test_command_of_the_last_release_names_what_took_its_place(
