@@ -372,6 +372,19 @@ def add_tables(parser: Parser) -> None:
     parser.add_argument("runs", metavar="RUN", nargs="*", type=named, help=f"{RUNS}; optional with --paper")
     parser.add_argument("--paper", action="store_true", help="the paper's own tables, too, and one beside the runs")
     parser.add_argument("--latex", action="store_true", help="print LaTeX instead of Markdown")
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        metavar="NAME",
+        default=(),
+        help="show only these beside the first one, where a table has any of them; .csv has all",
+    )
+    parser.add_argument(
+        "--notes",
+        choices=("none", "short", "full"),
+        default="full",
+        help="below a table: none, the first sentence of each, or all (default: full)",
+    )
     _add_places(parser, "tables")
     parser.set_defaults(command=_later("tables", "tables", _check_tables))
 
