@@ -151,7 +151,7 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
         rows=tuple(rows),
         notes=(
             *([run.shortfall] if run.shortfall else []),
-            f"Fitness is a validation loss. Every one is {worth(run.config)} {OTHER_SEEDS}",
+            f"Every fitness, a validation loss, is {worth(run.config)} {OTHER_SEEDS}",
             *([] if run.record.trivial is None else [TRIVIAL_LOSS]),
         ),
     )
