@@ -154,7 +154,8 @@ def _carry_out(
     directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say) as bench:
+    bench_of_study = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
+    with directory.at_work(), bench_of_study as bench:
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)
