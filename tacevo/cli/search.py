@@ -12,6 +12,7 @@ import yaml
 
 from tacevo.choices import Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.folder import check_experiment, groups
 from tacevo.config.plain import to_plain
@@ -30,6 +31,9 @@ from tacevo.sweeps.terms import Asked, read_varied
 from tacevo.text import as_override, counted
 from tacevo.tracking.backfill import track
 from tacevo.tracking.entries import viewing
+
+#: Where the words stand beside the settings, in characters.
+_WORDS = 42
 
 
 def add_search(parser: Parser) -> None:
@@ -54,14 +58,20 @@ def _describe_settings() -> str:
     """List the choices of every config group, and every setting as it is where no group and no setting is given."""
     choices = groups()
     width = max(map(len, choices))
-    defaults = leaves(asdict(compose([])))
+    defaults = [
+        (key, value if isinstance(value, str) else canonical(value)) for key, value in leaves(asdict(compose([])))
+    ]
+    words = comments()
     return "\n".join(
         [
             "config groups and their choices:",
             *(f"  {name.ljust(width)}  {', '.join(names)}" for name, names in choices.items()),
             "",
             "settings, with their defaults (choices may change them):",
-            *(f"  {key}={value if isinstance(value, str) else canonical(value)}" for key, value in defaults),
+            *(
+                f"  {f'{key}={value}'.ljust(_WORDS)}  {words[key].partition('. ')[0].rstrip('.')}"
+                for key, value in defaults
+            ),
         ]
     )
 
