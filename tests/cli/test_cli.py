@@ -224,10 +224,10 @@ def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
-    """With its default: all of them together change nothing."""
+    """With its default, and words behind it: all of them together change nothing."""
     with pytest.raises(SystemExit):
         main(["search", "--help"])
-    told = re.findall(r"^  ([a-z_.]+=.*)$", capsys.readouterr().out, re.MULTILINE)
+    told = re.findall(r"^  ([a-z_.]+=.*?)  +\S.*$", capsys.readouterr().out, re.MULTILINE)
     groups = {key.rpartition(".")[0] for key in keys()}
     assert {setting.partition("=")[0] for setting in told} == set(keys()) - groups
     assert compose(told) == compose([])
