@@ -116,7 +116,7 @@ def rankings(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
     one training would stand on both sides, and its luck would pass for agreement.
 
     Args:
-        losses: validation losses of n networks, S >= 2 seeds and E epochs, shape (n, S, E).
+        losses: the fitness of n networks after so many epochs, S >= 2 seeds and E epochs, shape (n, S, E).
         scores: test scores of the weights of the best validation epoch, lower is better, shape (n, S).
 
     Returns:

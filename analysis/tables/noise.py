@@ -36,7 +36,7 @@ def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
         last=() if trivial is None else (("trivial", None, trivial, trivial, *(None,) * 6),),
         notes=(
             *chance_note(found, trivial),
-            f"Fitness: the validation loss after {counted(found.epochs, 'epoch')}, lower is better. The recorded one "
+            f"Fitness: {found.fitness}, lower is better. The recorded one "
             f"is {found.record}, by which the search chose; the others decided nothing in it.",
             "Recorded less re-estimated: below 0 the record flatters the network.",
             *_failed_note(found),
@@ -83,7 +83,7 @@ def corrected_table(found: pd.DataFrame, again: Reestimates, task: str) -> Table
 
 
 def ranking_table(found: Reestimates, rankings: pd.DataFrame, task: str) -> Table:
-    """Show how the validation loss after some epochs ranks the networks, beside their test scores."""
+    """Show how the fitness after some epochs ranks the networks, beside their test scores."""
     last = len(rankings)
     doubled = {2**power for power in range(last.bit_length())}
     return Table.of(

@@ -121,7 +121,7 @@ def _found(run: RecordedRun) -> tuple[str, str, str]:
     # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
     lines = run.ledger.lines
     whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
-    known = fitness_by_id(lines[:whole])
+    known = fitness_by_id(lines[:whole], run.config.training.fitness)
     candidates = {line.id: replace(line, fitness=known.get(line.id)) for line in run.candidates}
     ranked = sorted(
         (candidates[elite.id] for elite in run.elites if elite.id in known), key=lambda line: (_fitness(line), line.id)
