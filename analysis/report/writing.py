@@ -44,6 +44,7 @@ FURTHER = {
     "outputs": "How good is each output of the networks?",
     "prompts": "Which instructions were productive?",
     "ranking": "Does the search rank its elites as other training seeds do?",
+    "fitness_rules": "Would another `training.fitness` tell the networks apart better?",
     "scores": "What did every network score with every seed?",
     "temperatures": "Which temperatures were productive?",
     "transfer": "Do the networks keep their advantage on other data?",

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.statistics.effects import Interval
-from analysis.statistics.noise import agreement, icc, noise, rankings
+from analysis.statistics.noise import agreement, icc, noise, rankings, worth
 from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
@@ -41,6 +41,9 @@ class Reestimates:
     epochs: int
     #: How the networks rank after each epoch, beside their test scores; None of a noise run.
     rankings: pd.DataFrame | None = None
+    #: What a fitness after the search's epochs is worth by each rule (`analysis.statistics.noise.WORTH`); None where
+    #: `rankings` is.
+    worth: pd.DataFrame | None = None
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[Network, ...] = ()
     #: What the recorded fitness of a network is, in words.
@@ -131,14 +134,15 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
     sound = [row for row in (by_name[name] for name in names) if isinstance(row, ScoreLine)]
     ordered, shape = [row for row in sound if row.network not in failed], (len(networks), header.seeds)
     epochs, rule = config.training.epochs, config.training.fitness
-    found = None
+    found = by_rule = None
     if header.terms is None:
         fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
     else:
-        curves = [_losses(store, row) for row in ordered]
+        curves, tested = [_losses(store, row) for row in ordered], _tested(header, ordered).reshape(shape)
         so_far = [[rule.of(losses[:epoch]) for epoch in range(1, len(losses) + 1)] for losses in curves]
         by_epoch = np.array(so_far).reshape(*shape, -1)
-        fitness, found = by_epoch[:, :, epochs - 1], rankings(by_epoch, _tested(header, ordered).reshape(shape))
+        fitness, found = by_epoch[:, :, epochs - 1], rankings(by_epoch, tested)
+        by_rule = worth(np.array(curves).reshape(*shape, -1)[:, :, :epochs], tested)
     return Reestimates(
         name=finished.path.name,
         networks=networks,
@@ -146,6 +150,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         epochs=epochs,
         rule=rule,
         rankings=found,
+        worth=by_rule,
         failed=tuple(network for network in header.networks if network.name in failed),
         record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),
     )
