@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from tacevo.choices import ArchiveKind
+from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
@@ -82,10 +82,19 @@ def tell(run: RecordedRun) -> Told:
     )
 
 
+#: What a fitness is of one training, and of several.
+_LOSSES = {
+    FitnessRule.last: ("loss", "losses"),
+    FitnessRule.lowest: ("lowest loss", "lowest losses"),
+    FitnessRule.mean_of_3: ("mean of the last 3 losses", "means of the last 3 losses"),
+}
+
+
 def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
     seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
-    losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
+    one, several = _LOSSES[config.training.fitness]
+    losses = f"{one} of one training seed" if seeds == 1 and not or_more else f"{several} of as many training seeds"
     return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 
