@@ -233,6 +233,8 @@ class Primary(StrEnum):
     #: Of each job's best network, trained again with fresh seeds.
     test_score = "test_score"
     best_fitness = "best_fitness"
+    #: Of the fitness of the new candidates in the later half of the generations, in which no luck piles up.
+    new_quartile = "new_quartile"
     qd_score = "qd_score"
     coverage = "coverage"
 

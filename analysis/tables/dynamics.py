@@ -41,6 +41,8 @@ _FIGURES = {
     **{f"by_{at}": (f"part of it that was reached by generation {at}", True) for at in PUBLISHED_GENERATIONS},
     "trainable": ("trainable candidates, mean over generations", True),
     "coverage": ("coverage at the end", True),
+    "new_quartile": ("fitness that a quarter of the new candidates of the later generations reach", False),
+    "new_median": ("fitness that half of them reach", False),
 }
 
 #: Of a trivial loss.
