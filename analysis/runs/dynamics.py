@@ -184,7 +184,8 @@ def _new_candidates(run: RecordedRun) -> dict[str, float | None]:
     """Return the fitness that a quarter, and a half, of the new candidates of the later generations reach.
 
     Each is a draw of its own of a network whose parents were chosen by earlier draws, so luck does not pile up in it as
-    it does in the best of many. New is a source that no slot had before; later are the generations after G / 2. A slot that gave nothing that trains is worse than any fitness: None where so many of them are.
+    it does in the best of many. New is a source that no slot had before; later are the generations after G / 2. A slot
+    that gave nothing that trains is worse than any fitness: None where so many of them are.
     """
     first = {line.source: line for line in reversed(run.candidates) if line.source is not None}
     later = [line for line in run.candidates if 2 * line.generation > run.generations[-1].generation]

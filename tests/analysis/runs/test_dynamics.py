@@ -97,7 +97,7 @@ def test_gate_counts_what_each_stage_leaves() -> None:
         trained(0, 0),
         trained(0, 1),
         rejected(1, 0, Stage.extract, Reason.empty),
-        rejected(1, 1, Stage.probe),
+        rejected(1, 1, Stage.probe, Reason.bad_output),
         rejected(1, 2, Stage.probe, Reason.forward_failed),
         rejected(1, 3, Stage.probe, Reason.forward_failed),
     ]
@@ -128,7 +128,7 @@ def test_gate_table_counts_misreporting_candidates() -> None:
 
 def test_repaired_answer_counts_as_rejected_once_at_first() -> None:
     """The paper discards a failed answer, so a rate that counts corrected ones could not stand beside its rate."""
-    mended = trained(1, 0, repairs=((Stage.extract, Reason.no_class), (Stage.probe)))
+    mended = trained(1, 0, repairs=((Stage.extract, Reason.no_class), (Stage.probe, Reason.bad_output)))
     stages = gate_stages([trained(0, 0), mended])
     assert [found.rejected for found in stages] == [1, 0, 0, 0]
 
