@@ -29,6 +29,7 @@ from analysis.tables.dynamics import (
 )
 from analysis.tables.health import health_table, niches_table
 from analysis.tables.images import image_tables
+from analysis.tables.instruction_tables import instructions_table
 from analysis.tables.motifs import motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
@@ -283,6 +284,7 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         generations_table(run, found.niches.networks),
         gate_table(run),
         prompts_table(run),
+        instructions_table([run], run.name),
     ]
     tables += [temperatures_table(run), costs_table(run)]
     tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]

@@ -115,7 +115,7 @@ def copies(run: RecordedRun) -> frozenset[str]:
 
 def by_prompt(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each instruction of the library (`PRODUCTIVITY`), tried or not, in the library's order."""
-    asked = _mutations(run)
+    asked = mutations(run)
     return _productivity(
         (name, [candidate for candidate in asked if candidate.prompt == index])
         for index, name in enumerate(run.instructions)
@@ -125,7 +125,7 @@ def by_prompt(run: RecordedRun) -> pd.DataFrame:
 def by_temperature(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each band of the requests' temperatures in which something was asked, rising."""
     bands: dict[int, list[CandidateLine]] = {}
-    for candidate in _mutations(run):
+    for candidate in mutations(run):
         temperature = candidate.sent_temperature
         if temperature is not None:
             band = min(int(temperature * BANDS), BANDS - 1)  # the last band holds its upper end
@@ -197,7 +197,7 @@ def _new_candidates(run: RecordedRun) -> dict[str, float | None]:
     return {name: fitness if math.isfinite(fitness) else None for name, fitness in reached.items()}
 
 
-def _mutations(run: RecordedRun) -> list[CandidateLine]:
+def mutations(run: RecordedRun) -> list[CandidateLine]:
     """Return the mutations that count for a prompt: not those of generation 0, which fill an empty archive."""
     return [
         candidate

@@ -21,6 +21,7 @@ from analysis.runs.dynamics import (
 from analysis.runs.lineage import lineage
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
+from analysis.tables.instruction_tables import grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
@@ -127,7 +128,7 @@ def temperatures_table(run: RecordedRun) -> Table:
             "T moved one way with the generations, so temperature and generation are one here: a difference between "
             "bands may be one between early and late generations, whose archives are filled differently."
         )
-    return replace(table, notes=(*table.notes, *notes))
+    return replace(table, notes=(*table.notes, *notes, *grammar_note([run])))
 
 
 def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ()) -> Table:
