@@ -114,4 +114,4 @@ def test_tables_show_them_and_say_what_a_grammars_temperature_is() -> None:
     assert any("mutation strength" in note for note in table.notes)
     mix = mix_table({"none": runs[:1], "drift": runs[1:]}, "force")
     assert mix.columns == ("instruction", "none", "drift")
-    assert sum(row[1].value for row in mix.rows) == pytest.approx(1)  # type: ignore[union-attr]
+    assert sum(row[1].value for row in mix.rows) == pytest.approx(1)  # type: ignore[misc, union-attr]
