@@ -129,6 +129,8 @@ class PromptPolicy(StrEnum):
 
     uniform = "uniform"
     curiosity = "curiosity"
+    #: By what each did to the loss of its children so far.
+    effect = "effect"
     none = "none"
 
 

@@ -31,7 +31,7 @@ from tacevo.evolution.lines import (
     source_hash,
     with_result,
 )
-from tacevo.evolution.prompts import Trial, curiosity
+from tacevo.evolution.prompts import FAILED, Trial, curiosity
 from tacevo.evolution.proposals import (
     Candidate,
     Proposal,
@@ -45,6 +45,7 @@ from tacevo.evolution.reevaluation import Estimates, Reevaluation, compete_again
 from tacevo.evolution.state import Ledger, Observer, Plan, SearchState
 from tacevo.profile import Admitted
 from tacevo.records import Operator, Rejection, Task, to_json
+from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
 T = TypeVar("T", CandidateLine, ReevaluationLine)
@@ -127,7 +128,8 @@ def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState,
     """Commit one outcome to the state; return the state and its ledger line."""
     if isinstance(outcome.proposal, Reevaluation):
         return reevaluate(state, plan, outcome.proposal, outcome)
-    return commit(state, plan, outcome.proposal, outcome)
+    after, line = commit(state, plan, outcome.proposal, outcome)
+    return _with_effect(after, plan, line), line
 
 
 def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
@@ -225,6 +227,18 @@ def _record_prompt(
         plan.prompts, trial, prompts=len(plan.task.instructions), name=line.id
     )
     return replace(state, prompts=prompts), replace(line, prompt_niche=niche, prompt_status=status)
+
+
+# Not part of the paper's algorithm.
+def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchState:
+    """Let the policy `effect` learn what an instruction did to the loss of its child."""
+    if plan.settings.prompts is not PromptPolicy.effect or line.prompt is None:
+        return state
+    parent = state.candidates.get(line.parents[0])
+    if parent is None or not 0 < parent.fitness < math.inf or line.fitness == 0:
+        return state
+    change = FAILED if line.fitness is None else rounded(math.log(line.fitness / parent.fitness))
+    return replace(state, prompts=state.prompts.learning(line.prompt, change))
 
 
 def _learned(
