@@ -250,7 +250,11 @@ class Varied(StrEnum):
 
 
 class MarginKind(StrEnum):
-    """What an equivalence margin counts in: parts of the baseline's median, or the unit of the metric."""
+    """What an equivalence margin counts in."""
 
+    #: Parts of the baseline's median.
     relative = "relative"
+    #: Parts of what the baseline gets wrong, which is of an accuracy what lacks to 1; of an error, its median.
+    errors = "errors"
+    #: The unit of the metric.
     absolute = "absolute"
