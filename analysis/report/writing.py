@@ -42,6 +42,7 @@ FURTHER = {
     "motifs": "Which structures do good networks have in common?",
     "niches": "How full are the niches?",
     "outputs": "How good is each output of the networks?",
+    "pareto": "Which networks does no other one beat in both loss and FLOPs?",
     "prompts": "Which instructions were productive?",
     "ranking": "Does the search rank its elites as other training seeds do?",
     "scores": "What did every network score with every seed?",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import os
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
 from analysis.runs import dynamics
+from analysis.runs.pareto import beside_costs, on_front
+from analysis.studies.noise import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, network
 from tacevo.api.replaying import replay
@@ -26,7 +28,7 @@ from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
-from tacevo.text import nearest
+from tacevo.text import listed, nearest
 from tacevo.typed import convert
 
 if TYPE_CHECKING:
@@ -97,6 +99,38 @@ class Run:
         """The prompt archive by niche; without rows where the search kept none; columns: docs/python.md."""
         return frames.frame(map(asdict, self.recorded.prompt_trials), frames.PROMPTS, index="niche")
 
+    def pareto(self, objectives: Sequence[str | pd.Series[Any]] = ("fitness", "flops")) -> pd.DataFrame:
+        """Return the front: the trained candidates that no other one beats in all objectives; columns: docs/python.md.
+
+        The fitness of a candidate that a study or a noise run trained again is the median of those seeds; the column
+        `estimate` says what each is. The lowest first objective comes first; of equal candidates the first one counts.
+
+        Args:
+            objectives: lower is better; each `fitness`, `parameters` or `flops`, or a Series by id of a name of its
+                own, such as measured milliseconds. That becomes a column, and candidates without a value are left out.
+
+        Raises:
+            ConfigError: fewer than two objectives, or not such ones.
+        """
+        known = beside_costs(self.recorded, losses_by_source(self.collection.reestimates))
+        own = {one for one in objectives if isinstance(one, str)}
+        given = {str(one.name): one for one in objectives if not isinstance(one, str)}
+        allowed = {"fitness", "parameters", "flops"}
+        names = [one if isinstance(one, str) else str(one.name) for one in objectives]
+        foreign = [name for one in given.values() for name in one.index if name not in known.index]
+        if (
+            not own <= allowed
+            or given.keys() & {*known.columns, "None"}
+            or len({*names}) < max(2, len(names))
+            or foreign
+        ):
+            raise ConfigError(
+                f"candidates that were not trained: {listed(map(str, foreign), most=3)}" if foreign else listed(names),
+                place="objectives",
+                expected=f"two or more of {listed(sorted(allowed))}, or Series of other names, by id of a trained one",
+            )
+        return on_front(known.assign(**{name: one.astype("float64") for name, one in given.items()}), names)
+
     def source(self, candidate: str) -> str:
         """Return the source of an admitted candidate, with the imports that the sandbox gave it: it runs as a file.
 
@@ -135,6 +169,8 @@ class Run:
         directory: str | os.PathLike[str],
         *,
         retrained: bool = False,
+        register: str | None = None,
+        uri: str = "",
         quiet: bool = False,
         **settings: Any,
     ) -> Path:
@@ -144,6 +180,8 @@ class Run:
             candidate: its id.
             directory: which must not exist.
             retrained: whether a training that is not recorded, or goes otherwise than recorded, is an error.
+            register: the name under which its ONNX model is registered in MLflow as well.
+            uri: of that MLflow; empty for the run's own, or else that in MLFLOW_TRACKING_URI.
             quiet: whether to show no progress on standard error.
             settings: as of `tacevo export`, such as `seeds=3, like="search"`.
 
@@ -154,8 +192,10 @@ class Run:
             ConfigError: a setting is wrong, the directory exists, or packages are missing; or as `source`.
             DataError: the data set of the run is missing.
             DivergenceError: with `retrained`, a training is not as recorded.
-            RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so.
+            RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so; or with
+                `register`, MLflow fails, before anything is trained or after the directory is whole.
         """
+        from tacevo.api.registry import Registry
         from tacevo.export.directory import export as write_export  # composes the recipe of a study, with Hydra
         from tacevo.export.trainings import ExportSettings
 
@@ -163,9 +203,14 @@ class Run:
         self._read_source(candidate)
         check_walls(self.place)
         line = next(line for line in self.recorded.candidates if line.id == candidate)
+        registry = None if register is None else Registry(self.recorded, register, uri)
         with progress(quiet) as view:
             bundle = self.place.digest
-            write_export(self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view)
+            model = write_export(
+                self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view
+            )
+            if registry is not None:
+                view.say(registry.take(model, Path(directory)))
         return Path(directory)
 
     @cached_property

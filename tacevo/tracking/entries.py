@@ -117,12 +117,12 @@ def shorten(text: str) -> str:
     return text if len(text) <= LONGEST_PARAM else text[: LONGEST_PARAM - 1] + "…"
 
 
-def note(summary: str) -> str:
-    """Return a run's summary as its description: whole lines, as many as MLflow takes."""
-    if len(summary) <= _LONGEST_NOTE:
-        return summary
-    more = "\n\n… (the rest is in summary.md, among the artifacts)"
-    return summary[: _LONGEST_NOTE - len(more)].rpartition("\n")[0] + more
+def note(text: str, file: str) -> str:
+    """Return a text, which an artifact holds too, as a description: as many whole lines as MLflow takes."""
+    if len(text) <= _LONGEST_NOTE:
+        return text
+    more = f"\n\n… (the rest is in {file}, among the artifacts)"
+    return text[: _LONGEST_NOTE - len(more)].rpartition("\n")[0] + more
 
 
 def shown_address(uri: str) -> str:

@@ -1,4 +1,4 @@
-"""The mirror's work: reads a run directory and writes it into MLflow.
+"""The mirror's work: reads a run directory and writes it, with its studies, into MLflow.
 
 What it promises: it only reads the run directory; done twice, or killed and done again, it writes nothing twice. What
 it does not: it takes the ledger's lines as they stand, and does not check their chain.
@@ -12,7 +12,6 @@ from tacevo.costs import Spending, total
 from tacevo.evolution.files import Line, line_kind
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Operator
-from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import read_line
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
@@ -27,14 +26,15 @@ from tacevo.tracking.entries import (
 from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
 from tacevo.tracking.sweeps import SWEEP_TAG, find_sweep, join_sweep, leave_sweep
-from tacevo.tracking.writer import SearchWriter
+from tacevo.tracking.writer import SearchWriter, search_key
 
 
 def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool] | None) -> None:
     """Write a run into MLflow, as it stands or until it is finished.
 
     The search's run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
-    last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's run.
+    last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's run, and the finished
+    studies of a finished search under the search's.
 
     Args:
         run_dir: the run directory.
@@ -64,7 +64,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         writer = SearchWriter(
             client,
             place,
-            key=content_hash([header[0], name, nesting.get(SWEEP_TAG, "")]),
+            key=search_key(header[0], name, nesting.get(SWEEP_TAG, "")),
             name=name,
             tags={**search_tags(record), **nesting},
             source=source_tags(record.code),
@@ -73,6 +73,11 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         writer.write_data(data_set(record))
         last = _write_lines(writer, lines, directory, record) or header[0]
         if directory.read_run().digest == last:
+            # The analysis takes seconds to import, and 150 MiB, while a search is at work.
+            from tacevo.tracking.findings import write_medians, write_studies
+
+            write_medians(writer, directory)
+            write_studies(writer, directory)
             writer.finish(last, run_dir)
         elif finished is not None or not directory.is_busy:
             writer.stop()

@@ -130,7 +130,7 @@ def test_shortened_text_fits_and_shows_that_it_was_cut(text: str) -> None:
 def test_long_summary_is_cut_at_a_line() -> None:
     """Older servers refuse a longer tag; its end says where all of it is."""
     summary = "".join(f"| row {number} |\n" for number in range(1_000))
-    cut = note(summary)
+    cut = note(summary, "summary.md")
     assert len(cut) <= 5_000
     assert summary.startswith(cut.partition("\n\n…")[0])
     assert cut.endswith("summary.md, among the artifacts)")

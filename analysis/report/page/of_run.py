@@ -23,8 +23,9 @@ from analysis.runs.niches import cells
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
+from analysis.studies.noise import by_seeds
 from analysis.table import Table
-from analysis.tables.dynamics import by_seeds, reestimated
+from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
