@@ -29,7 +29,7 @@ def reference_point(run: RecordedRun) -> tuple[float, int] | None:
     It is the baseline's fitness, and the most FLOPs of any trained candidate: a network that is not better than the
     baseline counts for nothing.
     """
-    baseline = run.fitness.get(run.baseline.id)
+    baseline = run.fitness.get(run.baseline.id) if run.trained else None
     return None if not baseline else (baseline, max(line.flops or 0 for line in run.trained))
 
 

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from analysis.report.collection import Compared, outcomes, read_studies
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.niches import load_niches
@@ -92,6 +94,8 @@ def score_measures(study: FinishedStudy) -> Iterator[Point]:
 def _statistics(compared: Compared | None, again: Reestimates | None) -> Iterator[Point]:
     """Yield what the seeds of each network say together, as `median/variant 1`."""
     if compared is not None and compared.comparisons is not None:
+        baseline = compared.study.values(compared.study.networks[0].name, compared.study.primary)
+        yield from _named({"median": float(np.median(baseline))}, compared.study.networks[0].name, 0)
         for row in of_whole(compared.comparisons).to_dict("records"):
             yield from _named({name: row[name] for name in _STATISTICS}, row["network"], 0)
     if again is not None:

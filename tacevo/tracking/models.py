@@ -100,15 +100,17 @@ def register(export: Path, name: str, *, search: str, uri: str, experiment: str,
     names = ("run", "digest", "candidate", "task", "like", "study", "recipe", "numerics")
     trainings = {name: [one[name] for one in recorded["trainings"]] for name in ("seed", "epoch")}
     params = {name: recorded[name] for name in names if recorded[name] is not None}
-    log(client, run, config_params({**params, "training": trainings}), [(*metric, 0) for metric in metrics.items()])
+    described = config_params({**params, "training": trainings})
+    log(client, run, described, [(*metric, 0) for metric in metrics.items()])
+    logged = client.create_logged_model(place, name=recorded["candidate"], source_run_id=run, params=described)
     size, outputs = config["input"]["size"], len(config["outputs"]["names"])
     mean = np.asarray(config["input"]["mean"], np.float32)
     with _used(uri):
-        logged = Model.log(
+        made = Model.log(
             artifact_path=None,
-            name=recorded["candidate"],
-            flavor=mlflow.onnx,
+            model_id=logged.model_id,  # one that MLflow makes itself stands in the default experiment
             run_id=run,
+            flavor=mlflow.onnx,
             registered_model_name=name,
             onnx_model=onnx.load_from_string(model),
             signature=ModelSignature(
@@ -122,7 +124,7 @@ def register(export: Path, name: str, *, search: str, uri: str, experiment: str,
             save_as_external_data=False,
             extra_files=[str(export / file) for file in _CARRIED],
         )
-    number = str(logged.registered_model_version)
+    number = str(made.registered_model_version)
     client.update_model_version(name, number, card)
     client.set_tag(run, VERSION_TAG, number)
     client.set_terminated(run, "FINISHED")
