@@ -41,7 +41,7 @@ def hypervolumes(run: RecordedRun) -> list[float | None]:
     known, reference = run.fitness, reference_point(run)
     if reference is None:
         return [None] * len(run.generations)
-    points = [(line.generation, known[line.id], line.flops) for line in run.trained if line.id in known]
+    points = [(line.generation, known[line.id], line.flops or 0) for line in run.trained if line.id in known]
     return [
         hypervolume([point for born, *point in points if born <= line.generation], reference)
         for line in run.generations

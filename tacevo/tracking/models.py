@@ -8,7 +8,7 @@ default is a pickle, so only `model.onnx` is logged.
 import contextlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -134,7 +134,8 @@ def register(export: Path, name: str, *, search: str, uri: str, experiment: str,
 @contextlib.contextmanager
 def _used(uri: str) -> Iterator[None]:
     """Let MLflow's functions without a client work on a store; leave the process as it was."""
-    before: Any = mlflow.get_tracking_uri() if mlflow.tracking.is_tracking_uri_set() else None
+    is_set: Callable[[], bool] = mlflow.tracking.is_tracking_uri_set
+    before: Any = mlflow.get_tracking_uri() if is_set() else None
     mlflow.set_tracking_uri(uri)
     try:
         yield

@@ -49,7 +49,7 @@ def test_study_is_a_nested_run_with_scores_and_verdicts(run: Path, uri: str, tmp
     client = MlflowClient(uri)
     (stands,) = (one for one in client.search_runs(["1"]) if one.info.run_name == name)
     table = Path(client.download_artifacts(stands.info.run_id, "verdicts.csv", str(tmp_path)))
-    assert list(csv.DictReader(table.open()))[1]["verdict"] == verdict.verdict
+    assert list(csv.DictReader(table.read_text().splitlines()))[1]["verdict"] == verdict.verdict
 
 
 def test_search_has_the_median_of_its_archive_by_generation(run: Path, uri: str) -> None:
