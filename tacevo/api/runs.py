@@ -113,23 +113,7 @@ class Run:
             ConfigError: fewer than two objectives, or not such ones.
         """
         known = beside_costs(self.recorded, losses_by_source(self.collection.reestimates))
-        own = {one for one in objectives if isinstance(one, str)}
-        given = {str(one.name): one for one in objectives if not isinstance(one, str)}
-        allowed = {"fitness", "parameters", "flops"}
-        names = [one if isinstance(one, str) else str(one.name) for one in objectives]
-        foreign = [name for one in given.values() for name in one.index if name not in known.index]
-        if (
-            not own <= allowed
-            or given.keys() & {*known.columns, "None"}
-            or len({*names}) < max(2, len(names))
-            or foreign
-        ):
-            raise ConfigError(
-                f"candidates that were not trained: {listed(map(str, foreign), most=3)}" if foreign else listed(names),
-                place="objectives",
-                expected=f"two or more of {listed(sorted(allowed))}, or Series of other names, by id of a trained one",
-            )
-        return on_front(known.assign(**{name: one.astype("float64") for name, one in given.items()}), names)
+        return on_front(*_with_objectives(known, objectives))
 
     def source(self, candidate: str) -> str:
         """Return the source of an admitted candidate, with the imports that the sandbox gave it: it runs as a file.
@@ -203,6 +187,9 @@ class Run:
         self._read_source(candidate)
         check_walls(self.place)
         line = next(line for line in self.recorded.candidates if line.id == candidate)
+        if uri and register is None:
+            remedy = "give --register NAME, too"
+            raise ConfigError(uri, place="--uri", expected="no address where nothing is registered", remedy=remedy)
         registry = None if register is None else Registry(self.recorded, register, uri)
         with progress(quiet) as view:
             bundle = self.place.digest
@@ -349,6 +336,28 @@ def remarks_on(run: Run) -> list[str]:
 def _below(study: str, named: Mapping[str, T], what: str) -> Named[T]:
     begin = f"{study}/"
     return Named({name.removeprefix(begin): value for name, value in named.items() if name.startswith(begin)}, what)
+
+
+def _with_objectives(known: pd.DataFrame, objectives: Sequence[str | pd.Series[Any]]) -> tuple[pd.DataFrame, list[str]]:
+    """Return a frame of trained candidates with the objectives among its columns, and these by name."""
+    own, names = ("fitness", "parameters", "flops"), []
+    for one in objectives:
+        if isinstance(one, str):
+            names += [one] if one in own else []
+        elif isinstance(one.name, str) and one.name not in known.columns and one.index.is_unique:
+            foreign = [name for name in one.index if name not in known.index]
+            if foreign or one.dtype.kind not in "iuf":
+                got = f"values of {listed(map(str, foreign), most=3)}" if foreign else f"values of dtype {one.dtype}"
+                expected = "numbers, each of a candidate that was trained"
+                raise ConfigError(got, place=f"objectives, {one.name}", expected=expected)
+            known, names = known.assign(**{one.name: one.astype("float64")}), [*names, one.name]
+    if len(set(names)) < max(2, len(objectives)):
+        raise ConfigError(
+            listed(one if isinstance(one, str) else f"a Series {one.name!r}" for one in objectives),
+            place="objectives",
+            expected=f"two or more, each once: of {listed(own)}, or Series of other names, each id once",
+        )
+    return known, names
 
 
 def _outcome(line: CandidateLine) -> str:

@@ -33,20 +33,18 @@ _FOREIGN = re.compile(r"[^\w.\- ]")
 _STATISTICS = ("median", "p_holm", "a12", "difference")
 
 
-def write_medians(writer: SearchWriter, directory: RunDirectory) -> None:
-    """Write the archive's median fitness by generation, where the run's niches are at hand, as its stores have them."""
-    if writer.lacks_medians:
-        with contextlib.suppress(RunError, StoreError):
-            run = read_run(directory.path)
-            writer.write_medians(archive_medians(run, load_niches(run).networks))
+def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
+    """Write what the store lacks of a finished run: the median fitness of its archive by generation, and its studies.
 
-
-def write_studies(writer: SearchWriter, directory: RunDirectory) -> None:
-    """Write the finished studies and noise runs of a run that the store lacks.
+    There are no medians where the niches that the run was searched with are not at hand, as its stores have them.
 
     Raises:
         RunError: the run or a study is damaged, or the store holds another study of that name.
     """
+    if writer.lacks_medians:
+        with contextlib.suppress(RunError, StoreError):
+            run = read_run(directory.path)
+            writer.write_medians(archive_medians(run, load_niches(run).networks))
     known = {one.path.name: one.read().digest for one in studies_of(directory.path)}
     missing = {name for name, digest in known.items() if digest is not None and writer.lacks(name, digest)}
     if not missing:

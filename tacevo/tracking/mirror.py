@@ -72,17 +72,17 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         writer.write_params(config_params(shown_config(record)))
         writer.write_data(data_set(record))
         last = _write_lines(writer, lines, directory, record) or header[0]
-        if directory.read_run().digest == last:
-            # The analysis takes seconds to import, and 150 MiB, while a search is at work.
-            from tacevo.tracking.findings import write_medians, write_studies
-
-            write_medians(writer, directory)
-            write_studies(writer, directory)
+        is_whole = directory.read_run().digest == last
+        if is_whole:
             writer.finish(last, run_dir)
         elif finished is not None or not directory.is_busy:
             writer.stop()
         if sweep is not None:
             leave_sweep(client, nesting[PARENT_TAG], sweep[0])
+        if is_whole:  # last, because a damaged study is no reason to leave the search open
+            from tacevo.tracking.findings import write_findings  # the analysis needs memory, too, while a search works
+
+            write_findings(writer, directory)
 
 
 def _write_lines(
