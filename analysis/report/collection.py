@@ -12,7 +12,7 @@ from analysis.runs.niches import Niches, load_niches
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
 from analysis.studies.images import ImageFindings, image_findings
-from analysis.studies.noise import Reestimates, load_reestimates
+from analysis.studies.noise import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.predictions import load_predictions
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.studies.transfer import is_alone, transfers
@@ -33,6 +33,7 @@ from analysis.tables.instruction_tables import instructions_table
 from analysis.tables.motifs import motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
+from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_table
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
@@ -285,6 +286,7 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         gate_table(run),
         prompts_table(run),
         instructions_table([run], run.name),
+        pareto_table(run, losses_by_source(found.reestimates)),
     ]
     tables += [temperatures_table(run), costs_table(run)]
     tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]

@@ -44,6 +44,7 @@ FURTHER = {
     "niches": "How full are the niches?",
     "outputs": "How good is each output of the networks?",
     "instruction_effects": "What did each instruction do to the loss, and did the search ask for it more often?",
+    "pareto": "Which networks does no other one beat in both loss and FLOPs?",
     "prompts": "Which instructions were productive?",
     "ranking": "Does the search rank its elites as other training seeds do?",
     "fitness_rules": "Would another `training.fitness` tell the networks apart better?",

@@ -29,6 +29,7 @@ from tacevo.results.study_lines import SCHEMA, FailedLine, Network, Row, ScoreLi
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
+from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
@@ -160,7 +161,8 @@ def _carry_out(
         _introduce(directory, plan, wanted, len(recorded), view)
         with telling(lambda: any(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)):
             verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
-        digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
+        with mirrored(run, plan.run.directory, view):  # it reads studies when this is done
+            digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
     return Studied(
