@@ -66,6 +66,23 @@ def test_every_seed_is_a_point() -> None:
     assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse"]
 
 
+def test_arms_that_lie_on_each_other_are_named() -> None:
+    """Above each panel in which one hides the other; elsewhere there is no title."""
+    twins = (*TWO, *jobs_of("twin", WORSE))
+    figure = curves(compared(*twins)[1], curves_of(twins))
+    assert [axes.get_title() for axes in figure.axes] == [*["worse = twin"] * 2, "none = worse = twin"]
+    assert [axes.get_title() for axes in curves(FOUND, CURVES).axes] == ["", "", "none = worse"]
+
+
+def test_few_values_have_no_box() -> None:
+    """Of five seeds there are points and the median; of six a box as well."""
+    for seeds, boxes in ((5, 0), (6, 2)):
+        jobs = (*jobs_of("none", NONE[:1] * seeds), *jobs_of("worse", WORSE[:1] * seeds))
+        axes = final_values(compared(*jobs)[1]).axes[0]
+        assert len(axes.patches) == boxes
+        assert sum(line.get_linewidth() == 1.4 for line in axes.lines) == 2  # medians
+
+
 def test_reference_line_is_its_median() -> None:
     """And there is none without it."""
     dotted = [line for line in final_values(FOUND).axes[0].lines if line.get_linestyle() == ":"]
