@@ -28,6 +28,11 @@ settings.register_profile("thorough", settings.get_profile("tacevo"), max_exampl
 settings.load_profile("tacevo")
 
 
+def pytest_collectstart() -> None:
+    """Keep what was imported so far out of the garbage collections of what is imported next; statsmodels forces them."""
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Keep N parameters of a test that is marked `few(N)` in a quick run, spread evenly; the others are slow."""

@@ -38,12 +38,6 @@ def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture
     assert printed.endswith("tables: run/tables (index.md says which question each answers)\n")
 
 
-def test_tables_are_printed_for_latex(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As their files have them."""
-    assert main(["tables", str(run), "--latex"]) == 0
-    assert (run / "tables" / "gate.tex").read_text() in capsys.readouterr().out
-
-
 def test_tables_of_several_runs_lie_in_a_directory_each(
     run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,15 +142,6 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     assert "g00s00.py" in told.err
     assert (run / "tables" / "gate.md").exists()
     assert not (run / "tables" / "more" / "motifs.md").exists()
-
-
-def test_run_without_a_study_is_told_how_to_have_one(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The search's own tables come all the same."""
-    shutil.rmtree(run / "studies")
-    assert main(["tables", str(run)]) == 0
-    told = capsys.readouterr()
-    assert "no finished study yet: `tacevo study run` makes one" in told.err
-    assert "verdicts" not in told.out
 
 
 @pytest.mark.slow
