@@ -29,7 +29,7 @@ settings.load_profile("tacevo")
 
 
 def pytest_collectstart() -> None:
-    """Keep what was imported so far out of the garbage collections of what is imported next; statsmodels forces them."""
+    """Keep what was imported out of the garbage collections of what is imported next, which statsmodels forces."""
     gc.freeze()
 
 
