@@ -233,15 +233,21 @@ def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.Captu
     assert compose(told) == compose([])
 
 
-@pytest.mark.parametrize("asked", [["--cfg", "job"], ["--resolve"], ["--info"], ["-c", "job", "--info", "config"]])
+@pytest.mark.parametrize(
+    ("asked", "settings"),
+    [
+        (["--cfg", "job"], ["experiment=demo", "seed=3"]),
+        (["--resolve"], ["experiment=null"]),
+        (["--info"], ["experiment=demo", "seed=3"]),
+        (["-c", "job", "--info", "config"], ["experiment=null"]),
+    ],
+)
 def test_settings_are_printed_as_hydra_users_ask_for_them(
-    asked: list[str], place: Path, capsys: pytest.CaptureFixture[str]
+    asked: list[str], settings: list[str], place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As YAML that can be read again; nothing is run."""
-    assert main(["search", "experiment=demo", "seed=3", *asked]) == 0
-    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose(["experiment=demo", "seed=3"])
-    assert main(["search", "experiment=null", *asked]) == 0
-    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose([])
+    assert main(["search", *settings, *asked]) == 0
+    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose(settings)
     assert {path.name for path in place.iterdir()} <= {"temporary"}
 
 
