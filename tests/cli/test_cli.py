@@ -294,19 +294,6 @@ def kilobytes_of_images(folder: Path) -> int:
     return sum(file.stat().st_blocks // 2 for file in files)
 
 
-def test_archive_that_names_a_stranger_is_one_line(
-    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its hash is not the ledger's; the message names the file."""
-    shutil.copytree(published / "run", tmp_path / "run")
-    path = tmp_path / "run" / "archive.json"
-    archive = json.loads(path.read_text())
-    archive["elites"][0]["id"] = "zzz"
-    path.write_text(json.dumps(archive))
-    assert main(["show", str(tmp_path / "run")]) == 2
-    assert f"{path}: expected the archive that the ledger ends with; got " in capsys.readouterr().err
-
-
 def test_command_is_spelt_as_the_users_shell_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """By its name in an activated environment, else by its path."""
     programs = Path(sys.executable).parent

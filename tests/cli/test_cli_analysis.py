@@ -1,6 +1,5 @@
 """The tables and figures of finished runs as a user asks for them, and what all such commands refuse in one line."""
 
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -10,7 +9,6 @@ from urllib.parse import unquote
 import pytest
 from bundles import entries_of, members_of, resealed, with_entries
 from run_files import contents, study_in
-from smallest import SMALLEST, UNTRACKED
 
 from analysis.report.writing import FURTHER, PAPER
 from tacevo.cli.app import main
@@ -142,17 +140,6 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     assert "g00s00.py" in told.err
     assert (run / "tables" / "gate.md").exists()
     assert not (run / "tables" / "more" / "motifs.md").exists()
-
-
-@pytest.mark.slow
-def test_study_of_the_run_before_it_was_continued_is_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its elites may not be the best any more."""
-    run = Path("run")
-    more = ["search.generations=2", "search.candidates=3", "search.initial=2"]
-    stores = json.loads((run / "run.json").read_text())["config"]["store"]["root"]
-    assert main(["search", *SMALLEST, UNTRACKED, *more, f"run.dir={run}", f"store.root={stores}"]) == 0
-    assert main(["tables", str(run)]) == 1
-    assert ", before it was continued; study it again" in capsys.readouterr().err
 
 
 def _cut(run: Path) -> None:
