@@ -23,6 +23,7 @@ from tacevo.choices import (
     DataSource,
     Device,
     ExecutorKind,
+    FitnessRule,
     LightScene,
     Normalisation,
     Numerics,
@@ -299,7 +300,8 @@ class TrainingConfig(Record):
     gpu: Text | None = None
     precision: Precision = Precision.float32  #: with `device=cuda`: of its multiplications
     gpu_memory_mib: Memory = 8192  #: with `device=cuda`: that one training may use
-    #: Trainings of each candidate; its fitness is the median of their losses.
+    fitness: FitnessRule = FitnessRule.last  #: what a training's fitness is of its validation losses
+    #: Trainings of each candidate; its fitness is the median of theirs.
     seeds: Annotated[OneToMillion, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 

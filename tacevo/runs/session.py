@@ -43,7 +43,7 @@ from tacevo.storage.store import remove_leftovers_in_stores
 from tacevo.tracking.process import Mirror
 from tacevo.training.losses import trivial_loss
 
-#: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
+#: Seconds that a finished search or study waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
 
 
@@ -123,7 +123,7 @@ def record(
         view.say(f"trivial loss: {significant(trivial)}, {least}")
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
-        with _mirrored(config, directory, view):
+        with mirrored(config, directory, view):
             usable, walls = UsableAnswers(config.search.stop_after_unusable), Walls(directory)
             is_elsewhere = config.executor.kind is ExecutorKind.ray
             observer = _Recorder(
@@ -262,8 +262,8 @@ def _finish(
 
 
 @contextlib.contextmanager
-def _mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
-    """Let a mirror follow the ledger, where one is wanted; it cannot stop the search."""
+def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
+    """Let a mirror follow a run, where one is wanted; it cannot stop what is done meanwhile."""
     if config.tracking.kind is Tracking.none:
         yield
         return

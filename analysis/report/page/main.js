@@ -54,6 +54,7 @@ function drawRun() {
     drawLineage();
     drawTable();
     drawDynamics();
+    drawPareto();
     drawStudies();
     showPanel("tables", run.tables.length > 0);
     byId("run-tables").replaceChildren(...run.tables.map(tableOf));
