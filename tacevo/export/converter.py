@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from tacevo.export.plain import parts
 from tacevo.records import Contract, Kind
 from tacevo.sandbox.candidate import build
 from tacevo.sandbox.child import Arrays, Send
@@ -136,7 +137,8 @@ def _write(whole: nn.Module, contract: Contract, form: str, opset: int) -> bytes
     size = contract.image_size
     images = torch.zeros(2, contract.in_channels, size, size)
     program = torch.export.export(whole, (images,), dynamic_shapes=({0: torch.export.Dim("batch")},))
-    for node in program.graph.nodes:
+    graphs = [module.graph for module in program.graph_module.modules() if isinstance(module, torch.fx.GraphModule)]
+    for node in (node for graph in graphs for node in graph.nodes):
         node.meta.pop("stack_trace", None)  # it names directories of this machine
     if form == "pt2":
         program._example_inputs = None  # they would be pickled
@@ -147,9 +149,9 @@ def _write(whole: nn.Module, contract: Contract, form: str, opset: int) -> bytes
         program, dynamo=True, opset_version=opset, input_names=["images"], output_names=["outputs"], verbose=False
     )
     model = made.model_proto  # type: ignore[union-attr]
-    for part in (model, model.graph, *model.graph.node, *model.functions):
-        del part.metadata_props[:]
-        part.doc_string = ""
+    for part in list(parts(model)):
+        for name in {"metadata_props", "doc_string"}.intersection(part.DESCRIPTOR.fields_by_name):
+            part.ClearField(name)
     data: bytes = model.SerializeToString(deterministic=True)
     return data
 

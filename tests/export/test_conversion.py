@@ -4,16 +4,18 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 import torch
 from canaries import SECRET, canaries
 from gate_cases import examples as shared
 from gate_cases import needs_shared
+from onnx import helper
 from refusals import refused
 from training_jobs import CONTRACT, SOURCE
 from waiting import eventually
@@ -22,7 +24,8 @@ from tacevo.api.network import build
 from tacevo.choices import Numerics
 from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
-from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, check_plain, convert
+from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, convert
+from tacevo.export.plain import check_onnx, check_pt2
 from tacevo.records import DataFacts
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.processes import descendants
@@ -177,9 +180,70 @@ def compressed(content: bytes) -> bytes:
 def test_pickle_in_a_file_is_refused(file: bytes) -> None:
     """Torch would run it as it loads the file."""
     with pytest.raises(ValueError, match=r"expected|Expecting"):
-        check_plain(file)
+        check_pt2(file)
 
 
 def test_plain_file_is_accepted() -> None:
     """Of sample inputs, too, where there are none."""
-    check_plain(archive(**{"data/sample_inputs/model.pt": b""}))
+    check_pt2(archive(**{"data/sample_inputs/model.pt": b""}))
+
+
+def in_another_file(name: str) -> onnx.TensorProto:
+    """Make a tensor whose values lie in another file."""
+    tensor = helper.make_tensor(name, onnx.TensorProto.FLOAT, [1], [0.0])
+    tensor.ClearField("float_data")
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="../../etc/passwd")
+    return tensor
+
+
+def nested(*nodes: onnx.NodeProto, initial: Sequence[onnx.TensorProto] = (), depth: int = 2) -> onnx.GraphProto:
+    """Make a graph whose nodes lie below so many others, in their branches."""
+    value = helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
+    graph = helper.make_graph(list(nodes), "inner", [], [value], initializer=list(initial))
+    for _ in range(depth):
+        graph = helper.make_graph([helper.make_node("If", ["c"], ["y"], then_branch=graph)], "outer", [], [value])
+    return graph
+
+
+def as_function(node: onnx.NodeProto) -> onnx.ModelProto:
+    """Make a model that has a node in the body of a function."""
+    function = helper.make_function("own", "f", ["x"], ["y"], [node], [helper.make_opsetid("", 18)])
+    model = helper.make_model(nested(helper.make_node("f", ["x"], ["y"], domain="own")))
+    model.functions.append(function)
+    return model
+
+
+FOREIGN, RELU = (
+    helper.make_node("EPContext", ["x"], ["y"], domain="com.microsoft"),
+    helper.make_node("Relu", ["x"], ["y"]),
+)
+CONSTANT = helper.make_node("Constant", [], ["y"], value=in_another_file("w"))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        helper.make_model(nested(initial=[in_another_file("w")], depth=0)),
+        helper.make_model(nested(initial=[in_another_file("w")])),
+        helper.make_model(nested(CONSTANT)),
+        helper.make_model(nested(FOREIGN)),
+        as_function(CONSTANT),
+        as_function(FOREIGN),
+    ],
+)
+def test_other_files_and_foreign_operators_are_refused_wherever_they_are(model: onnx.ModelProto) -> None:
+    """In branches, in attributes and in functions: whoever runs the file would read what they name."""
+    with pytest.raises(ValueError, match="expected"):
+        check_onnx(model.SerializeToString())
+
+
+def test_notes_are_found_wherever_they_are() -> None:
+    """They name directories of this machine; a model without them, with functions of its own, is accepted."""
+    model = as_function(RELU)
+    check_onnx(model.SerializeToString())
+    model.functions[0].node[0].metadata_props.add(key="stack_trace", value="/home/me/net.py")
+    with pytest.raises(ValueError, match="no notes"):
+        check_onnx(model.SerializeToString())
+    with pytest.raises(ValueError, match="expected an ONNX model"):
+        check_onnx(b"\xff")

@@ -33,7 +33,7 @@ from tacevo.runs.progress import Progress
 from tacevo.storage.arrays import ArrayStore
 from tacevo.storage.store import Entry, Store
 from tacevo.training.full import read_kept
-from tacevo.training.weights import digest_of
+from tacevo.training.weights import weights_digest
 
 #: Of one run each.
 BUNDLES = [path for path in sorted((ROOT / "cache" / "published").glob("*.zip")) if "ablation" not in path.name]
@@ -106,9 +106,9 @@ def test_weights_are_the_recorded_ones(exported: Path, published: Path) -> None:
     """By the digest that the scores of the study have, where the best epoch is the last."""
     run, name = studied(published)
     rows = scores(run, name)
-    digests = [digest_of(load_file(exported / "model" / f"weights-{number}.safetensors")) for number in (1, 2)]
+    digests = [weights_digest(load_file(exported / "model" / f"weights-{number}.safetensors")) for number in (1, 2)]
     assert digests == [row.weights for row in rows[:2]] == read(exported, "config.json")["weights_sha256"]
-    assert "is the recorded one" in (exported / "model" / "README.md").read_text()
+    assert "the recorded ones, bit for bit" in (exported / "model" / "README.md").read_text()
 
 
 def test_onnx_takes_raw_images_and_gives_newtons(exported: Path) -> None:
@@ -169,7 +169,7 @@ def test_trainings_repeat_bit_for_bit(published: Path) -> None:
             assert one.differing == ()
             files.append(save(dict(one.weighed.weights)))
         assert files[0] == files[1]
-        assert like is Like.study or digest_of(one.weighed.weights) == line.weights
+        assert like is Like.study or weights_digest(one.weighed.weights) == line.weights
 
 
 def test_missing_record_is_an_error_if_nothing_is_believed(published: Path, place: Path) -> None:
