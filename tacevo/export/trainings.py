@@ -178,7 +178,7 @@ def train(
         Workbench(config, record.task, data.facts, Mode.record, data=data) as bench,
     ):
         known = _evaluator(stored, run, plan, data, predictions=run.has_predictions)
-        fresh = _evaluator(bench, run, plan, data, predictions=True)
+        fresh = _evaluator(bench, run, plan, data, predictions=plan.rules == STUDY)
         for seed in plan.seeds if retrained else ():
             _check_recorded(known, plan, source, seed)
         for one in bench.executor.map(lambda seed: _train(bench, (known, fresh), plan, source, seed), plan.seeds):
