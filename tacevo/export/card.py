@@ -70,8 +70,8 @@ def card(model: Exported) -> str:
     """Write the card from its template, `card.template.md`."""
     template = Template((Path(__file__).parent / "card.template.md").read_text(encoding="utf-8"))
     facts = _facts(model) | _tested(model) | _trained(model)
-    plain = {name: _plain(value) if isinstance(value, str) else value for name, value in facts.items()}
-    return printable(template.substitute(plain, head=_head(model), **_tables(model), **_examples(model)))
+    body = template.substitute(facts, head=_head(model), **_tables(model), **_examples(model))
+    return printable(re.sub(r" +$", "", body, flags=re.MULTILINE))
 
 
 def _plain(text: str) -> str:
@@ -114,29 +114,32 @@ def _facts(model: Exported) -> dict[str, object]:
     """Return what the run, the data and the contract say."""
     run, facts, source = model.run, model.data.facts, model.plan.config.data.source
     train, validation, tests = facts.counts
-    names = list(map(plain_name, facts.names, model.units or ("",) * facts.outputs))
+    units = list(map(_plain, model.units)) or [""] * facts.outputs
+    names = [_plain(plain_name(name, unit)) for name, unit in zip(facts.names, units, strict=True)]
     if model.is_regression:
-        told = listed(
-            [f"{name} ({unit or 'unit not recorded'})" for name, unit in zip(names, model.units, strict=True)]
-        )
+        told = listed([f"{name} ({unit or 'unit not recorded'})" for name, unit in zip(names, units, strict=True)])
         purpose, output = f"reads {told} from an image", f"{told}, as recorded"
+        given, unsure = "values that scale and offset turn into these", "does not say how sure it is"
         scales = (
             "`recorded_` is in units of the recording; `mse`, `mae` and `rmse` are of labels scaled as in training."
         )
     else:
         purpose = f"tells {facts.outputs} classes apart in images"
         output, scales = f"the probability of each class: {listed(names)}", ""
+        given, unsure = "logits", "its probabilities were not calibrated"
     return {
         "licence": model.settings.licence,
-        "name": _name(model),
+        "name": _plain(_name(model)),
         "purpose": purpose,
         "candidate": model.line.id,
-        "run": run.name,
+        "run": _plain(run.name),
         "size": facts.image_size,
         "outputs": facts.outputs,
         "output": output,
+        "given": given,
+        "unsure": unsure,
         "scales": scales,
-        "author": "people wrote it" if model.line.request is None else f"{run.model} wrote it",
+        "author": "people wrote it" if model.line.request is None else f"{_plain(run.model)} wrote it",
         "recorded": _recorded(model),
         "source": f"data={source.value}",
         "train": train,
@@ -145,7 +148,7 @@ def _facts(model: Exported) -> dict[str, object]:
         "fingerprint": facts.fingerprint,
         "sensor": "of a simulated sensor, not of a real one" if source is DataSource.simulated else "recorded",
         "digest": run.digest,
-        "bundle": f", bundle `{model.bundle}`" if model.bundle else "",
+        "bundle": f"bundle `{model.bundle}`" if model.bundle else "not from a bundle",
         "source_sha256": model.line.source,
         "rules": listed([f"{part} {number}" for part, number in asdict(run.rules).items()]),
         "version": versions()["tacevo"],
@@ -158,7 +161,7 @@ def _recorded(model: Exported) -> str:
     told = [] if size is None else ["{} x {} pixels before they were resized".format(*size)]
     told += [f"{bits} bits" for bits in sorted(set(model.catalogue.depths))]
     told += [] if white is None else [f"white at {white:g}"]
-    return f" Those of the data: {listed(told)}." if told else ""
+    return f"Those of the data: {listed(told)}." if told else ""
 
 
 def _examples(model: Exported) -> dict[str, str]:
@@ -179,7 +182,7 @@ def _tables(model: Exported) -> dict[str, str]:
     rows = []
     for name, unit in _shown(model).items():
         value, low, high = model.metrics[name]
-        rows.append(f"| {_plain(name)} | {value:.4g} {_plain(unit)} | {low:.4g} to {high:.4g} |")
+        rows.append(f"| {_plain(name)} | {value:.4g}{unit and f' {_plain(unit)}'} | {low:.4g} to {high:.4g} |")
     return {
         "metrics": "\n".join(rows),
         "runtimes": " | ".join(RUNTIMES.values()),

@@ -24,7 +24,7 @@ from tacevo.rules import STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.storage.store import Stores
-from tacevo.text import listed
+from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
 from tacevo.training.weights import Weighed
@@ -181,6 +181,7 @@ def train(
         fresh = _evaluator(bench, run, plan, data, predictions=plan.rules == STUDY)
         for seed in plan.seeds if retrained else ():
             _check_recorded(known, plan, source, seed)
+        view.say(f"training {counted(len(plan.seeds), 'network')} for {counted(config.training.epochs, 'epoch')}")
         for one in bench.executor.map(lambda seed: _train(bench, (known, fresh), plan, source, seed), plan.seeds):
             view.say(
                 f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"

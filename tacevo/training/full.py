@@ -82,8 +82,8 @@ class FullTraining(Record):
 class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
     """The full trainings of studies, in a store of the kind `studies`; their rules are `tacevo.rules.STUDY`.
 
-    `arrays` keeps the test predictions, or is None where no training is stored and they are not at hand. `facts` are those
-    of the data set, and `scale` is that of `HeldOut`.
+    `arrays` keeps the test predictions, or is None where no training is stored and they are not at hand. `facts` are
+    those of the data set, and `scale` is that of `HeldOut`.
     """
 
     _result, _name = FullTraining, "full"

@@ -5,6 +5,7 @@ import json
 import os
 import zipfile
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import torch
 from canaries import SECRET, canaries
 from gate_cases import examples as shared
 from gate_cases import needs_shared
+from hostile_sources import ENDLESS_AFTERWARDS, FORGED_ANSWER, NO_PREDICTIONS, PATCHES, SEEDS
 from onnx import helper
 from refusals import refused
 from training_jobs import CONTRACT, SOURCE
@@ -103,6 +105,17 @@ def test_file_is_the_mean_of_its_networks(form: Form, sandbox: Sandbox, data: Da
         convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, one], expected=expected)
 
 
+def test_largest_of_uneven_parts_are_written(sandbox: Sandbox, data: Dataset) -> None:
+    """Torch's export has no operator of ONNX for them; one that is not known is named."""
+    pooled = SOURCE.replace("self.body(x)", "self.body(F.interpolate(F.adaptive_max_pool2d(x, (3, 2)), (4, 4)))")
+    weights, expected = example(data, pooled)
+    made = convert(sandbox, "onnx", pooled, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+    assert made.difference < 1e-6
+    other = SOURCE.replace("return ", "return x.flatten(1).kthvalue(1)[0][:, None] + ")
+    with pytest.raises(RunError, match=r"aten\.kthvalue"):
+        convert(sandbox, "onnx", other, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+
+
 def test_draws_beside_the_weights_are_refused(sandbox: Sandbox, data: Dataset) -> None:
     """What the files hold would not be what was trained."""
     weights, expected = example(data, DRAWS)
@@ -123,18 +136,55 @@ def test_weights_of_another_class_are_refused(sandbox: Sandbox, data: Dataset) -
 PROGRAMS = shared("hostile")
 
 
+#: They have the weights of `SOURCE`, so that they are called, too; those without an end take all of the limit.
+OWN = {
+    **{f"patches {name}": source for name, source in PATCHES.items()},
+    **{f"predicts {name}": source for name, source in NO_PREDICTIONS.items()},
+    **{f"endless {name}": source for name, source in ENDLESS_AFTERWARDS.items()},
+    "seeds": SEEDS,
+    "forged answer": FORGED_ANSWER,
+}
+
+
+@pytest.fixture(scope="module")
+def started(sandbox: Sandbox, data: Dataset) -> set[int]:
+    """Return the processes of the sandbox once a candidate was in it."""
+    weights, expected = example(data)
+    for form in FORMS:
+        convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+    return set(descendants(os.getpid()))
+
+
 @pytest.mark.long
 @needs_shared
 @pytest.mark.parametrize("program", PROGRAMS, ids=[program["id"] for program in PROGRAMS])
-def test_hostile_program_gets_no_file_out(program: Any, sandbox: Sandbox, data: Dataset, place: Path) -> None:
+def test_hostile_program_gets_no_file_out(
+    program: Any, sandbox: Sandbox, started: set[int], data: Dataset, place: Path
+) -> None:
     """Whatever it does as it is built, no trap is sprung, and no file comes of weights that are not its own."""
     _, expected = example(data)
-    before = set(descendants(os.getpid()))
     with canaries() as traps:
         with pytest.raises(RunError):
             convert(sandbox, "pt2", program["source"], contract=CONTRACT, data=data, weights=[{}], expected=expected)
         assert traps.sprung() == []
-    assert eventually(lambda: before.issuperset(descendants(os.getpid())))
+    assert eventually(lambda: started.issuperset(descendants(os.getpid())))
+    assert not [*place.iterdir()]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", OWN)
+def test_hostile_network_writes_what_was_trained_or_nothing(
+    name: str, sandbox: Sandbox, started: set[int], data: Dataset, place: Path
+) -> None:
+    """Called as it is written, too; a file that comes predicts as the training did, for it was tried without it."""
+    weights, expected = example(data)
+    with canaries() as traps:
+        for form in FORMS:
+            with suppress(RunError):
+                source = OWN[name]
+                convert(sandbox, form, source, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+        assert traps.sprung() == []
+    assert eventually(lambda: started.issuperset(descendants(os.getpid())))
     assert not [*place.iterdir()]
 
 
