@@ -6,6 +6,7 @@ import os
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
 from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, convert
 from tacevo.export.plain import check_onnx, check_pt2
-from tacevo.records import DataFacts
+from tacevo.records import DataFacts, Kind, Loss
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.processes import descendants
 from tacevo.training.numerics import environment
@@ -103,6 +104,21 @@ def test_file_is_the_mean_of_its_networks(form: Form, sandbox: Sandbox, data: Da
     assert {size: len(times) for size, times in made.milliseconds.items()} == {"1": 40, "32": 40}
     with refused(RunError, place=f"model.{form}", got="a difference of"):
         convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, one], expected=expected)
+
+
+def test_file_of_classes_gives_probabilities(sandbox: Sandbox, data: Dataset) -> None:
+    """The mean of those of its networks, not of their logits."""
+    contract, bare = (
+        replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy),
+        replace(data, scale=(), offset=()),
+    )
+    (one, first), (other, second) = example(data), example(data, seed=2)
+    logits = (np.array([first, second]) - data.offset) / data.scale
+    powers = np.exp(20 * logits - (20 * logits).max(axis=2, keepdims=True))
+    sharp = SOURCE.replace("return ", "return 20 * ")
+    expected = (powers / powers.sum(axis=2, keepdims=True)).mean(axis=0)
+    made = convert(sandbox, "onnx", sharp, contract=contract, data=bare, weights=[one, other], expected=expected)
+    assert made.difference < 1e-5
 
 
 def test_largest_of_uneven_parts_are_written(sandbox: Sandbox, data: Dataset) -> None:
