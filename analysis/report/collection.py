@@ -12,7 +12,7 @@ from analysis.runs.niches import Niches, load_niches
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
 from analysis.studies.images import ImageFindings, image_findings
-from analysis.studies.noise import Reestimates, load_reestimates
+from analysis.studies.noise import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.predictions import load_predictions
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.studies.transfer import is_alone, transfers
@@ -29,9 +29,11 @@ from analysis.tables.dynamics import (
 )
 from analysis.tables.health import health_table, niches_table
 from analysis.tables.images import image_tables
+from analysis.tables.instruction_tables import instructions_table
 from analysis.tables.motifs import motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
+from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_table
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
@@ -211,7 +213,7 @@ def with_largest_studies(found: Collection) -> Collection:
 def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
     """Return tables of the runs that search one task, and which of these they lack, with the reason.
 
-    Runs stand beside each other by studies that are alike, where the searches trained for equal numbers of epochs. The
+    Runs stand beside each other by studies that are alike, where a fitness is the same of equal numbers of epochs. The
     re-estimates that choose are always those of the study on the run's own data; on other data, exactly the same
     networks must have been studied.
     """
@@ -223,15 +225,17 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
             study, known = compared.study, known_of.get(compared.study.networks)
             if known is None or compared.comparisons is None or min(study.seeds, known.seeds) < LEAST_SEEDS:
                 continue
-            searches = alike.setdefault((study.task, known.epochs, study.fingerprint, study.recipe, study.seeds), [])
+            likeness = study.task, known.epochs, known.rule, study.fingerprint, study.recipe, study.seeds
+            searches = alike.setdefault(likeness, [])
             if all(other.study.run != study.run for other in searches):
                 searches.append(StudiedSearch(name=one.run.name, study=study, reestimates=known))
     groups = [searches for searches in alike.values() if len(searches) > 1]
     shown = {search.name for searches in groups for search in searches}
     tasks = Counter(one.run.task for one in found)
     alone = [
-        f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs; a "
-        f"study of each on the run's data; and of both, studies of equal epochs and seeds, {LEAST_SEEDS} or more"
+        f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs, by "
+        f"the same training.fitness; a study of each on the run's data; and of both, studies of equal epochs and "
+        f"seeds, {LEAST_SEEDS} or more"
         for one in found
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]
@@ -281,6 +285,8 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         generations_table(run, found.niches.networks),
         gate_table(run),
         prompts_table(run),
+        instructions_table([run], run.name),
+        pareto_table(run, losses_by_source(found.reestimates)),
     ]
     tables += [temperatures_table(run), costs_table(run)]
     tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]
@@ -304,11 +310,13 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
 
 
 def _of_study(table: Table, compared: Compared) -> Table:
-    """Name a table after its study; the caption names other data, since the same networks may stand beside them."""
-    where = f" On other data than the run's: {compared.study.where}." if compared.study.other_data else ""
-    is_across = table.name.startswith("transfer")
-    caption = table.caption if is_across or not where or where.strip() in table.caption else table.caption + where
-    return replace(table, name=f"{compared.name}/{table.name}", caption=caption)
+    """Name a table after its study; caption and a note tell of other data, since the same networks may stand beside."""
+    named = replace(table, name=f"{compared.name}/{table.name}")
+    if not compared.study.other_data or table.name.startswith("transfer"):
+        return named
+    where = f"On other data than the run's: {compared.study.where}."
+    notes = table.notes if any(where in note for note in table.notes) else (where, *table.notes)
+    return replace(named, caption=f"{table.caption.removesuffix('.')}, on other data than the run's.", notes=notes)
 
 
 def _corrected(run: RecordedRun, again: Reestimates) -> list[Table]:

@@ -25,12 +25,9 @@ from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
-from tacevo.results.sweep import REFERENCE, Finished
+from tacevo.results.sweep import ALPHA, REFERENCE, Finished
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
-
-#: The level that cautions are judged at, after Holm's correction.
-ALPHA = 0.05
 
 #: Below this many seeds there is neither an interval nor a test.
 FEWEST_SEEDS = 2
@@ -178,6 +175,8 @@ def _values(run: RecordedRun) -> dict[Metric, float | None]:
     found, spent = improvement(run), spending(run, run.candidates)
     return {
         Metric.best_fitness: found.get("last"),
+        Metric.new_quartile: found.get("new_quartile"),
+        Metric.new_median: found.get("new_median"),
         Metric.improvement: _rounded(found.get("over_first")),
         Metric.improvement_over_baseline: _rounded(found.get("over_baseline")),
         Metric.trainable: _rounded(found.get("trainable")),

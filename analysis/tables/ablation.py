@@ -9,14 +9,14 @@ import pandas as pd
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
-from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Comparability
+from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.plan import plan_notes
 from tacevo.choices import ChosenBy
 from tacevo.evolution.chance import is_at_chance
-from tacevo.results.sweep import REFERENCE, Missing, RecordedSweep
+from tacevo.results.sweep import ALPHA, REFERENCE, Missing, RecordedSweep
 from tacevo.results.sweep_checks import arm_settings
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
@@ -39,6 +39,9 @@ _MEANINGS = {
         "seeds and tested: the median over these seeds.",
     ),
     Metric.best_fitness: "Fitness is a validation loss in the units of training.",
+    Metric.new_quartile: "The fitness that a quarter of the new candidates of the later half of the generations reach; "
+    "a slot without a network that trains is worse than any. Each is a draw of its own, so no luck piles up in it.",
+    Metric.new_median: "The fitness that half of these candidates reach.",
     Metric.improvement: "The part of generation 0's best fitness that is gone at the end.",
     Metric.improvement_over_baseline: "The part of the baseline's fitness that is gone at the end.",
     Metric.trainable: "First answers that were trained, mean over the generations from 1 on.",

@@ -17,7 +17,8 @@ def run_export(options: argparse.Namespace) -> int:
     """Write a network as a directory of its own."""
     settings = _settings(options.overrides)
     run = open_run(options.run, store=existing_store(options.store))
-    run.export(options.candidate, options.output, retrained=options.retrained, **settings)
+    to = {"register": options.register, "uri": options.uri}
+    run.export(options.candidate, options.output, retrained=options.retrained, **to, **settings)
     print(printable(f"{options.output}: README.md says how to use it"))
     return DONE
 

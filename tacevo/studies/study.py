@@ -12,7 +12,7 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ChosenBy
+from tacevo.choices import ChosenBy, FitnessRule
 from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
@@ -29,6 +29,7 @@ from tacevo.results.study_lines import SCHEMA, FailedLine, Network, Row, ScoreLi
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
+from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
@@ -154,13 +155,15 @@ def _carry_out(
     directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say) as bench:
+    bench_of_study = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
+    with directory.at_work(), bench_of_study as bench:
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)
         with telling(lambda: any(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)):
             verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
-        digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
+        with mirrored(run, plan.run.directory, view):  # it reads studies when this is done
+            digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
     return Studied(
@@ -261,7 +264,7 @@ def _plan(
         networks = given_networks(run.candidates, [network.name for network in given])
     else:
         estimates = estimates_of(run.directory.path, chosen_by) if chosen_by else None
-        known = fitness_by_id(run.ledger.lines)
+        known = fitness_by_id(run.ledger.lines, config.training.fitness)
         candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
         networks = networks_of(candidates, [elite.id for elite in run.elites], elites, estimates)
     header = StudyHeader(
@@ -332,6 +335,7 @@ def _train(
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
     verdicts: dict[int, _Verdict] = {}
     done = len(recorded)
+    view.advance("trainings", done, len(jobs))
     for future in as_completed(futures):
         place = futures[future]
         verdict = verdicts[place] = future.result()
@@ -348,12 +352,11 @@ def _train(
 def _rows(plan: _Plan, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
     """Return the lines of the scores, one for each job."""
     pairs = zip(plan.jobs, verdicts, strict=True)
-    return [_row(job, evaluator.key(job.source, job.seed), verdict) for job, verdict in pairs]
+    rule = plan.config.training.fitness
+    return [_row(job, evaluator.key(job.source, job.seed), verdict, rule) for job, verdict in pairs]
 
 
-def _row(job: _Job, evaluation: str, verdict: _Verdict) -> Row:
-    if isinstance(verdict, Training):
-        verdict = FullTraining(training=verdict, epoch=len(verdict.validation_losses), metrics={}, confusion=None)
+def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: FitnessRule) -> Row:
     if isinstance(verdict, Rejection):
         return FailedLine(
             network=job.network.name,
@@ -363,13 +366,19 @@ def _row(job: _Job, evaluation: str, verdict: _Verdict) -> Row:
             stage=verdict.stage,
             reason=verdict.reason,
         )
+    if isinstance(verdict, Training):
+        losses = verdict.validation_losses
+        epoch = losses.index(min(losses)) + 1 if rule is FitnessRule.lowest else len(losses)
+        loss, verdict = rule.of(losses), FullTraining(training=verdict, epoch=epoch, metrics={}, confusion=None)
+    else:
+        loss = verdict.validation_loss
     return ScoreLine(
         network=job.network.name,
         id=job.network.id,
         seed=job.index,
         evaluation=evaluation,
         epoch=verdict.epoch,
-        validation_loss=verdict.validation_loss,
+        validation_loss=loss,
         metrics=dict(verdict.metrics),
         confusion=verdict.confusion,
         predictions=verdict.training.predictions_sha256,

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -14,11 +15,13 @@ from pandas.testing import assert_frame_equal
 from refusals import refused
 
 import tacevo
+from analysis.runs.pareto import PARETO
 from analysis.sweeps.ablation import Ablation
 from analysis.sweeps.metrics import Metric
 from tacevo.api import frames
 from tacevo.api.sweeps import metric_of
 from tacevo.cli.app import main
+from tacevo.errors import ConfigError
 
 BUNDLES = sorted((ROOT / "cache" / "published").glob("*.zip"))
 
@@ -92,10 +95,46 @@ def test_frames_are_equal_from_directory_and_bundle(opened: tacevo.Run, publishe
     assert isinstance(other, tacevo.Run)
     for name in ("candidates", "generations", "elites", "prompts"):
         assert_frame_equal(getattr(opened, name), getattr(other, name))
+    assert_frame_equal(opened.pareto(), other.pareto())
     assert opened.digest == other.digest
     (ours,), (theirs,) = opened.studies, other.studies
     for name in ("networks", "scores", "verdicts", "reestimates"):
         assert_frame_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_front_is_of_the_objectives_that_are_asked_for(opened: tacevo.Run) -> None:
+    """Among them a cost of one's own, which only some candidates have; what was studied counts by its other seeds."""
+    front = opened.pareto(["fitness", "flops"])
+    assert {name: str(dtype) for name, dtype in front.dtypes.items()} == PARETO
+    assert front["fitness"].is_monotonic_increasing
+    assert front["flops"].is_monotonic_decreasing
+    (smallest,) = opened.pareto(["parameters", "flops"]).index[:1]
+    assert opened.candidates.loc[smallest, "parameters"] == opened.candidates["parameters"].min()
+    studied = [*opened.studies[0].networks["id"]]
+    timed = opened.pareto(["fitness", pd.Series([3, 4], studied, name="ms")])
+    medians = opened.studies[0].reestimates.groupby("id")["fitness"].median()
+    assert {*timed.index} <= {*studied}
+    assert timed["fitness"].to_dict() == pytest.approx(medians[timed.index].to_dict())
+    assert (str(timed["ms"].dtype), {*timed["estimate"]}) == ("float64", {"re-estimated"})
+
+
+@pytest.mark.parametrize(
+    "objectives",
+    [
+        ["fitness"],
+        ["fitness", "fitness"],
+        ["fitness", "flop"],
+        ["fitness", pd.Series({"g00s00": 1.0})],
+        ["fitness", pd.Series({"g00s00": 1.0}, name="flops")],
+        ["fitness", pd.Series([1.0, 2.0], ["g00s00", "g00s00"], name="ms")],
+        ["fitness", pd.Series({"g99s99": 1.0}, name="ms")],
+        ["fitness", pd.Series({"g00s00": "slow"}, name="ms")],
+    ],
+)
+def test_what_is_no_objective_is_refused(objectives: list[Any], opened: tacevo.Run) -> None:
+    """Too few, twice, misspelt, without a name of its own, or not numbers of trained candidates."""
+    with refused(ConfigError, place="objectives"):
+        opened.pareto(objectives)
 
 
 @pytest.mark.few(2)

@@ -192,7 +192,7 @@ QUICK = [
         f"{command} nowhere"
         for command in ("tables", "replay", "report", "show", "figures", "ablations", "publish -o a")
     ),
-    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "continue nowhere", "show . third"),
+    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "extend nowhere", "show . third"),
     *("tables --wrong", "tables", "tables one/run.zip two/run.zip -o out", "figures one/run.zip", "replay . --draw 1"),
     *("report one/run.zip --latex --follow", "show one/run.zip/job", "--help"),
 ]
@@ -224,10 +224,10 @@ def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
-    """With its default: all of them together change nothing."""
+    """With its default, and words behind it: all of them together change nothing."""
     with pytest.raises(SystemExit):
         main(["search", "--help"])
-    told = re.findall(r"^  ([a-z_.]+=.*)$", capsys.readouterr().out, re.MULTILINE)
+    told = re.findall(r"^  ([a-z_.]+=.*?)  +\S.*$", capsys.readouterr().out, re.MULTILINE)
     groups = {key.rpartition(".")[0] for key in keys()}
     assert {setting.partition("=")[0] for setting in told} == set(keys()) - groups
     assert compose(told) == compose([])
@@ -323,6 +323,7 @@ def test_directory_that_is_write_protected_is_refused(tmp_path: Path, monkeypatc
         (["paper", "run", "-o", "out"], "`tacevo report RUN... --latex`"),
         (["sweep", "status", "all"], "`tacevo show SWEEP`"),
         (["watch", "run", "--open"], "`tacevo report RUN --follow`"),
+        (["continue", "run", "search.generations=9"], "`tacevo extend RUN search.generations=N`"),
     ],
 )
 def test_command_of_the_last_release_names_what_took_its_place(

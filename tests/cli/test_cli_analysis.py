@@ -12,8 +12,11 @@ from bundles import entries_of, members_of, resealed, with_entries
 from run_files import contents, study_in
 from smallest import SMALLEST, UNTRACKED
 
+from analysis.report.collection import read_studies
 from analysis.report.writing import FURTHER, PAPER
 from tacevo.cli.app import main
+from tacevo.results.run import read_run
+from tacevo.results.study_directory import StudyDirectory
 
 
 def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -168,6 +171,18 @@ def test_study_of_the_run_before_it_was_continued_is_left_out(folder: Path, caps
     assert main(["search", *SMALLEST, UNTRACKED, *more, f"run.dir={run}", f"store.root={stores}"]) == 0
     assert main(["tables", str(run)]) == 1
     assert ", before it was continued; study it again" in capsys.readouterr().err
+
+
+def test_study_that_still_runs_is_left_out_as_such(run: Path) -> None:
+    """And once no process is at work on it, as one that can be continued."""
+    study = StudyDirectory(study_in(run))
+    study.scores.unlink()
+    with study.at_work():
+        (told,) = read_studies(read_run(run)).left_out
+    assert "one that is still running; wait for it" in told
+    (told,) = read_studies(read_run(run)).left_out
+    assert "still running" not in told
+    assert "continues it" in told
 
 
 def _cut(run: Path) -> None:

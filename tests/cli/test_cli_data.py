@@ -235,7 +235,7 @@ def test_bad_arguments_are_one_error_that_names_their_command(
 @pytest.mark.parametrize(
     ("arguments", "place", "expected", "got", "remedy"),
     [
-        (["serch"], "tacevo", "one of search, continue, ", "serch", "did you mean search?"),
+        (["serch"], "tacevo", "one of search, extend, ", "serch", "did you mean search?"),
         (["data", "shw"], "tacevo data", "one of check, show, simulate", "shw", "did you mean show?"),
         (
             *(["data", "show", "-o", "a.pdf", "--width", "dubble"], "tacevo data show --width"),

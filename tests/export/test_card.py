@@ -178,7 +178,7 @@ def test_agreement_tells_records_from_other_trainings(
 
 @pytest.mark.parametrize(("bits", "white"), [(8, None), (8, 200), (16, None), (16, 4095)])
 def test_program_makes_the_input_as_the_data_did(
-    bits: int, white: float | None, of_classes: Exported, place: Path
+    bits: int, white: int | None, of_classes: Exported, place: Path
 ) -> None:
     """Of a photograph that lies on its side, of 8 bits or more, with and without a white point."""
     pixels = (

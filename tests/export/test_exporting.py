@@ -282,7 +282,7 @@ def test_images_are_listed_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_interruption_says_what_is_left(published: Path, place: Path, capfd: Any, monkeypatch: Any) -> None:
-    """No directory, which the command says."""
+    """No part of a directory, which the command says."""
 
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -290,7 +290,7 @@ def test_interruption_says_what_is_left(published: Path, place: Path, capfd: Any
     monkeypatch.setattr(directory, "train", stop)
     run, name = studied(published)
     assert main(["export", str(run.path), name, "-o", "model"]) == 130
-    assert "interrupted; no directory was made; the same command begins again" in capfd.readouterr().err
+    assert "interrupted; the directory is whole or absent" in capfd.readouterr().err
     assert not [*place.iterdir()]
 
 

@@ -41,7 +41,7 @@ def test_archives_are_those_in_common() -> None:
     assert heights(figure.axes[2], "none") == [50, 100]
     assert heights(figure.axes[1], "none") == pytest.approx([1 / 1.8, 1 / 1.8 + 1 / 1.42])
     for drawn in (figure, final_values(FOUND)):
-        words = [axes.get_ylabel() + axes.get_xlabel() for axes in drawn.axes[1:]]
+        words = [axes.get_ylabel() + axes.get_xlabel() for axes in drawn.axes[-2:]]
         assert all("common archive" in word for word in words)
 
 
@@ -64,6 +64,23 @@ def test_every_seed_is_a_point() -> None:
     for row, line in enumerate(drawn):
         assert all(abs(float(y) - row) < 0.5 for y in np.asarray(line.get_ydata()))
     assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse"]
+
+
+def test_arms_that_lie_on_each_other_are_named() -> None:
+    """Above each panel in which one hides the other; elsewhere there is no title."""
+    twins = (*TWO, *jobs_of("twin", WORSE))
+    figure = curves(compared(*twins)[1], curves_of(twins))
+    assert [axes.get_title() for axes in figure.axes] == [*["worse = twin"] * 2, "none = worse = twin"]
+    assert [axes.get_title() for axes in curves(FOUND, CURVES).axes] == ["", "", "none = worse"]
+
+
+def test_few_values_have_no_box() -> None:
+    """Of five seeds there are points and the median; of six a box as well."""
+    for seeds, boxes in ((5, 0), (6, 2)):
+        jobs = (*jobs_of("none", NONE[:1] * seeds), *jobs_of("worse", WORSE[:1] * seeds))
+        axes = final_values(compared(*jobs)[1]).axes[0]
+        assert len(axes.patches) == boxes
+        assert sum(line.get_linewidth() == 1.4 for line in axes.lines) == 2  # medians
 
 
 def test_reference_line_is_its_median() -> None:
