@@ -18,7 +18,7 @@ from tacevo.sandbox.candidate import digest, send_weights
 from tacevo.sandbox.client import AnswerError, Finished, Frame
 from tacevo.training.evaluation import Examples, Setting
 from tacevo.training.full import HeldOut
-from tacevo.training.weights import Weighed, weights_digest, read_weights, train_and_weigh
+from tacevo.training.weights import Weighed, read_weights, train_and_weigh, weights_digest
 
 VALUES = np.arange(6, dtype=np.float32)
 
