@@ -5,7 +5,7 @@ import re
 import pytest
 from checkout import ROOT
 
-from analysis.runs import dynamics, lineage, pareto
+from analysis.runs import dynamics, instruction_effects, lineage, pareto
 from analysis.studies import comparison, searches
 from analysis.sweeps import ablation
 
@@ -13,6 +13,7 @@ FRAMES = {
     "GENERATIONS": dynamics.GENERATIONS,
     "PARETO": pareto.PARETO,
     "PRODUCTIVITY": dynamics.PRODUCTIVITY,
+    "INSTRUCTIONS": instruction_effects.INSTRUCTIONS,
     "LINEAGE": lineage.LINEAGE,
     "COMPARISONS": comparison.COMPARISONS,
     "CHOSEN": searches.CHOSEN,
