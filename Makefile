@@ -57,10 +57,10 @@ test-portable: $(DEV) ## compare bits with those of emulated CPUs (qemu-user; te
 	$(BIN)/pytest -m portable
 
 test-cluster: $(DEV) ## run the tests on clusters of several nodes: Ray, and Slurm where it is installed
-	$(BIN)/pytest -m "cluster and not slow"
+	$(BIN)/pytest tests/cluster -m "cluster and not slow"
 
 test-cluster-all: $(DEV) ## the same, and those that wait for minutes
-	$(BIN)/pytest -m cluster
+	$(BIN)/pytest tests/cluster -m cluster
 
 coverage: $(DEV) ## run `make test` and `make test-slow`, and print the lines that no test reaches
 	$(BIN)/pytest $(TWO) -m "not long and not portable and not cluster" --cov --cov-report=term-missing:skip-covered

@@ -310,11 +310,13 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
 
 
 def _of_study(table: Table, compared: Compared) -> Table:
-    """Name a table after its study; the caption names other data, since the same networks may stand beside them."""
-    where = f" On other data than the run's: {compared.study.where}." if compared.study.other_data else ""
-    is_across = table.name.startswith("transfer")
-    caption = table.caption if is_across or not where or where.strip() in table.caption else table.caption + where
-    return replace(table, name=f"{compared.name}/{table.name}", caption=caption)
+    """Name a table after its study; caption and a note tell of other data, since the same networks may stand beside."""
+    named = replace(table, name=f"{compared.name}/{table.name}")
+    if not compared.study.other_data or table.name.startswith("transfer"):
+        return named
+    where = f"On other data than the run's: {compared.study.where}."
+    notes = table.notes if any(where in note for note in table.notes) else (where, *table.notes)
+    return replace(named, caption=f"{table.caption.removesuffix('.')}, on other data than the run's.", notes=notes)
 
 
 def _corrected(run: RecordedRun, again: Reestimates) -> list[Table]:

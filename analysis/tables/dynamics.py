@@ -149,12 +149,12 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
         rows = [*trivial, *rows, *_reestimated_rows(run, reestimates)]
     return Table(
         name="improvement",
-        caption=f"How far {run.name} came. Fitness is a validation loss.",
+        caption=f"How far {run.name} came.",
         columns=("figure", "value"),
         rows=tuple(rows),
         notes=(
             *([run.shortfall] if run.shortfall else []),
-            f"Every fitness is {worth(run.config)} {OTHER_SEEDS}",
+            f"Every fitness, a validation loss, is {worth(run.config)} {OTHER_SEEDS}",
             *([] if run.record.trivial is None else [TRIVIAL_LOSS]),
         ),
     )

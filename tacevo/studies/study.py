@@ -155,7 +155,8 @@ def _carry_out(
     directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    with Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say) as bench:
+    bench_of_study = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
+    with directory.at_work(), bench_of_study as bench:
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)
@@ -334,6 +335,7 @@ def _train(
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
     verdicts: dict[int, _Verdict] = {}
     done = len(recorded)
+    view.advance("trainings", done, len(jobs))
     for future in as_completed(futures):
         place = futures[future]
         verdict = verdicts[place] = future.result()

@@ -23,7 +23,7 @@ from tacevo.tracking.entries import (
     cost_measures,
     generation_measures,
 )
-from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
+from tacevo.tracking.facts import data_set, fitness_rule, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
 from tacevo.tracking.sweeps import SWEEP_TAG, find_sweep, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter, search_key
@@ -90,6 +90,7 @@ def _write_lines(
 ) -> str:
     """Write candidates and generations as their lines come; return the hash of the last line, empty without any."""
     last, totals, baseline = "", Totals(), None
+    rule = fitness_rule(record)
     known: dict[str, Spending] = {}
     generation: list[Spending] = []
     for last, line in lines:
@@ -99,7 +100,7 @@ def _write_lines(
             generation.append(known.get(line.id, Spending()))
             baseline = line.fitness if line.operator is Operator.baseline else baseline
             params = candidate_params(line, record.task.instructions)
-            measures = (*candidate_measures(line), *cost_measures(generation[-1], 0))
+            measures = (*candidate_measures(line, rule), *cost_measures(generation[-1], 0))
             writer.write_candidate(line, last, params, measures, directory.path / "candidates" / f"{line.id}.py")
         elif isinstance(line, GenerationLine):
             spent, generation = total(generation), []
