@@ -20,7 +20,7 @@ from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
-from analysis.runs.pareto import beside_costs, on_front
+from analysis.runs.pareto import REESTIMATED, beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
@@ -244,13 +244,10 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
 
 
 def _pareto(found: Collection) -> dict[str, Any]:
-    """Return loss and FLOPs of the trained candidates (`analysis.runs.pareto.PARETO`), and the ids of the front."""
+    """Return the fitnesses that are re-estimates, by id, and the ids of the front in loss and FLOPs."""
     candidates = beside_costs(found.run, losses_by_source(found.reestimates))
-    front = on_front(candidates, ["fitness", "flops"])
-    return {
-        "candidates": _rows(candidates[["fitness", "estimate", "flops"]].reset_index()),
-        "front": front.index.tolist(),
-    }
+    again = candidates.fitness[candidates.estimate == REESTIMATED]
+    return {"again": again.to_dict(), "front": on_front(candidates, ["fitness", "flops"]).index.tolist()}
 
 
 def _extents(points: NDArray[np.float64]) -> list[tuple[float, float]]:
