@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from tacevo import __version__
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
 from tacevo.cli.edge import Terminated, check_analysis, edge
+from tacevo.config.folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.text import printable
 
@@ -83,7 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with edge():
         try:
             options = _parsed(sys.argv[1:] if arguments is None else arguments)
-            status: int = options.command(options)
+            with reading_own(getattr(options, "config_dir", None)):
+                status: int = options.command(options)
             return status
         except KeyboardInterrupt as interruption:
             if arguments is None:
