@@ -104,7 +104,7 @@ def machine() -> dict[str, Json]:
 
 def usable_cores() -> int:
     """Return how many cores this process may use; the machine may have more."""
-    return len(os.sched_getaffinity(0))
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def gpus(drivers: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:

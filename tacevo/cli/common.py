@@ -109,6 +109,21 @@ def output_directory(name: str | Path) -> Path:
     return directory
 
 
+def agreed(question: str, yes: bool) -> bool:
+    """Ask before something goes for good; without a terminal, where nobody answers, the answer is no."""
+    if yes:
+        return True
+    try:
+        answer = input(f"{question} [y/N] ")
+    except EOFError:
+        answer = ""
+        print()
+    if answer.strip().lower() in {"y", "yes"}:
+        return True
+    print("nothing was removed (--yes asks nothing)")
+    return False
+
+
 def whole_number(text: str) -> int:
     """Read an option that counts something.
 

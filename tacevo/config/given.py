@@ -117,7 +117,8 @@ def _files(names: Sequence[str]) -> Iterator[NetworkFile]:
 def _paths(name: str) -> list[Path]:
     """List the files behind a name: a file, those of a directory, or those of a pattern, by name.
 
-    A relative name is looked up here and then in the directories of configs, so that the shipped networks are found from anywhere.
+    A relative name is looked up here and then in the directories of configs, so that the shipped networks are found
+    from anywhere.
     """
     for root in (Path(), *config_roots()):
         path = root / name

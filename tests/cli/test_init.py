@@ -125,7 +125,7 @@ def test_task_lies_where_the_user_stands(
 
 @pytest.mark.parametrize("name", ["task/grating.yaml", "library/grating/system.md", "ablation/no_qd.yaml"])
 def test_name_that_tacevo_has_is_refused_where_it_is_used(name: str, place: Path) -> None:
-    """Else an edited copy would have no effect, and nobody be told; an equal copy, and what is not chosen, may lie there."""
+    """Else an edited copy would silently have no effect; an equal copy, and what is not chosen, may lie there."""
     own = place / "conf" / name
     own.parent.mkdir(parents=True)
     shutil.copy(ROOT / "conf" / name, own)
@@ -138,7 +138,9 @@ def test_name_that_tacevo_has_is_refused_where_it_is_used(name: str, place: Path
 
     load()
     own.write_text(own.read_text() + "# edited\n")
-    with refused(ConfigError, place=name.split("/")[0].replace("library", "task"), got=str(own), remedy="rename it"):
+    with refused(
+        ConfigError, place=name.split("/", maxsplit=1)[0].replace("library", "task"), got=str(own), remedy="rename it"
+    ):
         load()
 
 
