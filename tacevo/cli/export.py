@@ -16,7 +16,7 @@ def add_export(parser: Parser) -> None:
     """Describe `tacevo export`."""
     parser.description = (
         "Train a candidate again in the sandbox, and write it as a directory that needs no tacevo: the class, its "
-        "weights, ONNX, torch.export, a model card. Needs `pip install 'tacevo[export]'`."
+        "weights, ONNX, torch.export, a model card. Needs `pip install -e '.[export]'`."
     )
     parser.add_argument("run", metavar="RUN", type=named, help=RUN)
     parser.add_argument("candidate", metavar="CANDIDATE", type=candidate, help="its id, e.g. g02s03")

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from tacevo.data.labels import units_of
+from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.card import card
@@ -119,7 +120,7 @@ def _check_packages() -> None:
             f"no {listed(missing)}",
             place="tacevo export",
             expected=f"the packages {listed(_PACKAGES)}",
-            remedy="pip install 'tacevo[export]'",
+            remedy=install("export"),
         )
 
 
