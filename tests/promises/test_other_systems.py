@@ -45,7 +45,7 @@ def test_published_run_is_replayed_on_a_lesser_system(bundle: Path, capsys: pyte
 def test_results_are_read_on_a_lesser_system(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What a run found, its tables, figures and page are, byte for byte, what they are here; a sweep's, too."""
     run, sweep = BUNDLES / "grating-grammar.zip", BUNDLES / "ablation-force-grammar.zip"
-    commands = {
+    commands: dict[str, list[str | Path]] = {
         "tables": ["tables", run],
         "figures": ["figures", run, "--format", "svg"],
         "report": ["report", run],
