@@ -74,7 +74,7 @@ def left_of_others(task: TaskConfig) -> list[str]:
     names = " ".join((task.name, *task.output_names)).casefold()
     others = "|".join(word for sensor, word in _WORDS.items() if sensor not in names)
     for key in ("system", "instructions", "baseline"):
-        lines = read_named(f"task.{key}", getattr(task, key)).splitlines()
+        lines = read_named(f"task.{key}", getattr(task, key)).split("\n")
         kept = [
             f"{match[0]!r} in line {number}"
             for number, line in enumerate(lines, start=1)
