@@ -1,6 +1,10 @@
 """The named choices of a configuration; member names are what users write (Hydra reads enums by name)."""
 
+import statistics
+from collections.abc import Sequence
 from enum import StrEnum
+
+from tacevo.rounding import rounded
 
 
 class DataSource(StrEnum):
@@ -125,6 +129,8 @@ class PromptPolicy(StrEnum):
 
     uniform = "uniform"
     curiosity = "curiosity"
+    #: By what each did to the loss of its children so far.
+    effect = "effect"
     none = "none"
 
 
@@ -196,6 +202,30 @@ class Confinement(StrEnum):
     kernel = "kernel"
 
 
+class FitnessRule(StrEnum):
+    """What the fitness of a short training is of its validation losses; lower is better.
+
+    The last loss of a training jumps, so a search by it selects networks that jump (docs/evidence.md).
+    """
+
+    #: The loss after the last epoch, which is the paper's (Algorithm 1).
+    last = "last"
+    #: The lowest loss of all epochs, of whose weights a study takes its test score.
+    lowest = "lowest"
+    #: The mean over the last three epochs, or over all of fewer.
+    mean_of_3 = "mean_of_3"
+
+    def of(self, losses: Sequence[float]) -> float:
+        """Return the fitness of a training by its validation losses, one an epoch, at least one."""
+        match self:
+            case FitnessRule.last:
+                return losses[-1]
+            case FitnessRule.lowest:
+                return min(losses)
+            case FitnessRule.mean_of_3:
+                return rounded(statistics.fmean(losses[-3:]))
+
+
 class ChosenBy(StrEnum):
     """What the elites of a study are chosen by: their recorded fitness, or the median of a noise run's re-estimates."""
 
@@ -209,6 +239,8 @@ class Primary(StrEnum):
     #: Of each job's best network, trained again with fresh seeds.
     test_score = "test_score"
     best_fitness = "best_fitness"
+    #: Of the fitness of the new candidates in the later half of the generations, in which no luck piles up.
+    new_quartile = "new_quartile"
     qd_score = "qd_score"
     coverage = "coverage"
 
@@ -222,7 +254,11 @@ class Varied(StrEnum):
 
 
 class MarginKind(StrEnum):
-    """What an equivalence margin counts in: parts of the baseline's median, or the unit of the metric."""
+    """What an equivalence margin counts in."""
 
+    #: Parts of the baseline's median.
     relative = "relative"
+    #: Parts of what the baseline gets wrong, which is of an accuracy what lacks to 1; of an error, its median.
+    errors = "errors"
+    #: The unit of the metric.
     absolute = "absolute"

@@ -374,7 +374,7 @@ class Recipe(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training(Record):
-    """The results of a finished training; its fitness is the last validation loss (lower is better)."""
+    """The results of a finished training; its fitness is `tacevo.choices.FitnessRule.of` its validation losses."""
 
     #: Mean training loss of each epoch, as the child reported it; shown, never used for selection.
     train_losses: tuple[float, ...]
@@ -387,11 +387,6 @@ class Training(Record):
     #: Operations that ran although torch has no deterministic form of them on the device, in order, as the child
     #: reported them; on a CPU such a candidate is rejected instead.
     not_deterministic: tuple[str, ...] = ()
-
-    @property
-    def fitness(self) -> float:
-        """The final validation loss (paper, Algorithm 1): lower is better."""
-        return self.validation_losses[-1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,6 +46,7 @@ _ENDS = {
     Metric.test_mse: ("test MSE", 1),
     Metric.test_accuracy: ("test accuracy (%)", 100),
     Metric.best_fitness: ("best validation loss", 1),
+    Metric.new_quartile: ("fitness, lower quartile of new candidates", 1),
     Metric.qd_score: ("QD-score (common archive)", 1),
     Metric.coverage: ("coverage (common archive, %)", 100),
 }

@@ -29,6 +29,7 @@ from analysis.tables.dynamics import (
 )
 from analysis.tables.health import health_table, niches_table
 from analysis.tables.images import image_tables
+from analysis.tables.instruction_tables import instructions_table
 from analysis.tables.motifs import motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
@@ -211,7 +212,7 @@ def with_largest_studies(found: Collection) -> Collection:
 def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
     """Return tables of the runs that search one task, and which of these they lack, with the reason.
 
-    Runs stand beside each other by studies that are alike, where the searches trained for equal numbers of epochs. The
+    Runs stand beside each other by studies that are alike, where a fitness is the same of equal numbers of epochs. The
     re-estimates that choose are always those of the study on the run's own data; on other data, exactly the same
     networks must have been studied.
     """
@@ -223,15 +224,17 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
             study, known = compared.study, known_of.get(compared.study.networks)
             if known is None or compared.comparisons is None or min(study.seeds, known.seeds) < LEAST_SEEDS:
                 continue
-            searches = alike.setdefault((study.task, known.epochs, study.fingerprint, study.recipe, study.seeds), [])
+            likeness = study.task, known.epochs, known.rule, study.fingerprint, study.recipe, study.seeds
+            searches = alike.setdefault(likeness, [])
             if all(other.study.run != study.run for other in searches):
                 searches.append(StudiedSearch(name=one.run.name, study=study, reestimates=known))
     groups = [searches for searches in alike.values() if len(searches) > 1]
     shown = {search.name for searches in groups for search in searches}
     tasks = Counter(one.run.task for one in found)
     alone = [
-        f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs; a "
-        f"study of each on the run's data; and of both, studies of equal epochs and seeds, {LEAST_SEEDS} or more"
+        f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs, by "
+        f"the same training.fitness; a study of each on the run's data; and of both, studies of equal epochs and "
+        f"seeds, {LEAST_SEEDS} or more"
         for one in found
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]
@@ -281,6 +284,7 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         generations_table(run, found.niches.networks),
         gate_table(run),
         prompts_table(run),
+        instructions_table([run], run.name),
     ]
     tables += [temperatures_table(run), costs_table(run)]
     tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]

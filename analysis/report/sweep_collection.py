@@ -12,6 +12,7 @@ from analysis.sweeps.common_archive import common_archive, extents
 from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables, common_note, extents_note
+from analysis.tables.instruction_tables import instructions_table, mix_table
 from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.results.run import RecordedRun
@@ -110,4 +111,13 @@ def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> Finished:
 def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
     """Return every table of a sweep."""
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
-    return ablation_tables(collected.sweep, collected.found, archive)
+    tables = ablation_tables(collected.sweep, collected.found, archive)
+    arms: dict[str, list[RecordedRun]] = {}
+    for one in collected.sweep.finished:
+        arms.setdefault(one.job.arm, []).append(one.run)
+    jobs, task = collected.found.jobs, collected.sweep.task
+    distinct = set(jobs.index[~jobs.search.duplicated()])
+    runs = [one.run for one in collected.sweep.finished if one.job.name in distinct]
+    if len({run.instructions for run in runs}) > 1:  # of other libraries, which have nothing in common
+        return tables
+    return (*tables, instructions_table(runs, f"all arms ({task})"), mix_table(arms, task))

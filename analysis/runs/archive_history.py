@@ -23,7 +23,7 @@ def archive_history(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[A
     """
     niches = Tessellation(centroids) if run.has_niches else TopK(niches=run.places)
     arrivals = iter(descriptors(run).tolist())
-    archive, estimates, found = _empty(run), Estimates(), []
+    archive, estimates, found = _empty(run), Estimates(rule=run.config.training.fitness), []
     for line in run.generations:
         for candidate in run.candidates:
             if candidate.generation == line.generation and candidate.fitness is not None:

@@ -3,6 +3,7 @@
 A rate counts first answers, as the paper does: one that was rejected and then repaired counts as rejected.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
@@ -114,7 +115,7 @@ def copies(run: RecordedRun) -> frozenset[str]:
 
 def by_prompt(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each instruction of the library (`PRODUCTIVITY`), tried or not, in the library's order."""
-    asked = _mutations(run)
+    asked = mutations(run)
     return _productivity(
         (name, [candidate for candidate in asked if candidate.prompt == index])
         for index, name in enumerate(run.instructions)
@@ -124,7 +125,7 @@ def by_prompt(run: RecordedRun) -> pd.DataFrame:
 def by_temperature(run: RecordedRun) -> pd.DataFrame:
     """Return a row for each band of the requests' temperatures in which something was asked, rising."""
     bands: dict[int, list[CandidateLine]] = {}
-    for candidate in _mutations(run):
+    for candidate in mutations(run):
         temperature = candidate.sent_temperature
         if temperature is not None:
             band = min(int(temperature * BANDS), BANDS - 1)  # the last band holds its upper end
@@ -152,7 +153,7 @@ def improvement(run: RecordedRun) -> "pd.Series[Any]":
         first generation from which on it had `MOST` of the whole improvement over `first`; None without any. `by_7`,
         `by_10`: the part of it that each of `PUBLISHED_GENERATIONS` brought, as far as the run reached it. `trainable`:
         mean of the trainable share over generations 1 to G; None where there is generation 0 only. `coverage`: the
-        occupied part of the niches at the end.
+        occupied part of the niches at the end. `new_quartile`, `new_median`: fitness of the new candidates.
     """
     bests = [(line.generation, line.best) for line in run.generations if line.best is not None]
     known = run.fitness
@@ -174,11 +175,29 @@ def improvement(run: RecordedRun) -> "pd.Series[Any]":
         **{f"by_{number}": gained[number] for number in PUBLISHED_GENERATIONS if number in gained},
         "trainable": sum(line.trained / line.candidates for line in later) / len(later) if later else None,
         "coverage": run.generations[-1].coverage,
+        **_new_candidates(run),
     }
     return pd.Series(found, dtype="object")
 
 
-def _mutations(run: RecordedRun) -> list[CandidateLine]:
+def _new_candidates(run: RecordedRun) -> dict[str, float | None]:
+    """Return the fitness that a quarter, and a half, of the new candidates of the later generations reach.
+
+    Each is a draw of its own of a network whose parents were chosen by earlier draws, so luck does not pile up in it as
+    it does in the best of many. New is a source that no slot had before; later are the generations after G / 2. A slot
+    that gave nothing that trains is worse than any fitness: None where so many of them are.
+    """
+    first = {line.source: line for line in reversed(run.candidates) if line.source is not None}
+    later = [line for line in run.candidates if 2 * line.generation > run.generations[-1].generation]
+    new = [line for line in later if line.source is None or first[line.source] is line]
+    ranked = sorted(math.inf if line.fitness is None else line.fitness for line in new)
+    reached = (
+        {"new_quartile": ranked[(len(ranked) - 1) // 4], "new_median": ranked[(len(ranked) - 1) // 2]} if ranked else {}
+    )
+    return {name: fitness if math.isfinite(fitness) else None for name, fitness in reached.items()}
+
+
+def mutations(run: RecordedRun) -> list[CandidateLine]:
     """Return the mutations that count for a prompt: not those of generation 0, which fill an empty archive."""
     return [
         candidate

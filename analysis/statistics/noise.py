@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import f, kendalltau
 
 from analysis.statistics.effects import LEVEL, Interval, superiority
+from tacevo.choices import FitnessRule
 from tacevo.rounding import rounded
 
 #: The columns of fitnesses beside their re-estimates, and the type of each, a network a row, the reference first. Of
@@ -27,6 +28,10 @@ NOISE = (
 #: the type of each: tau of one seed's fitnesses, mean over the seeds, and tau of their medians; missing where there is
 #: none.
 RANKINGS = {"epoch": "int64", "one_seed": "float64", "median": "float64"}
+
+#: The columns of what a fitness is worth by each rule, and the type of each: the ICC of one training, missing where it
+#: is not defined, and the taus of `RANKINGS`.
+WORTH = {"rule": "str"} | dict.fromkeys(("icc", "icc_low", "icc_high", "one_seed", "median"), "float64")
 
 
 def noise(recorded: ArrayLike, estimates: ArrayLike) -> pd.DataFrame:
@@ -116,7 +121,7 @@ def rankings(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
     one training would stand on both sides, and its luck would pass for agreement.
 
     Args:
-        losses: validation losses of n networks, S >= 2 seeds and E epochs, shape (n, S, E).
+        losses: the fitness of n networks after so many epochs, S >= 2 seeds and E epochs, shape (n, S, E).
         scores: test scores of the weights of the best validation epoch, lower is better, shape (n, S).
 
     Returns:
@@ -133,3 +138,21 @@ def rankings(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
         one_seed = rounded(float(np.mean(known))) if known else None
         rows.append((epoch + 1, one_seed, agreement(np.median(fitness[:, :, epoch], axis=1), final)))
     return pd.DataFrame(rows, columns=list(RANKINGS)).astype(RANKINGS)
+
+
+def worth(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
+    """Compare what a fitness is worth by each rule after the last of some epochs; for the values see `rankings`.
+
+    Returns:
+        A row for each rule (`WORTH`); None of one seed.
+    """
+    curves = np.asarray(losses, dtype=np.float64)
+    rows = []
+    for rule in FitnessRule:
+        fitness = np.array([[rule.of(losses) for losses in network] for network in curves.tolist()])
+        ranked, part = rankings(fitness[:, :, None], scores), icc(fitness)
+        if ranked is None:
+            return None
+        taus = ranked.drop(columns="epoch").iloc[0].to_dict()
+        rows.append({"rule": rule.value} | taus | ({} if part is None else part.columns("icc")))
+    return pd.DataFrame(rows, columns=list(WORTH)).astype(WORTH)

@@ -48,6 +48,13 @@ class Spread:
         """Its upper limit: the true one lies below with a chance of 80 %, if values are normal."""
         return rounded(self.deviation * math.sqrt(self.freedom / chdtri(self.freedom, CONFIDENCE)))
 
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its 95 % interval, if values are normal."""
+        squares = self.freedom * self.deviation**2
+        low, high = (rounded(math.sqrt(squares / chdtri(self.freedom, tail))) for tail in (0.025, 0.975))
+        return low, high
+
 
 def pooled(samples: Sequence[ArrayLike]) -> Spread | None:
     """Estimate the deviation within samples, each of shape (n,) with n >= 2; None without such a sample.

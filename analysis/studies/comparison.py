@@ -17,7 +17,8 @@ from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
-from analysis.studies.warnings import cautions
+from analysis.studies.metrics import SHARES
+from analysis.studies.warnings import Caution, cautions
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
@@ -92,7 +93,7 @@ def _outputs(study: RecordedStudy) -> list[str]:
     metrics = {name: f"{study.primary}_{name}" for name in study.names}
     if len(metrics) < 2 or not measured.keys() >= set(metrics.values()):
         return []
-    return [name for name, metric in metrics.items() if margin.around(float(np.median(study.values(baseline, metric))))]
+    return [name for name, metric in metrics.items() if _around(margin, study.values(baseline, metric), metric)]
 
 
 def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int) -> list[dict[str, Any]]:
@@ -122,7 +123,10 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int
     for row in rows:
         differs, equals = row["p_holm"] <= alpha, row["p_equivalence_holm"] <= alpha
         row["verdict"] = _verdict(row, lower=LOWER_IS_BETTER[study.primary], differs=differs, equals=equals).value
-        row["cautions"] = cautions(*row.pop("samples"), least_p=least, alpha=alpha)
+        x, y = row.pop("samples")
+        is_wide = study.primary in SHARES and row["margin"] >= rounded(1 - float(np.median(y)))
+        given = cautions(x, y, least_p=least, alpha=alpha)
+        row["cautions"] = (*given, Caution.wide_margin) if is_wide else given
     return rows
 
 
@@ -151,13 +155,17 @@ def _check_size(study: RecordedStudy) -> None:
         )
 
 
+def _around(margin: Margin, baseline: Sample, metric: str) -> float:
+    return margin.around(float(np.median(baseline)), is_share=metric in SHARES)
+
+
 def _width(margin: Margin, baseline: Sample, metric: str) -> float:
-    width = margin.around(float(np.median(baseline)))
+    width = _around(margin, baseline, metric)
     if width == 0:
         raise RunError(
             "0",
             place=f"the baseline's median {metric}",
-            expected="a value above 0, of which a relative margin is a part",
+            expected="errors, of which such a margin is a part",
             remedy="study it again with an absolute margin: margins.KIND.kind=absolute and margins.KIND.value",
         )
     return width

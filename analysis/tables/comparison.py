@@ -300,7 +300,8 @@ def _margin(study: RecordedStudy, variants: pd.DataFrame) -> str:
     wide = f"{shown(100.0 * width if study.primary in SHARES else width)} {unit_of(study.primary)}"
     if study.terms.margin.kind is MarginKind.absolute:
         return wide
-    return f"{shown(Percent(study.terms.margin.value))} of the baseline's median, {wide}"
+    of = "errors" if study.terms.margin.kind is MarginKind.errors else "median"
+    return f"{shown(Percent(study.terms.margin.value))} of the baseline's {of}, {wide}"
 
 
 def _margin_of_outputs(study: RecordedStudy, variants: pd.DataFrame) -> str:

@@ -21,6 +21,7 @@ from analysis.runs.dynamics import (
 from analysis.runs.lineage import lineage
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
+from analysis.tables.instruction_tables import grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
@@ -41,6 +42,8 @@ _FIGURES = {
     **{f"by_{at}": (f"part of it that was reached by generation {at}", True) for at in PUBLISHED_GENERATIONS},
     "trainable": ("trainable candidates, mean over generations", True),
     "coverage": ("coverage at the end", True),
+    "new_quartile": ("fitness that a quarter of the new candidates of the later generations reach", False),
+    "new_median": ("fitness that half of them reach", False),
 }
 
 #: Of a trivial loss.
@@ -125,7 +128,7 @@ def temperatures_table(run: RecordedRun) -> Table:
             "T moved one way with the generations, so temperature and generation are one here: a difference between "
             "bands may be one between early and late generations, whose archives are filled differently."
         )
-    return replace(table, notes=(*table.notes, *notes))
+    return replace(table, notes=(*table.notes, *notes, *grammar_note([run])))
 
 
 def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ()) -> Table:

@@ -13,12 +13,16 @@ from tacevo.text import counted, drawn
 
 #: The column of the chances to beat the baseline.
 BEATS = (Between, "beats", "beats_low", "beats_high")
+#: The column of the parts of the variance that are the networks'.
+ICC = (Between, "icc", "icc_low", "icc_high")
 
 
 def noise_tables(found: Reestimates, task: str, trivial: float | None) -> tuple[Table, ...]:
     """Return all tables of a study's or a noise run's re-estimates, with the trivial loss where it is known."""
     noise = noise_table(found, task, trivial)
-    return (noise,) if found.rankings is None else (noise, ranking_table(found, found.rankings, task))
+    if found.rankings is None or found.worth is None:
+        return (noise,)
+    return (noise, ranking_table(found, found.rankings, task), worth_table(found, found.worth, task))
 
 
 def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
@@ -36,7 +40,7 @@ def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
         last=() if trivial is None else (("trivial", None, trivial, trivial, *(None,) * 6),),
         notes=(
             *chance_note(found, trivial),
-            f"Fitness: the validation loss after {counted(found.epochs, 'epoch')}, lower is better. The recorded one "
+            f"Fitness: {found.fitness}, lower is better. The recorded one "
             f"is {found.record}, by which the search chose; the others decided nothing in it.",
             "Recorded less re-estimated: below 0 the record flatters the network.",
             *_failed_note(found),
@@ -83,7 +87,7 @@ def corrected_table(found: pd.DataFrame, again: Reestimates, task: str) -> Table
 
 
 def ranking_table(found: Reestimates, rankings: pd.DataFrame, task: str) -> Table:
-    """Show how the validation loss after some epochs ranks the networks, beside their test scores."""
+    """Show how the fitness after some epochs ranks the networks, beside their test scores."""
     last = len(rankings)
     doubled = {2**power for power in range(last.bit_length())}
     return Table.of(
@@ -97,6 +101,26 @@ def ranking_table(found: Reestimates, rankings: pd.DataFrame, task: str) -> Tabl
             "third ... seed give the fitness and the others the test score, so no training stands on both sides. One "
             "seed: mean over the seeds of the fitness.",
             f"The search trained for {counted(found.epochs, 'epoch')}, with one seed.",
+        ),
+    )
+
+
+def worth_table(found: Reestimates, worth: pd.DataFrame, task: str) -> Table:
+    """Show what a fitness after the search's epochs would be worth by each rule."""
+    return Table.of(
+        worth,
+        {"training.fitness": "rule"}
+        | {"ICC of one training": ICC}
+        | {"tau, one seed": "one_seed", "tau, median of the seeds": "median"},
+        name="fitness_rules",
+        caption=f"What a fitness of {task} is worth by each rule, after {counted(found.epochs, 'epoch')}.",
+        notes=(
+            "last: the loss after the last epoch, which is the paper's. lowest: the lowest loss. mean_of_3: the mean "
+            f"of the last three. The search took {found.rule}.",
+            f"ICC: the part of the variance between {counted(len(found.networks), 'network')} and "
+            f"{counted(found.seeds, 'seed')} that is the networks', of logarithms ({100 * LEVEL:g} % interval). Tau: "
+            "Kendall's, with the order by test scores of other seeds.",
+            "The networks were chosen by one of these rules, so the others are judged by its choice.",
         ),
     )
 

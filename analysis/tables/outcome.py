@@ -202,8 +202,8 @@ def _few(found: pd.DataFrame | None) -> tuple[str, ...]:
 def _fitness(again: Reestimates | None) -> str:
     if again is None:
         return "The fitness is not re-estimated here; tacevo noise RUN does that, and tacevo show RUN prints it."
-    seeds, epochs = counted(again.seeds, "other seed"), counted(again.epochs, "epoch")
-    return f"Fitness: the loss after {epochs}; the record is {again.record}, the re-estimate a median of {seeds}."
+    seeds = counted(again.seeds, "other seed")
+    return f"Fitness: {again.fitness}; the record is {again.record}, the re-estimate a median of {seeds}."
 
 
 def _left_out(found: Reestimates, unlisted: int) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from analysis.rounding import shown
 from analysis.statistics.planning import CONFIDENCE, MOST, TRIALS
+from analysis.sweeps.pilots import Pilot
 from analysis.sweeps.plans import Planned
 from analysis.table import Percent, Table
 from tacevo.storage.plan import Measure, SeedPlan
@@ -22,6 +23,7 @@ def plan_table(planned: Planned) -> Table:
     return Table.of(
         ways,
         {
+            **({"between searches": "between"} if pilot.kind == "sweep" else {}),
             "spread": "spread",
             **({"training seeds of a job": "retraining"} if pilot.kind == "sweep" else {}),
             "seeds": "needed",
@@ -39,11 +41,28 @@ def plan_table(planned: Planned) -> Table:
             f"Spread: the standard deviation of {scale}{value}, which is drawn from a normal distribution; the upper "
             f"limit of the pilot's, {shown(pilot.spread.deviation)} with {counted(pilot.spread.freedom, 'degree')} of "
             f"freedom, below which the true one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
+            *_between_note(pilot),
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
             "pilot's candidates were gated and trained; without the answers.",
             *_fitness_note(pilot.metric),
         ),
     )
+
+
+def _between_note(pilot: Pilot) -> tuple[str, ...]:
+    """Say what of a sweep's spread lies between its searches, and how little a small pilot knows of it."""
+    if pilot.kind == "study":
+        return ()
+    between = "Between searches: all of the spread, since the pilot has no second training of a job."
+    if pilot.tested:
+        between = f"Between searches: what is left of the spread without {shown(pilot.tested)}, the noise of trainings."
+    if pilot.is_all_noise:
+        between += (
+            " That noise alone explains the pilot's spread, so by the pilot all searches might be equal; the plan does "
+            "not count on it. A pilot of more jobs, or of more training seeds a job, would say more."
+        )
+    low, high = pilot.spread.interval
+    return (f"{between} By the pilot alone, its spread may be {shown(low)} to {shown(high)} (95 % interval).",)
 
 
 def plan_notes(plan: SeedPlan | None) -> tuple[str, ...]:

@@ -35,8 +35,8 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
         caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
         f"{first.name}.{elsewhere}",
         notes=(
-            f"Chosen: the network, baseline included, with the lowest median loss after "
-            f"{counted(first.reestimates.epochs, 'epoch')}, by every second of {choosing}, counted "
+            f"Chosen: the network, baseline included, with the lowest median fitness "
+            f"({first.reestimates.fitness}), by every second of {choosing}, counted "
             "from 1. Re-estimates and tests are of the other seeds, so no training chooses a network and counts for "
             "it. Where odd and even seeds choose different networks, re-estimates do not tell these apart.",
             f"Tested: after {counted(study.recipe.epochs, 'epoch')}, weights of the best validation epoch, on "

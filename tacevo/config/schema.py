@@ -23,6 +23,7 @@ from tacevo.choices import (
     DataSource,
     Device,
     ExecutorKind,
+    FitnessRule,
     LightScene,
     Normalisation,
     Numerics,
@@ -302,7 +303,9 @@ class TrainingConfig(Record):
     gpu: Text | None = None
     precision: Precision = Precision.float32
     gpu_memory_mib: Memory = 8192
-    #: Trainings of each candidate; its fitness is the median of their losses.
+    #: What a training's fitness is of its validation losses.
+    fitness: FitnessRule = FitnessRule.last
+    #: Trainings of each candidate; its fitness is the median of theirs.
     seeds: Annotated[OneToMillion, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
 

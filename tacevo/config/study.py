@@ -37,13 +37,19 @@ class StudyStoreConfig(Record):
 class Margin(Record):
     """The largest difference from the baseline that still counts as equality."""
 
-    #: In parts of the baseline's median (0.1 is 10 %), or in the unit of the metric.
+    #: In parts of the baseline's median or errors (0.1 is 10 %), or in the unit of the metric.
     value: Positive
     kind: MarginKind
 
-    def around(self, median: float) -> float:
-        """Return the margin in the unit of the metric, around a baseline's median."""
-        return rounded(self.value * abs(median)) if self.kind is MarginKind.relative else self.value
+    def around(self, median: float, *, is_share: bool) -> float:
+        """Return the margin in the unit of the metric, around a baseline's median; a share is better near 1."""
+        match self.kind:
+            case MarginKind.absolute:
+                return self.value
+            case MarginKind.errors if is_share:
+                return rounded(self.value * (1 - median))
+            case _:
+                return rounded(self.value * abs(median))
 
 
 @dataclass(frozen=True, kw_only=True)

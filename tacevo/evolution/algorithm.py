@@ -16,6 +16,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from fractions import Fraction
+from typing import TypeVar
 
 from tacevo.choices import PromptPolicy
 from tacevo.errors import ConfigError
@@ -30,7 +31,7 @@ from tacevo.evolution.lines import (
     source_hash,
     with_result,
 )
-from tacevo.evolution.prompts import Trial, curiosity
+from tacevo.evolution.prompts import FAILED, Trial, curiosity
 from tacevo.evolution.proposals import (
     Candidate,
     Proposal,
@@ -40,11 +41,14 @@ from tacevo.evolution.proposals import (
     plan_initial,
     pool_of_parents,
 )
-from tacevo.evolution.reevaluation import Reevaluation, compete_again, plan_reevaluations
+from tacevo.evolution.reevaluation import Estimates, Reevaluation, compete_again, plan_reevaluations
 from tacevo.evolution.state import Ledger, Observer, Plan, SearchState
 from tacevo.profile import Admitted
 from tacevo.records import Operator, Rejection, Task, to_json
+from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
+
+T = TypeVar("T", CandidateLine, ReevaluationLine)
 
 
 def run_search(plan: Plan, effects: Effects, ledger: Ledger, observer: Observer) -> SearchState:
@@ -54,7 +58,12 @@ def run_search(plan: Plan, effects: Effects, ledger: Ledger, observer: Observer)
         DivergenceError: the ledger holds a line that the search does not reproduce.
         CacheMissError: a store in replay mode lacks an answer.
     """
-    state = SearchState(generation=0, temperature=plan.temperature_start, networks=plan.archive)
+    state = SearchState(
+        generation=0,
+        temperature=plan.temperature_start,
+        networks=plan.archive,
+        estimates=Estimates(rule=plan.fitness),
+    )
     while not state.is_past(plan):
         state = step(state, plan, effects, ledger, observer)
     return state
@@ -64,7 +73,7 @@ def step(state: SearchState, plan: Plan, effects: Effects, ledger: Ledger, obser
     """Run one generation: propose, develop, commit, close."""
     before = state
     lines: list[CandidateLine | ReevaluationLine] = []
-    for outcome in develop(propose(state, plan), effects, repairs=plan.repairs, seeds=plan.seeds):
+    for outcome in develop(propose(state, plan), effects, repairs=plan.repairs, seeds=plan.seeds, rule=plan.fitness):
         check_given(outcome, plan.task)
         observer.developed(outcome)
         state, line = fold(state, plan, outcome)
@@ -119,7 +128,8 @@ def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState,
     """Commit one outcome to the state; return the state and its ledger line."""
     if isinstance(outcome.proposal, Reevaluation):
         return reevaluate(state, plan, outcome.proposal, outcome)
-    return commit(state, plan, outcome.proposal, outcome)
+    after, line = commit(state, plan, outcome.proposal, outcome)
+    return _with_effect(after, plan, line), line
 
 
 def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
@@ -127,7 +137,7 @@ def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome)
 
     A rejected candidate is discarded: it changes no archive.
     """
-    line = _candidate_line(proposal, outcome, names_dropped=plan.names_dropped)
+    line = _candidate_line(proposal, outcome, plan)
     admitted, result = outcome.admitted, outcome.result
     if admitted is None:
         return state, line
@@ -135,7 +145,7 @@ def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome)
     line = replace(line, **asdict(descriptor))
     if isinstance(result, Rejection):
         return state, line
-    estimates, fitness = state.estimates, result.fitness
+    estimates, fitness = state.estimates, plan.fitness.of(result.validation_losses)
     if plan.reevaluations:
         estimates = estimates.after(line)
         fitness = estimates.fitness(str(line.source))
@@ -162,7 +172,7 @@ def reevaluate(
         source=source_hash(job.source),
         not_portable=() if outcome.admitted is None else outcome.admitted.profile.not_portable,
     )
-    line = with_result(line, outcome.result, seed=outcome.seed, trainings=outcome.trainings, keys=outcome.keys)
+    line = _with_result(line, outcome, plan)
     estimates = state.estimates.after(line)
     networks, candidates, line = compete_again(state.networks, state.candidates, estimates, plan.networks, line)
     best = min((-elite.objective for elite in networks.archive.elites.values()), default=math.inf)
@@ -219,6 +229,18 @@ def _record_prompt(
     return replace(state, prompts=prompts), replace(line, prompt_niche=niche, prompt_status=status)
 
 
+# Not part of the paper's algorithm.
+def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchState:
+    """Let the policy `effect` learn what an instruction did to the loss of its child."""
+    if plan.settings.prompts is not PromptPolicy.effect or line.prompt is None:
+        return state
+    parent = state.candidates.get(line.parents[0])
+    if parent is None or not 0 < parent.fitness < math.inf or line.fitness == 0:
+        return state
+    change = FAILED if line.fitness is None else rounded(math.log(line.fitness / parent.fitness))
+    return replace(state, prompts=state.prompts.learning(line.prompt, change))
+
+
 def _learned(
     candidates: Growing[str, Candidate], proposal: Proposal, admitted: Admitted, fitness: float, score: float
 ) -> Growing[str, Candidate]:
@@ -235,8 +257,8 @@ def _learned(
     return candidates.adding(child.id, child)
 
 
-def _candidate_line(proposal: Proposal, outcome: Outcome, *, names_dropped: bool) -> CandidateLine:
-    """Write a candidate's line as far as its development goes (`names_dropped`: see `Plan`).
+def _candidate_line(proposal: Proposal, outcome: Outcome, plan: Plan) -> CandidateLine:
+    """Write a candidate's line as far as its development goes.
 
     It says what was asked, what the model answered, and what gate and training found; descriptors and archives follow.
     """
@@ -251,13 +273,13 @@ def _candidate_line(proposal: Proposal, outcome: Outcome, *, names_dropped: bool
         request=None if proposal.request is None else content_hash(to_json(proposal.request)),
         temperature=None if proposal.request is None else proposal.request.temperature,
         answer=None if completion is None else content_hash(completion.content()),
-        dropped=() if completion is None or not names_dropped else completion.dropped,
+        dropped=() if completion is None or not plan.names_dropped else completion.dropped,
         repairs=tuple(
             RepairedAnswer(
                 answer=content_hash(attempt.completion.content()),
                 stage=attempt.rejection.stage,
                 reason=attempt.rejection.reason,
-                dropped=attempt.completion.dropped if names_dropped else (),
+                dropped=attempt.completion.dropped if plan.names_dropped else (),
             )
             for attempt in outcome.attempts
         ),
@@ -273,4 +295,10 @@ def _candidate_line(proposal: Proposal, outcome: Outcome, *, names_dropped: bool
             extra_flops=profile.extra_flops,
             not_portable=profile.not_portable,
         )
-    return with_result(line, outcome.result, seed=outcome.seed, trainings=outcome.trainings, keys=outcome.keys)
+    return _with_result(line, outcome, plan)
+
+
+def _with_result(line: T, outcome: Outcome, plan: Plan) -> T:
+    """Return a line with what gate and training found."""
+    trainings, keys = outcome.trainings, outcome.keys
+    return with_result(line, outcome.result, seed=outcome.seed, trainings=trainings, keys=keys, rule=plan.fitness)

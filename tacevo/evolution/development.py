@@ -8,6 +8,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
+from tacevo.choices import FitnessRule
 from tacevo.errors import CacheMissError
 from tacevo.evolution.prompts import repair_request
 from tacevo.evolution.proposals import Proposal
@@ -95,14 +96,16 @@ class Outcome:
         return (*(attempt.completion for attempt in self.attempts), *last)
 
 
-def develop(proposals: Sequence[Job], effects: Effects, *, repairs: int, seeds: int) -> Iterator[Outcome]:
+def develop(
+    proposals: Sequence[Job], effects: Effects, *, repairs: int, seeds: int, rule: FitnessRule
+) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
     All requests are made at once, and each answer goes through the gate as soon as it arrives. Of the admitted
     candidates that wait, the one with most FLOPs is trained first, so that a generation does not end with one worker at
     a long training and the others idle; equal sources are trained once with each seed. What the gate rejected is sent
     back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds, an
-    elite with the next ones.
+    elite with the next ones; of several, the one of the median fitness stands for it.
 
     Raises:
         LLMError: a request failed after all retries.
@@ -125,7 +128,7 @@ def develop(proposals: Sequence[Job], effects: Effects, *, repairs: int, seeds: 
         for index, completion in _answers(asked, effects.llm):
             judged[index] = effects.executor.submit(_judge, asked[index], completion, effects, trainings)
     for index in range(len(proposals)):
-        yield _outcome(judged[index].result(), effects.evaluation_key)
+        yield _outcome(judged[index].result(), effects.evaluation_key, rule)
 
 
 def _answers(asked: Mapping[int, "_Slot"], llm: LLM) -> Iterator[tuple[int, Completion]]:
@@ -260,7 +263,7 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
     return effects.measure(proposal.source)
 
 
-def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str]) -> Outcome:
+def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str], rule: FitnessRule) -> Outcome:
     """Wait for the trainings of what the gate admitted."""
     try:
         found = {seed: training.result() for seed, training in slot.trainings.items()}
@@ -272,7 +275,7 @@ def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str]) -> Outcome:
         results = {0: slot.gated}
     trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
     admitted = slot.gated if isinstance(slot.gated, Admitted) else None
-    seed = _telling(results)
+    seed = _telling(results, rule)
     return Outcome(
         proposal=slot.proposal,
         completion=slot.completion,
@@ -287,8 +290,8 @@ def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str]) -> Outcome:
     )
 
 
-def _telling(results: Mapping[int, Training | Rejection]) -> int:
-    """Return the seed whose result stands for a candidate: the first that failed, or else that of the median loss.
+def _telling(results: Mapping[int, Training | Rejection], rule: FitnessRule) -> int:
+    """Return the seed whose result stands for a candidate: the first that failed, or else that of the median fitness.
 
     A network that does not train with every seed is rejected: a median over the others would reward it for failing.
     Of equal losses the earlier seed comes first; of an even number of trainings the upper median counts.
@@ -297,5 +300,5 @@ def _telling(results: Mapping[int, Training | Rejection]) -> int:
     for seed, result in results.items():
         if isinstance(result, Rejection):
             return seed
-        losses.append((result.fitness, seed))
+        losses.append((rule.of(result.validation_losses), seed))
     return sorted(losses)[len(losses) // 2][1]

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Self, TypeVar
 
+from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import AddStatus, Bounds
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
 
@@ -49,7 +50,6 @@ class SeedLine(Record):
     #: Key of the training in its store.
     evaluation: str
     train_losses: tuple[float, ...]
-    #: The last one is the loss of which the fitness is the median.
     validation_losses: tuple[float, ...]
     predictions: str
     weights: str
@@ -211,12 +211,12 @@ def source_hash(source: str) -> str:
     return hashlib.sha256(source.encode()).hexdigest()
 
 
-def with_training(line: T, training: Training) -> T:
+def with_training(line: T, training: Training, rule: FitnessRule) -> T:
     """Return a line with what its training gave."""
-    return replace(line, fitness=training.fitness, **_of_training(training))
+    return replace(line, fitness=rule.of(training.validation_losses), **of_training(training))
 
 
-def _of_training(training: Training) -> dict[str, Any]:
+def of_training(training: Training) -> dict[str, Any]:
     """Return what a training gave by the names that lines have for it."""
     return {
         "train_losses": training.train_losses,
@@ -228,17 +228,23 @@ def _of_training(training: Training) -> dict[str, Any]:
 
 
 def with_result(
-    line: T, result: Training | Rejection, *, seed: int, trainings: Mapping[int, Training], keys: Mapping[int, str]
+    line: T,
+    result: Training | Rejection,
+    *,
+    seed: int,
+    trainings: Mapping[int, Training],
+    keys: Mapping[int, str],
+    rule: FitnessRule,
 ) -> T:
     """Return a line with what gate and training found; values are as of `tacevo.evolution.development.Outcome`."""
     line = replace(line, seed=seed, evaluation=keys.get(seed))
     if isinstance(result, Rejection):
         return replace(line, stage=result.stage, reason=result.reason)
     seeds = tuple(
-        SeedLine(seed=number, evaluation=keys[number], **_of_training(training))
+        SeedLine(seed=number, evaluation=keys[number], **of_training(training))
         for number, training in trainings.items()
     )
-    return replace(with_training(line, result), seeds=seeds if len(seeds) > 1 else ())
+    return replace(with_training(line, result, rule), seeds=seeds if len(seeds) > 1 else ())
 
 
 def training_flops(trained: Iterable[tuple[str, int]], *, images: int, epochs: int, seeds: int = 1) -> int:

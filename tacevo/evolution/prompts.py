@@ -13,6 +13,7 @@ import numpy as np
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
 from tacevo.records import Contract, Message, Reason, Rejection, Request, to_json
+from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
 #: What is asked for where a network has no parent.
@@ -21,6 +22,13 @@ SAMPLING = "Draw a network at random."
 #: Rejections that no further turn can mend.
 _NOT_REPAIRED = frozenset({Reason.empty, Reason.invalid_request, Reason.refused, Reason.too_long})
 
+
+#: The policy `effect`: children that its prior belief in no effect weighs as much as, how far the weights follow an
+#: effect, and their ends, so that every instruction stays within reach. Our own, as the policy is.
+_PRIOR, _STRENGTH, _LEAST, _MOST = 5, 4.0, 0.1, 10.0
+
+#: The change of the logarithm of a loss that a child counts as which does not train.
+FAILED = 1.0
 
 #: The curiosity of a mutation whose child did not enter the network archive.
 UNPRODUCTIVE = 0.5
@@ -51,6 +59,8 @@ class PromptArchive:
     archive: Archive = field(default_factory=Archive)
     #: The trials that the archive's elites name, by niche.
     trials: Growing[int, Trial] = field(default_factory=Growing)
+    #: By instruction, with the policy `effect`: its children, and the sum of the changes of the loss's logarithm.
+    changes: Growing[int, tuple[int, float]] = field(default_factory=Growing)
 
     @property
     def digest(self) -> str:
@@ -69,7 +79,12 @@ class PromptArchive:
         archive, status = insert(self.archive, niche, Elite(name=name, objective=float(trial.inserted)))
         if status is AddStatus.rejected:
             return self, niche, status
-        return PromptArchive(archive=archive, trials=self.trials.adding(niche, trial)), niche, status
+        return replace(self, archive=archive, trials=self.trials.adding(niche, trial)), niche, status
+
+    def learning(self, prompt: int, change: float) -> "PromptArchive":
+        """Return it with one more child of an instruction: the logarithm of its loss less that of its parent's."""
+        count, total = self.changes.get(prompt, (0, 0.0))
+        return replace(self, changes=self.changes.adding(prompt, (count + 1, total + change)))
 
 
 def prompt_point(prompt: int, temperature: float, *, prompts: int) -> Point:
@@ -93,9 +108,12 @@ def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, pool: Sequence[
 
     `uniform` and `none`: from all of the pool alike (the paper's method section). `curiosity`: from the archive's
     trials of instructions in the pool, in proportion to their curiosity (its abstract); an instruction without a trial
-    there weighs as much as an unproductive one, so that each stays within reach. While there is no such trial the
-    draw is the uniform one, so that arms of an ablation begin alike. The pool holds at least one index, ascending.
+    there weighs as much as an unproductive one, so that each stays within reach. `effect`: by `effect_weights`. While
+    there is no such trial, or child, the draw is the uniform one, so that arms of an ablation begin alike. The pool
+    holds at least one index, ascending.
     """
+    if policy is PromptPolicy.effect and archive.changes:
+        return pool[draw_weighted(effect_weights(archive.changes, pool), rng)]
     trials = [archive.trials[niche] for niche in sorted(archive.trials) if archive.trials[niche].prompt in pool]
     if policy is not PromptPolicy.curiosity or not trials:
         return pool[int(rng.integers(len(pool)))]
@@ -103,6 +121,25 @@ def draw_prompt(policy: PromptPolicy, archive: PromptArchive, *, pool: Sequence[
     choices = [(trial.prompt, trial.curiosity) for trial in trials]
     choices += [(prompt, UNPRODUCTIVE) for prompt in untried]
     return choices[draw_weighted([weight for _, weight in choices], rng)][0]
+
+
+def effect_weights(changes: Mapping[int, tuple[int, float]], pool: Sequence[int]) -> list[float]:
+    """Weigh instructions by what they did to the loss of their children, shrunken towards the mean of all.
+
+    The effect of an instruction is the mean change of a logarithm of its n children less that of all children, times
+    n / (n + 5); its weight is exp(-4 effect), from 0.1 to 10. So one without a child weighs 1.
+
+    Args:
+        changes: children and sum of changes of each instruction that has some, by index.
+        pool: the instructions to be weighed.
+    """
+    mean = math.fsum(total for _, total in changes.values()) / sum(count for count, _ in changes.values())
+    weights = []
+    for prompt in pool:
+        count, total = changes.get(prompt, (0, 0.0))
+        effect = (total - count * mean) / (count + _PRIOR)
+        weights.append(rounded(min(max(math.exp(-_STRENGTH * effect), _LEAST), _MOST)))
+    return weights
 
 
 def draw_weighted(weights: list[float], rng: np.random.Generator) -> int:

@@ -11,6 +11,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.evolution.lines import CandidateLine, ReevaluationLine, TrainedLine, source_hash
 from tacevo.evolution.proposals import Candidate, Settings
@@ -38,6 +39,8 @@ class Estimates:
     """All losses of each source that was trained, by its SHA-256; infinite where a training failed."""
 
     losses: Growing[str, tuple[float, ...]] = field(default_factory=Growing)
+    #: What one loss is of the losses of its training.
+    rule: FitnessRule = FitnessRule.last
 
     def after(self, line: TrainedLine) -> "Estimates":
         """Return the estimates after a line that has a source, and a training or the failure of one.
@@ -50,7 +53,7 @@ class Estimates:
         source, known = str(line.source), self.losses.get(str(line.source), ())
         if known and isinstance(line, CandidateLine):
             return self
-        return replace(self, losses=self.losses.adding(source, (*known, *losses_of(line))))
+        return replace(self, losses=self.losses.adding(source, (*known, *losses_of(line, self.rule))))
 
     def fitness(self, source: str) -> float:
         """Return the median of a source's losses, as they are rounded; infinite where a training failed.
@@ -61,23 +64,23 @@ class Estimates:
         return math.inf if math.inf in losses else rounded(statistics.median(losses))
 
 
-def losses_of(line: TrainedLine) -> tuple[float, ...]:
-    """Return the last losses of the trainings of a line, seed by seed; an infinite one of a failure."""
+def losses_of(line: TrainedLine, rule: FitnessRule) -> tuple[float, ...]:
+    """Return the fitness of each training of a line, seed by seed; an infinite one of a failure."""
     if line.fitness is None:
         return (math.inf,)
-    return tuple(one.validation_losses[-1] for one in line.seeds) or (line.fitness,)
+    return tuple(rule.of(one.validation_losses) for one in line.seeds) or (line.fitness,)
 
 
-def estimates_of(lines: Sequence[object]) -> Estimates:
-    """Collect the losses of every source from the lines of a ledger."""
-    estimates = Estimates()
+def estimates_of(lines: Sequence[object], rule: FitnessRule) -> Estimates:
+    """Collect the losses of every source from the lines of a ledger whose fitness follows this rule."""
+    estimates = Estimates(rule=rule)
     for line in lines:
         if isinstance(line, ReevaluationLine) or (isinstance(line, CandidateLine) and line.fitness is not None):
             estimates = estimates.after(line)
     return estimates
 
 
-def fitness_by_id(lines: Sequence[object]) -> dict[str, float]:
+def fitness_by_id(lines: Sequence[object], rule: FitnessRule) -> dict[str, float]:
     """Return what a search knew of the fitness of each trained candidate at the end of some lines, by id.
 
     It is the recorded fitness, or the estimate where the search trained elites again. A candidate whose source failed
@@ -85,7 +88,7 @@ def fitness_by_id(lines: Sequence[object]) -> dict[str, float]:
     """
     trained = [line for line in lines if isinstance(line, CandidateLine) and line.fitness is not None]
     if any(isinstance(line, ReevaluationLine) for line in lines):
-        estimates = estimates_of(lines)
+        estimates = estimates_of(lines, rule)
         known = {line.id: estimates.fitness(str(line.source)) for line in trained}
         return {name: fitness for name, fitness in known.items() if math.isfinite(fitness)}
     return {line.id: line.fitness for line in trained if line.fitness is not None}

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from tacevo.choices import PAPER_AXES, Axis, Scale, TemperatureRule
+from tacevo.choices import PAPER_AXES, Axis, FitnessRule, Scale, TemperatureRule
 from tacevo.evolution.archive import Growing, NetworkArchive, Tessellation, TopK
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import SearchLine, training_flops
@@ -52,7 +52,9 @@ class Plan:
     repairs: int = 0
     #: What ends the search before generation G.
     budget: Budget | None = None
-    #: Training seeds of a candidate, odd; its fitness is the median of their losses.
+    #: What the fitness of a training is of its losses.
+    fitness: FitnessRule = FitnessRule.last
+    #: Training seeds of a candidate, odd; its fitness is the median of theirs.
     seeds: int = 1
     #: How many slots of a generation train elites again instead of asking for networks, at most.
     reevaluations: int = 0

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence, Set
 from tacevo.choices import Device, Numerics
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
-from tacevo.evolution.lines import TrainedLine, with_training
+from tacevo.evolution.lines import TrainedLine, of_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
@@ -171,9 +171,9 @@ def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
     if isinstance(result, Rejection) or line.reason is not None:
         was, now = line.reason or "trained", getattr(result, "reason", "trained")
         return None if was == now else _differ("the outcome", was, now)
-    computed = with_training(line, result)
+    computed = of_training(result)
     for name in _FIELDS:
-        was, now = getattr(line, name), getattr(computed, name)
+        was, now = getattr(line, name), computed[name]
         if was is None or was == now:
             continue
         if isinstance(was, str) or len(was) != len(now):

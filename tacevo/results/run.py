@@ -160,7 +160,7 @@ class RecordedRun:
     @cached_property
     def fitness(self) -> Mapping[str, float]:
         """What the search knew of each trained candidate's fitness at its end, by id (`fitness_by_id`)."""
-        return fitness_by_id((*self.candidates, *self.reevaluations))
+        return fitness_by_id((*self.candidates, *self.reevaluations), self.config.training.fitness)
 
     @cached_property
     def spent(self) -> Mapping[str, Spending]:

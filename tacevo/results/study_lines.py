@@ -114,8 +114,9 @@ class ScoreLine(Record):
     seed: int
     #: Key of the training in the store, which holds the losses of every epoch.
     evaluation: str
-    #: Of the lowest validation loss, from 1; of a noise run the last, whose loss is the fitness.
+    #: Of the lowest validation loss, from 1; of a noise run the last, unless the lowest loss is the fitness.
     epoch: int
+    #: Of that epoch; of a noise run the fitness.
     validation_loss: float
     #: Empty of a noise run.
     metrics: dict[str, float]

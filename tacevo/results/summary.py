@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from tacevo.choices import ArchiveKind
+from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.costs import in_words, total
 from tacevo.evolution.lines import (
@@ -82,10 +82,19 @@ def tell(run: RecordedRun) -> Told:
     )
 
 
+#: What a fitness is of one training, and of several.
+_LOSSES = {
+    FitnessRule.last: ("loss", "losses"),
+    FitnessRule.lowest: ("lowest loss", "lowest losses"),
+    FitnessRule.mean_of_3: ("mean of the last 3 losses", "means of the last 3 losses"),
+}
+
+
 def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
     seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
-    losses = "loss of one training seed" if seeds == 1 and not or_more else "losses of as many training seeds"
+    one, several = _LOSSES[config.training.fitness]
+    losses = f"{one} of one training seed" if seeds == 1 and not or_more else f"{several} of as many training seeds"
     return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 
@@ -121,7 +130,7 @@ def _found(run: RecordedRun) -> tuple[str, str, str]:
     # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
     lines = run.ledger.lines
     whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
-    known = fitness_by_id(lines[:whole])
+    known = fitness_by_id(lines[:whole], run.config.training.fitness)
     candidates = {line.id: replace(line, fitness=known.get(line.id)) for line in run.candidates}
     ranked = sorted(
         (candidates[elite.id] for elite in run.elites if elite.id in known), key=lambda line: (_fitness(line), line.id)

@@ -124,7 +124,12 @@ def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
     match llm.provider:
         case Provider.grammar:
             if llm.model != GRAMMAR:
-                raise ConfigError(repr(llm.model), place="llm.model", expected=f"{GRAMMAR} for llm=grammar")
+                raise ConfigError(
+                    repr(llm.model),
+                    place="llm.model",
+                    expected=f"{GRAMMAR} for llm=grammar",
+                    remedy="an earlier grammar's run replays from its record; a new search asks this one",
+                )
             return GrammarLLM(slip_rate=llm.slip_rate)
         case Provider.anthropic:
             from tacevo.llm import anthropic, batches

@@ -63,6 +63,7 @@ def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, s
         temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
         budget=_budget(config, facts),
+        fitness=config.training.fitness,
         seeds=config.training.seeds,
         reevaluations=archive.reevaluations(config.search.candidates),
         axes=tuple(archive.axes),

@@ -12,7 +12,7 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ChosenBy
+from tacevo.choices import ChosenBy, FitnessRule
 from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
@@ -261,7 +261,7 @@ def _plan(
         networks = given_networks(run.candidates, [network.name for network in given])
     else:
         estimates = estimates_of(run.directory.path, chosen_by) if chosen_by else None
-        known = fitness_by_id(run.ledger.lines)
+        known = fitness_by_id(run.ledger.lines, config.training.fitness)
         candidates = [replace(line, fitness=known.get(line.id, line.fitness)) for line in run.candidates]
         networks = networks_of(candidates, [elite.id for elite in run.elites], elites, estimates)
     header = StudyHeader(
@@ -348,12 +348,11 @@ def _train(
 def _rows(plan: _Plan, evaluator: Evaluator | FullEvaluator, verdicts: Sequence[_Verdict]) -> list[Row]:
     """Return the lines of the scores, one for each job."""
     pairs = zip(plan.jobs, verdicts, strict=True)
-    return [_row(job, evaluator.key(job.source, job.seed), verdict) for job, verdict in pairs]
+    rule = plan.config.training.fitness
+    return [_row(job, evaluator.key(job.source, job.seed), verdict, rule) for job, verdict in pairs]
 
 
-def _row(job: _Job, evaluation: str, verdict: _Verdict) -> Row:
-    if isinstance(verdict, Training):
-        verdict = FullTraining(training=verdict, epoch=len(verdict.validation_losses), metrics={}, confusion=None)
+def _row(job: _Job, evaluation: str, verdict: _Verdict, rule: FitnessRule) -> Row:
     if isinstance(verdict, Rejection):
         return FailedLine(
             network=job.network.name,
@@ -363,13 +362,19 @@ def _row(job: _Job, evaluation: str, verdict: _Verdict) -> Row:
             stage=verdict.stage,
             reason=verdict.reason,
         )
+    if isinstance(verdict, Training):
+        losses = verdict.validation_losses
+        epoch = losses.index(min(losses)) + 1 if rule is FitnessRule.lowest else len(losses)
+        loss, verdict = rule.of(losses), FullTraining(training=verdict, epoch=epoch, metrics={}, confusion=None)
+    else:
+        loss = verdict.validation_loss
     return ScoreLine(
         network=job.network.name,
         id=job.network.id,
         seed=job.index,
         evaluation=evaluation,
         epoch=verdict.epoch,
-        validation_loss=verdict.validation_loss,
+        validation_loss=loss,
         metrics=dict(verdict.metrics),
         confusion=verdict.confusion,
         predictions=verdict.training.predictions_sha256,

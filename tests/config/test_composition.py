@@ -42,6 +42,7 @@ ARMS = {
     "none": set[str](),
     "no_prompt_archive": {"prompts.policy"},
     "curiosity_prompts": {"prompts.policy"},
+    "effect_prompts": {"prompts.policy"},
     "fixed_temperature": {"temperature.rule"},
     "stall_temperature": {"temperature.rule"},
     "no_qd": {"archive.kind"},

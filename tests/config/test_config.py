@@ -237,6 +237,7 @@ DECIDES: dict[str, Any] = {
     "proposals.parents": "best",
     "proposals.repair_attempts": 1,
     "proposals.operator_for": "candidate",
+    "training.fitness": "mean_of_3",
     "training.seeds": 3,
     "numerics.kind": "fast",
 }

@@ -49,7 +49,7 @@ PAPER: dict[str, Any] = {
 }
 
 #: What differs where the grammar answers.
-GRAMMAR: Any = {"provider": "grammar", "model": "grammar-1", "max_tokens": 4096, "slip_rate": 0.05}
+GRAMMAR: Any = {"provider": "grammar", "model": "grammar-2", "max_tokens": 4096, "slip_rate": 0.05}
 
 #: Their data; the number of images is the task's.
 DATA: dict[str, Any] = {

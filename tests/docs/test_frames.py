@@ -5,13 +5,14 @@ import re
 import pytest
 from checkout import ROOT
 
-from analysis.runs import dynamics, lineage
+from analysis.runs import dynamics, instruction_effects, lineage
 from analysis.studies import comparison, searches
 from analysis.sweeps import ablation
 
 FRAMES = {
     "GENERATIONS": dynamics.GENERATIONS,
     "PRODUCTIVITY": dynamics.PRODUCTIVITY,
+    "INSTRUCTIONS": instruction_effects.INSTRUCTIONS,
     "LINEAGE": lineage.LINEAGE,
     "COMPARISONS": comparison.COMPARISONS,
     "CHOSEN": searches.CHOSEN,

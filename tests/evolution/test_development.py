@@ -10,6 +10,7 @@ from typing import Any
 import fakes
 import pytest
 
+from tacevo.choices import FitnessRule
 from tacevo.errors import LLMError, SandboxError, TransportError
 from tacevo.evolution.development import LLM, Effects, Outcome, develop
 from tacevo.evolution.proposals import Proposal
@@ -89,7 +90,7 @@ def run(
             executor=executor,
             cpu_seconds=lambda: 0.0,
         )
-        return list(develop(planned, effects, repairs=repairs, seeds=1))
+        return list(develop(planned, effects, repairs=repairs, seeds=1, rule=FitnessRule.last))
 
 
 def weights(outcomes: list[Outcome]) -> list[str]:
@@ -184,7 +185,7 @@ def test_gate_sees_what_the_model_was_asked() -> None:
 
     with ThreadPoolExecutor(1) as executor:
         effects = replace(fakes.effects(executor=executor), llm=FakeLLM(), admit=admit)
-        list(develop(proposals("a", "b"), effects, repairs=1, seeds=1))
+        list(develop(proposals("a", "b"), effects, repairs=1, seeds=1, rule=FitnessRule.last))
     assert {text for text, _ in seen} == {"a", "b"}
     assert all(asked.startswith(text) for text, asked in seen)
     assert len({len(asked) for _, asked in seen}) == 2

@@ -13,6 +13,7 @@ from hand_runs import altered, closed
 from hand_runs import run as hand_run
 
 from analysis.runs.archive_history import archive_history
+from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import Elite, Individual, NetworkArchive, TopK
 from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine
 from tacevo.evolution.reevaluation import fitness_by_id
@@ -161,7 +162,7 @@ def test_elite_that_the_gate_rejects_later_keeps_its_estimate() -> None:
     first, *_ = again(recorder)
     before = next(line for line in recorder.lines if isinstance(line, CandidateLine) and line.id == first.id)
     assert (first.stage, first.evaluation, first.kept) == (Stage.probe, None, True)
-    assert first.estimate == before.fitness == fitness_by_id(recorder.lines)[first.id]
+    assert first.estimate == before.fitness == fitness_by_id(recorder.lines, FitnessRule.last)[first.id]
 
 
 def test_policy_is_asked_once_about_a_source() -> None:
@@ -222,7 +223,9 @@ def test_what_a_search_knew_follows_from_its_lines() -> None:
         _, recorder = fakes.search(plan)
         last = recorder.states[-1]
         known = {name: one.fitness for name, one in last.candidates.items()}
-        assert fitness_by_id(recorder.lines) == {name: loss for name, loss in known.items() if loss < math.inf}
+        assert fitness_by_id(recorder.lines, FitnessRule.last) == {
+            name: loss for name, loss in known.items() if loss < math.inf
+        }
         assert (math.inf in known.values()) == (plan is PLAN)
 
 

@@ -133,7 +133,7 @@ def test_what_is_no_prediction_has_no_fitness(trainer: Trainer, source: str) -> 
 def test_patched_code_makes_nobody_better(trainer: Trainer, alone: Training, source: str) -> None:
     """The loss is computed outside from what was predicted: none of these gains by what it changes inside."""
     found = trainer.train(source)
-    assert isinstance(found, Rejection) or found.fitness >= alone.fitness
+    assert isinstance(found, Rejection) or found.validation_losses[-1] >= alone.validation_losses[-1]
 
 
 def test_patched_seeds_are_refused_by_the_policy(trainer: Trainer) -> None:
@@ -162,7 +162,7 @@ def test_more_steps_beside_the_trainer_pay_and_are_refused_by_the_policy(trainer
     assert isinstance(found, Training)
     batches = len(EXAMPLES.train) // RECIPE.batch_size
     assert steps_of(found) == 20 * batches * RECIPE.epochs
-    assert found.fitness < alone.fitness
+    assert found.validation_losses[-1] < alone.validation_losses[-1]
     assert trainer.train(hidden) == found  # as `replay --retrain` shows it to whoever reads the source
     refused = rejection_of(sources.MORE_STEPS, CONTRACT)
     assert refused is not None
@@ -182,7 +182,9 @@ def test_forged_answer_is_worth_what_it_predicts(trainer: Trainer) -> None:
     found = trainer.train(sources.FORGED_ANSWER)
     assert isinstance(found, Training)
     guess = np.full(EXAMPLES.validation_targets.shape, 0.5, np.float32)
-    assert found.fitness == pytest.approx(mean_squared_error(guess, EXAMPLES.validation_targets), rel=1e-8)
+    assert found.validation_losses[-1] == pytest.approx(
+        mean_squared_error(guess, EXAMPLES.validation_targets), rel=1e-8
+    )
 
 
 GOOD = [SOURCE.replace("32", str(width)) for width in (24, 32, 40)]

@@ -22,12 +22,19 @@ from tacevo.typed import convert
 )
 def test_margin_is_part_of_the_median_or_of_the_metric(margin: Margin, width: float) -> None:
     """Around the paper's median MSE of 0.006."""
-    assert margin.around(0.006) == width
+    assert margin.around(0.006, is_share=False) == width
+
+
+def test_margin_in_errors_is_a_part_of_what_lacks() -> None:
+    """Of an accuracy to 1, so that a better baseline has a narrower one; of an error it is the relative margin."""
+    tenth = Margin(value=0.1, kind=MarginKind.errors)
+    assert [tenth.around(accuracy, is_share=True) for accuracy in (0.9, 0.991)] == [0.01, 0.0009]
+    assert tenth.around(0.006, is_share=False) == 0.0006
 
 
 def test_relative_margin_has_no_sign() -> None:
     """A metric below zero has a margin too."""
-    assert Margin(value=0.5, kind=MarginKind.relative).around(-2) == 1
+    assert Margin(value=0.5, kind=MarginKind.relative).around(-2, is_share=False) == 1
 
 
 @pytest.mark.parametrize("value", [0.0, -0.1, math.nan, math.inf])

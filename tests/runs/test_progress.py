@@ -40,7 +40,7 @@ def test_best_stands_beside_baseline_and_trivial_loss(trivial: float | None, is_
     assert isinstance(baseline, Training)
     run_search(PLAN, fakes.effects(), Ledger(), Watcher(PLAN, Progress(Console(file=out)), trivial))
     lines = out.getvalue().splitlines()
-    beside = f"baseline {significant(baseline.fitness)}" + (
+    beside = f"baseline {significant(baseline.validation_losses[-1])}" + (
         "" if trivial is None else f", trivial {significant(trivial)}"
     )
     assert len(lines) == 3

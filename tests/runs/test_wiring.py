@@ -170,7 +170,7 @@ def test_nothing_runs_a_candidate_in_a_replay(tmp_path: Path) -> None:
 
 def test_grammar_has_one_model(tmp_path: Path) -> None:
     """Another name would stand in records as if another model had answered."""
-    expected = "grammar-1 for llm=grammar"
+    expected = "grammar-2 for llm=grammar"
     with (
         refused(ConfigError, place="llm.model", got="'claude'", expected=expected),
         bench(tmp_path, "llm=grammar", "llm.model=claude") as opened,

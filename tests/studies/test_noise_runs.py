@@ -291,7 +291,7 @@ def test_loss_of_a_study_at_the_searchs_epoch_is_a_fitness(folder: Path) -> None
         short = bench.evaluator(CURRENT).evaluate(full.request["source"], full.request["seed"])
     assert isinstance(short, Training)
     assert run.config.training.epochs == 1
-    assert short.fitness == full.answer["full"]["training"]["validation_losses"][0]
+    assert short.validation_losses[-1] == full.answer["full"]["training"]["validation_losses"][0]
 
 
 def test_choosing_without_a_noise_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -105,7 +105,7 @@ def test_trivial_target_is_learnt(sandbox: Sandbox, tmp_path: Path) -> None:
     """The validation loss, computed from the child's predictions, falls clearly below the labels' variance."""
     verdict = evaluator(sandbox.run, tmp_path).evaluate(SOURCE, 0)
     assert isinstance(verdict, Training)
-    assert verdict.fitness < EXAMPLES.validation_targets.var() / 2
+    assert verdict.validation_losses[-1] < EXAMPLES.validation_targets.var() / 2
     assert len(verdict.train_losses) == len(verdict.validation_losses) == RECIPE.epochs
 
 
@@ -308,7 +308,7 @@ def test_loss_comes_from_the_labels_of_the_parent() -> None:
     undecided = good_answer(np.zeros((8, 2), np.float32))
     classified = judged(undecided, contract=replace(CONTRACT, loss=Loss.cross_entropy))
     assert isinstance(classified, Training)
-    assert classified.fitness == 0.693147181
+    assert classified.validation_losses[-1] == 0.693147181
 
 
 FIRST = {"epoch": 0, "train_loss": 0.5, "steps": STEPS}

@@ -150,11 +150,6 @@ def test_request_holds_all_that_changes_an_answer() -> None:
     }
 
 
-def test_fitness_is_the_final_validation_loss() -> None:
-    """Not the best one: the paper takes the last."""
-    assert replace(TRAINING, validation_losses=(0.5, 0.25, 0.375)).fitness == 0.375
-
-
 #: An answer as it is recorded now.
 NEW = Completion(
     text="class A: ...",

@@ -194,7 +194,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> list[dict[str, A
     run, again = found.run, by_seeds(found.reestimates)
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
-    estimates, fitness = estimates_of((*run.candidates, *run.reevaluations)), run.fitness
+    estimates, fitness = estimates_of((*run.candidates, *run.reevaluations), run.config.training.fitness), run.fitness
     return [
         to_json(line)
         | {

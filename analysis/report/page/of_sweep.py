@@ -11,7 +11,14 @@ from analysis.sweeps.ablation import CURVES, QUARTILES, by_generation
 from analysis.sweeps.metrics import Metric
 
 #: What is shown of every arm at the end, as far as it is known.
-ENDS = (Metric.test_mse, Metric.test_accuracy, Metric.best_fitness, Metric.qd_score, Metric.coverage)
+ENDS = (
+    Metric.test_mse,
+    Metric.test_accuracy,
+    Metric.best_fitness,
+    Metric.new_quartile,
+    Metric.qd_score,
+    Metric.coverage,
+)
 
 
 def sweep_contents(found: SweepCollection) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from tacevo.records import Completion, Request, to_json
 from tacevo.storage.canonical import content_hash
 
 #: What every completion names as its model; it changes whenever equal requests may get other answers.
-MODEL = "grammar-1"
+MODEL = "grammar-2"
 
 _PARENT = re.compile(r"```python\n(.*?)\n?```", re.DOTALL)
 
@@ -50,10 +50,11 @@ def answer(request: Request, *, slip_rate: float) -> Completion:
     """Answer one request: a pure function of the request and the slip rate.
 
     Its first message holds one parent and an instruction for a mutation, two for a crossover; for a sample it is
-    `sample_text`, to the letter. The network depends neither on the slip rate nor on the request's provider settings
-    (where a plan records that rate), so runs that differ in it alone share their proper answers.
+    `sample_text`, to the letter. The draws depend neither on the slip rate nor on the request's provider settings
+    (where a plan records that rate), so runs that differ in it alone share their proper answers; nor on the
+    temperature, so a warmer request gets the same network with further edits (`variations.warm`).
     """
-    digest = content_hash(to_json(replace(request, settings=())))
+    digest = content_hash(to_json(replace(request, settings=(), temperature=0.0)))
     try:
         child = _child(request, stream(0, "grammar", digest))
     except UnreadableError as error:

@@ -39,9 +39,13 @@ def vary(network: Network, variations: Sequence[Variation], rng: np.random.Gener
 
 
 def warm(network: Network, temperature: float, rng: np.random.Generator) -> Network:
-    """Add the small random edits of a temperature T in [0, 1]: each of four happens with probability T / 2."""
-    for _ in range(_MOST_EDITS):
-        if rng.random() < temperature / 2:
+    """Add the small random edits of a temperature T in [0, 1]: each of four happens with probability T / 2.
+
+    They are the first of an order that T does not change: a warmer network has those of a colder one, and then more.
+    """
+    chances = sorted(rng.random() for _ in range(_MOST_EDITS))
+    for chance in chances:
+        if chance < temperature / 2:
             network = vary(network, SMALL_EDITS, rng)
     return network
 

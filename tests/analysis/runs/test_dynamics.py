@@ -266,3 +266,24 @@ def test_frames_have_the_documented_columns_and_types() -> None:
         for frame, columns in found:
             assert {name: str(kind) for name, kind in frame.dtypes.items()} == columns
     assert progress(nothing).best.isna().all()
+
+
+def test_new_candidates_are_ranked_with_the_slots_that_gave_none() -> None:
+    """Of generations after G / 2 only, each source once and where it came first; a failure is worse than any."""
+    candidates = [
+        trained(0, 0, 0.1, source="a"),
+        trained(1, 1, 0.2),
+        trained(2, 0, 0.1, source="a"),
+        trained(2, 1, 0.7),
+        trained(2, 2, 0.6, source="b"),
+        trained(3, 0, 0.6, source="b"),
+        trained(3, 1, 0.5),
+        trained(3, 2, 0.4),
+        rejected(3, 3),
+    ]
+    ends = [closed(number, 0.1) for number in range(4)]
+    found = improvement(run(candidates, ends))
+    assert (found["new_quartile"], found["new_median"]) == (0.5, 0.6)
+    several = [rejected(3, slot) for slot in range(4, 8)]
+    found = improvement(run([*candidates, *several], ends))
+    assert (found["new_quartile"], found["new_median"]) == (0.6, None)

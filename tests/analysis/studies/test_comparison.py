@@ -184,6 +184,26 @@ def test_margin_relative_to_nothing_is_refused() -> None:
         compare(study_of({"baseline": [0.0] * 5, "variant 1": [0.0, 0.1, 0.2, 0.3, 0.4]}))
 
 
+@pytest.mark.parametrize(
+    ("value", "kind", "is_wide"),
+    [(0.01, MarginKind.absolute, True), (0.009, MarginKind.absolute, False), (0.5, MarginKind.errors, False)],
+)
+def test_margin_wider_than_all_errors_is_told(value: float, kind: MarginKind, is_wide: bool) -> None:
+    """A baseline of 99 %: within one point of it lies a network without an error, which would be equivalent."""
+    accuracies = {"baseline": around(0.99, step=0.0001), "variant 1": around(0.9905, step=0.0001)}
+    study = judged(study_of(accuracies, kind=Kind.classification), value=value, kind=kind)
+    (row,) = compare(study).itertuples()
+    assert (Caution.wide_margin in row.cautions) == is_wide
+    assert row.margin == pytest.approx(0.005 if kind is MarginKind.errors else value)
+
+
+def test_baseline_without_errors_has_no_margin_in_errors() -> None:
+    """A part of nothing is refused."""
+    accuracies = {"baseline": [1.0] * 5, "variant 1": [0.9, 1.0, 1.0, 1.0, 0.8]}
+    with refused(RunError, got="0", remedy="margins.KIND.kind=absolute"):
+        compare(judged(study_of(accuracies, kind=Kind.classification), value=0.1, kind=MarginKind.errors))
+
+
 def test_verdict_does_not_contradict_the_interval_of_its_effect() -> None:
     """Accuracies of few images tie, and then the exact test can be significant where the interval of A12 holds 0.5."""
     low, high = [0, 0, 0, 0, 1, 1, 2, 3], [1, 1, 1, 2, 2, 3, 3, 3]

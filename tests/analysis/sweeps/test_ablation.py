@@ -307,6 +307,8 @@ def test_run_is_measured_by_hand() -> None:
     assert pd.isna([values.pop("test_mse"), values.pop("test_accuracy")]).all()
     assert values == {
         "best_fitness": 0.1,
+        "new_quartile": 0.1,
+        "new_median": 0.1,
         "improvement": 0.75,
         "improvement_over_baseline": 0.875,
         "qd_score": pytest.approx(1 / 1.4 + 1 / 1.1),

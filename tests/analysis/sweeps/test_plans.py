@@ -13,7 +13,7 @@ from hand_sweeps import finished, run_of, run_to, sweep_of
 from refusals import refused
 from studies import FOUR, study_of
 
-from analysis.statistics.planning import Spread, median_deviation
+from analysis.statistics.planning import Spread, median_deviation, pooled
 from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import RETRAININGS, Wish, plan
 from analysis.table import Percent
@@ -73,7 +73,40 @@ def test_costs_of_a_sweep_by_hand() -> None:
         assert way.epochs == 1000 * way.searches + 50 * way.trainings
         between = math.sqrt(SWEEP.spread.upper**2 - 0.05**2)
         assert way.spread == pytest.approx(math.hypot(between, 0.2 * median_deviation(int(way.retraining))), rel=1e-8)
+        assert way.between == pytest.approx(between, rel=1e-8)
     assert planned.ways.epochs[planned.chosen] == planned.ways.epochs.min()
+
+
+@pytest.mark.parametrize(("between", "jobs", "seeds"), [(4.4, 3, 3), (0.0, 3, 3), (2.0, 5, 5), (4.4, 8, 20)])
+def test_searches_are_never_taken_for_equal(between: float, jobs: int, seeds: int) -> None:
+    """By simulated pilots of two arms: the limit holds four times of five, and it is never nothing."""
+    rng = np.random.default_rng(1)
+    searches = rng.normal(0, between, (1000, 2, jobs, 1))
+    scores = searches + rng.normal(0, 9.2, (1000, 2, jobs, seeds))
+    medians, within = np.median(scores, axis=3), np.sqrt(scores.var(axis=3, ddof=1).mean(axis=(1, 2)))
+    limits = np.array(
+        [
+            replace(SWEEP, spread=spread, within=noise, tested=noise * median_deviation(seeds)).between
+            for spread, noise in zip(map(pooled, medians), within.tolist(), strict=True)
+            if spread is not None
+        ]
+    )
+    assert (limits > 0).all()
+    assert (limits >= between).mean() > 0.77
+    assert (replace(SWEEP, tested=0.1).is_all_noise, SWEEP.is_all_noise) == (True, False)
+
+
+def test_pilot_that_is_all_noise_is_told() -> None:
+    """In a note, with the interval that shows how little it knows; a study has no searches."""
+    noisy = replace(SWEEP, spread=Spread(deviation=0.1, freedom=4), tested=0.16)
+    notes = {pilot.kind: plan_table(plan(pilot, WISH)).notes for pilot in (noisy, STUDY)}
+    (told,) = (note for note in notes["sweep"] if note.startswith("Between searches"))
+    assert "all searches might be equal" in told
+    low, high = noisy.spread.interval
+    assert (low, high) == pytest.approx((0.1 * math.sqrt(4 / 11.1433), 0.1 * math.sqrt(4 / 0.484419)), rel=1e-5)
+    assert f"{low:.3g} to {high:.3g}" in told
+    assert not any(note.startswith("Between searches") for note in notes["study"])
+    assert "all searches might be equal" not in "".join(plan_table(PLANNED()).notes)
 
 
 def test_plan_holds_what_was_chosen() -> None:
@@ -107,7 +140,7 @@ def test_table_marks_the_plan() -> None:
     """One row of all."""
     table = plan_table(PLANNED())
     assert [row[-1] for row in table.rows].count("chosen") == 1
-    assert table.rows[0][3] == Percent(PLANNED().ways.chance[0])
+    assert table.rows[0][4] == Percent(PLANNED().ways.chance[0])
 
 
 def test_pilot_of_a_study_pools_its_networks() -> None:

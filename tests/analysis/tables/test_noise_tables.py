@@ -8,7 +8,7 @@ import pytest
 from hand_runs import altered, closed, elite, run, trained
 from studies import network
 
-from analysis.statistics.noise import rankings
+from analysis.statistics.noise import agreement, icc, rankings, worth
 from analysis.studies.noise import Reestimates
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import OTHER_SEEDS, improvement_table
@@ -62,9 +62,37 @@ def test_one_network_has_a_table_without_an_icc() -> None:
 def test_ranking_shows_the_search_s_epoch_and_the_last() -> None:
     """Among doublings of 1; every other epoch is left out."""
     rng = np.random.default_rng(0)
-    found = replace(reestimates(), rankings=rankings(rng.random((2, 4, 11)), rng.random((2, 4))))
-    _, table = noise_tables(found, "force", None)
+    losses, scores = rng.random((2, 4, 11)), rng.random((2, 4))
+    found = replace(reestimates(), rankings=rankings(losses, scores), worth=worth(losses, scores))
+    _, table, _ = noise_tables(found, "force", None)
     assert [row[0] for row in table.rows] == [1, 2, 4, 5, 8, 11]
+
+
+def test_each_rule_is_judged_by_its_own_fitness() -> None:
+    """Curves whose lowest loss tells the networks apart, whose last loss is noise, and whose last three lie between."""
+    rng = np.random.default_rng(0)
+    levels = np.arange(1.0, 5.0)[:, None]
+    lowest = levels * np.exp(0.01 * rng.normal(size=(4, 6)))
+    middle = levels * np.exp(0.3 * rng.normal(size=(4, 6)))
+    last = 9 * np.exp(rng.normal(size=(4, 6)))
+    losses = np.stack([lowest, middle + 9, 2 * middle + 9, last + 9], axis=2)
+    found = worth(losses, np.broadcast_to(levels, (4, 6)))
+    assert found is not None
+    rows = found.set_index("rule")
+    for rule, fitness in (("last", last + 9), ("lowest", lowest), ("mean_of_3", losses[:, :, 1:].mean(axis=2))):
+        part, alone = icc(fitness), agreement(np.median(fitness[:, ::2], axis=1), levels[:, 0])
+        assert part is not None
+        assert (rows.icc[rule], rows.icc_low[rule], rows.icc_high[rule]) == pytest.approx(
+            (part.estimate, part.low, part.high), rel=1e-6
+        )
+        assert rows["median"][rule] == alone
+    assert rows.one_seed["lowest"] == 1 > rows.one_seed["last"]
+    assert rows.icc["lowest"] > 0.9
+    assert rows.icc["last"] < 0.5
+    table = noise_tables(
+        replace(reestimates(), rankings=rankings(losses, levels + np.zeros(6)), worth=found), "force", None
+    )[2]
+    assert [row[0] for row in table.rows] == ["last", "lowest", "mean_of_3"]
 
 
 def test_improvement_stands_beside_the_trivial_loss() -> None:

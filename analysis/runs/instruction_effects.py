@@ -1,0 +1,126 @@
+"""What an instruction does to a child's fitness. A search draws its instructions at random, so it is an experiment.
+
+The logarithm of a child's fitness is fitted by what its generation and run are, by the logarithm of its parent's
+fitness, by its instruction and by the temperature that was sent (ordinary least squares). Temperatures are moved by the
+generations and jitter at random within one, which is what is left of them here.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from analysis.runs.dynamics import LEVEL, mutations
+from analysis.statistics.tests import holm
+from tacevo.results.run import RecordedRun
+from tacevo.rounding import rounded
+
+#: The columns of the effects, and the type of each, an instruction a row: its requests, and its share of those of the
+#: first and of the later half of the generations; the children that trained; by what factor it moves their loss from
+#: that of the mean instruction, below 1 lower, with its interval; p of a factor of 1, before and after Holm's
+#: correction over the instructions. Missing where no child trained, or too few for the fit. The last row is of a
+#: temperature that is higher by 1; it has no shares, and is no part of Holm's family.
+INSTRUCTIONS = {
+    "name": "str",
+    "requests": "int64",
+    "early": "float64",
+    "late": "float64",
+    "children": "int64",
+} | dict.fromkeys(("effect", "effect_low", "effect_high", "p", "p_holm"), "float64")
+
+#: The name of the row of the temperature.
+TEMPERATURE = "temperature + 1"
+
+#: Degrees of freedom that a fit must leave, so that its intervals say something.
+_LEAST = 10
+
+_NUMBERS = ("temperature", "parent", "child")
+
+_Values = NDArray[np.float64]
+
+
+def instruction_effects(runs: Sequence[RecordedRun]) -> pd.DataFrame:
+    """Return what each instruction did (`INSTRUCTIONS`), in the library's order, then the temperature.
+
+    Args:
+        runs: one or more of one library, each a search of its own; their mutations from generation 1 on are counted.
+    """
+    names = runs[0].instructions
+    asked = pd.concat([_asked(run).assign(run=place) for place, run in enumerate(runs)])
+    rows: list[dict[str, Any]] = []
+    for index, name in enumerate(names):
+        own = asked[asked.prompt == index]
+        shares = {part: _share(own, asked, late) for part, late in (("early", False), ("late", True))}
+        rows.append({"name": name, "requests": len(own), **shares, "children": int(own.child.count())})
+    rows.append({"name": TEMPERATURE, "requests": len(asked), "children": int(asked.child.count())})
+    found = pd.DataFrame(rows, columns=list(INSTRUCTIONS)).astype(INSTRUCTIONS)
+    for place, effect in _effects(asked.dropna(subset=["child", "parent"]), len(names)).items():
+        found.loc[place, list(effect)] = list(effect.values())
+    tested = found.index[:-1][found.p.iloc[:-1].notna()]
+    if len(tested):
+        found.loc[tested, "p_holm"] = holm(found.p[tested].tolist())
+    return found
+
+
+def _asked(run: RecordedRun) -> pd.DataFrame:
+    """Return the mutations of a run, a request a row; logarithms of fitnesses, missing where there are none."""
+    recorded = {line.id: math.log(line.fitness) for line in run.trained if line.fitness}
+    last = run.generations[-1].generation
+    return pd.DataFrame(
+        [
+            {
+                "generation": line.generation,
+                "is_late": 2 * line.generation > last,
+                "prompt": line.prompt,
+                "temperature": line.sent_temperature,
+                "parent": recorded.get(line.parents[0]),
+                "child": recorded.get(line.id),
+            }
+            for line in mutations(run)
+        ],
+        columns=["generation", "is_late", "prompt", *_NUMBERS],
+    ).astype(dict.fromkeys(_NUMBERS, "float64"))
+
+
+def _share(own: pd.DataFrame, asked: pd.DataFrame, late: bool) -> float | None:
+    of = int((asked.is_late == late).sum())
+    return rounded(int((own.is_late == late).sum()) / of) if of else None
+
+
+def _effects(children: pd.DataFrame, instructions: int) -> dict[int, dict[str, float]]:
+    """Fit the logarithms of the children's losses; return the effects by row, none where too few children trained."""
+    tried = sorted(set(children.prompt))
+    if len(tried) < 2:
+        return {}
+    groups = children.groupby(["run", "generation"]).ngroup()
+    columns = [*((children.prompt == index).astype("float64") for index in tried), children.parent]
+    is_sent = children.temperature.notna().all()
+    columns += [children.temperature] if is_sent else []
+    # What a group's mean explains is taken out, which fits a constant for each group (Frisch and Waugh 1933).
+    within = [(column - column.groupby(groups).transform("mean")).to_numpy() for column in (*columns, children.child)]
+    x, y = np.stack(within[:-1], axis=1), within[-1]
+    free = len(y) - groups.nunique() - int(np.linalg.matrix_rank(x))
+    if free < _LEAST:
+        return {}
+    inverse = np.linalg.pinv(x)
+    fitted = inverse @ y
+    variance = float(((y - x @ fitted) ** 2).sum()) / free * (inverse @ inverse.T)
+    contrasts = np.zeros((len(tried), len(fitted)))
+    contrasts[:, : len(tried)] = np.eye(len(tried)) - 1 / len(tried)
+    found = {index: _effect(row, fitted, variance, free) for index, row in zip(tried, contrasts, strict=True)}
+    if is_sent and x[:, -1].any():
+        found[instructions] = _effect(np.eye(len(fitted))[-1], fitted, variance, free)
+    return found
+
+
+def _effect(contrast: _Values, fitted: _Values, variance: _Values, free: int) -> dict[str, float]:
+    """Return the factor of a contrast of logarithms with its interval, and p of a factor of 1."""
+    value, error = float(contrast @ fitted), math.sqrt(float(contrast @ variance @ contrast))
+    reach = float(student.ppf((1 + LEVEL) / 2, free)) * error
+    p = 2 * float(student.sf(abs(value) / error, free)) if error else float(value == 0)
+    ends = {"effect": value, "effect_low": value - reach, "effect_high": value + reach}
+    return {name: rounded(math.exp(end)) for name, end in ends.items()} | {"p": rounded(p)}

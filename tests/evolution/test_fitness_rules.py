@@ -1,0 +1,122 @@
+"""Promise: `training.fitness` decides what a fitness is of the losses of its training, everywhere, and nothing else."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import fmean, median
+
+import fakes
+import numpy as np
+import pytest
+from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
+
+from analysis.report.collection import collect
+from tacevo.choices import FitnessRule
+from tacevo.cli.app import main
+from tacevo.evolution.lines import CandidateLine, ReevaluationLine, source_hash
+from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.records import Rejection, Training
+from tacevo.results.run import read_run
+from tacevo.results.study_directory import studies_of
+from tacevo.results.study_lines import ScoreLine
+from tacevo.rounding import rounded
+from tacevo.storage.store import Store
+from tacevo.storage.verdicts import read_verdict
+
+LOSSES = (0.5, 0.25, 1.0, 0.375, 0.3125)
+
+
+@pytest.mark.parametrize(
+    ("rule", "losses", "fitness"),
+    [
+        (FitnessRule.last, LOSSES, 0.3125),
+        (FitnessRule.lowest, LOSSES, 0.25),
+        (FitnessRule.mean_of_3, LOSSES, 0.5625),
+        (FitnessRule.mean_of_3, (0.5, 0.25), 0.375),
+        *((rule, (0.5,), 0.5) for rule in FitnessRule),
+    ],
+)
+def test_fitness_of_a_training(rule: FitnessRule, losses: tuple[float, ...], fitness: float) -> None:
+    """Of the last, the lowest, or the last three losses; of those that there are, where they are fewer."""
+    assert rule.of(losses) == fitness
+
+
+def jumping(source: str, seed: int) -> Training | Rejection:
+    """Train by hashing, to losses that jump from epoch to epoch."""
+    result = fakes.evaluate(source)
+    if isinstance(result, Rejection):
+        return result
+    losses = tuple((1 + fakes.number(f"{source} {seed} {epoch}", 1_000)) / 1_000 for epoch in range(5))
+    return replace(result, train_losses=losses, validation_losses=losses)
+
+
+#: By other code than the rules'.
+BY_HAND: dict[FitnessRule, Callable[[Sequence[float]], float]] = {
+    FitnessRule.last: lambda losses: float(np.take(losses, -1)),
+    FitnessRule.lowest: lambda losses: sorted(losses)[0],
+    FitnessRule.mean_of_3: lambda losses: rounded(fmean(losses[2:])),
+}
+
+
+@pytest.mark.parametrize("rule", FitnessRule)
+@pytest.mark.parametrize("seeds", [1, 3])
+def test_every_fitness_of_a_search_follows_the_rule(rule: FitnessRule, seeds: int) -> None:
+    """That of candidates, of elites that are trained again, of the archive, and of what is rebuilt from the lines."""
+    plan = replace(fakes.plan(generations=6), reevaluations=2, seeds=seeds, fitness=rule)
+    _, recorder = fakes.search(plan, evaluate=jumping)
+    known: dict[str, list[float]] = {}
+    for line in recorder.lines:
+        if isinstance(line, CandidateLine | ReevaluationLine) and line.validation_losses is not None:
+            of_seeds = [BY_HAND[rule](one.validation_losses or ()) for one in line.by_seed()]
+            assert line.fitness == BY_HAND[rule](line.validation_losses) == median(of_seeds)
+            if isinstance(line, ReevaluationLine) or line.source not in known:
+                known.setdefault(str(line.source), []).extend(of_seeds)
+        if isinstance(line, ReevaluationLine) and line.estimate is not None:
+            assert line.estimate == rounded(median(known[str(line.source)]))
+    last = recorder.states[-1]
+    expected = {name: rounded(median(known[source_hash(one.source)])) for name, one in last.candidates.items()}
+    assert fitness_by_id(recorder.lines, rule) == expected
+    assert all(-elite.objective == expected[elite.name] for elite in last.networks.archive.elites.values())
+    assert last.best == min(-elite.objective for elite in last.networks.archive.elites.values()) < math.inf
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rule", [FitnessRule.lowest, FitnessRule.mean_of_3])
+def test_a_run_by_another_rule(rule: FitnessRule, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search, noise run, study, replay and API take one fitness; trainings are shared with the paper's rule."""
+    monkeypatch.chdir(tmp_path)
+    sizes = [
+        *SMALLEST,
+        UNTRACKED,
+        *PUBLISHED_SIZES,
+        "training.epochs=4",
+        "training.learning_rate=0.1",
+        "store.root=cache",
+    ]
+    assert main(["search", *sizes, "run.dir=other", f"training.fitness={rule}"]) == 0
+    assert main(["search", *sizes, "run.dir=paper"]) == 0
+    assert main(["noise", "other", "elites=1", "seeds=2"]) == 0
+    assert main(["study", "run=other", "elites=1", "seeds=4", "epochs=5"]) == 0
+    assert main(["replay", "other"]) == 0
+    run, paper = read_run(Path("other")), read_run(Path("paper"))
+    assert (run.config.training.fitness, paper.config.training.fitness) == (rule, FitnessRule.last)
+    assert run.baseline.evaluation == paper.baseline.evaluation
+    for line in run.trained:
+        assert line.validation_losses is not None
+        assert line.fitness == rule.of(line.validation_losses)
+    assert any(rule.of(line.validation_losses or ()) != (line.validation_losses or ())[-1] for line in run.trained)
+    noise = next(study for study in studies_of(run.path) if study.read().terms is None)
+    store = {
+        one.key: read_verdict(Training, "training", one.answer, place=one.key)
+        for one in Store(Path("cache"), "evaluations").entries()
+    }
+    for row in noise.read_finished().scores.rows:
+        assert isinstance(row, ScoreLine)
+        training = store[row.evaluation]
+        assert isinstance(training, Training)
+        assert row.validation_loss == rule.of(training.validation_losses)
+    of_study, of_noise = collect(run.path, Path("cache")).reestimates
+    assert (of_study.rule, of_noise.rule) == (rule, rule)
+    assert of_study.rankings is not None
+    assert of_study.noise.recorded.tolist() == [run.fitness[one.id] for one in of_study.networks]
