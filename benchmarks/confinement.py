@@ -28,7 +28,7 @@ JOBS = 10
 #: Size of the images in pixels: by how many epochs a training is longer than the one that it is compared with.
 EPOCHS = {32: 8, 64: 3, 128: 1}
 
-_LIMITS = Limits(seconds=60, memory_mib=2048)
+_LIMITS = Limits(seconds=600, memory_mib=2048)  # of wall time, and the machine may be busy
 
 
 def walls(*, rounds: int = 9) -> Figure:
