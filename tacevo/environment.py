@@ -102,9 +102,14 @@ def machine() -> dict[str, Json]:
     }
 
 
+def install(extra: str) -> str:
+    """Say how the packages of an extra are installed, as long as tacevo is not on an index."""
+    return f"in the clone of tacevo: pip install -e '.[{extra}]'"
+
+
 def usable_cores() -> int:
     """Return how many cores this process may use; the machine may have more."""
-    return len(os.sched_getaffinity(0))
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def gpus(drivers: Path = Path("/proc/driver/nvidia/gpus")) -> list[str]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from tacevo import __version__
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
 from tacevo.cli.edge import Terminated, check_analysis, edge
+from tacevo.config.folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.text import printable
 
@@ -27,7 +28,7 @@ GROUPS = {
         "replay": ("arguments", "run a recorded search again from its stores and compare"),
         "export": ("arguments", "take a network away: its weights, ONNX, a model card"),
         "publish": ("arguments", "write one file with which anybody can replay a run or a sweep"),
-        "cache": ("cache", "look into the stores of answers, and move what a run needs"),
+        "cache": ("cache", "look into the stores of answers, move what a run needs, remove what none does"),
     },
     "analyse": {
         "show": ("arguments", "show what a run found, one candidate of it, or how far the jobs of a sweep are"),
@@ -37,6 +38,7 @@ GROUPS = {
         "ablations": ("arguments", "compare the arms of a sweep: tables and figures"),
     },
     "tools": {
+        "rm": ("remove", "remove the directory of a run or a sweep that nothing else needs, after a question"),
         "init": ("init", "write a task of your own, copied from another one, to be edited"),
         "data": ("data", "look at a data set, or write a simulated one as files"),
         "check": ("inspect", "put raw answers of a model through the gate"),
@@ -56,7 +58,7 @@ _REPLACED = {
 }
 
 #: The modules whose commands do not need our package `analysis`.
-WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache"})
+WITHOUT_ANALYSIS = frozenset({"search", "init", "data", "cache", "remove"})
 
 _DESCRIPTION = "Architecture search for vision-based tactile sensors that can be replayed bit for bit."
 
@@ -84,7 +86,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with edge():
         try:
             options = _parsed(sys.argv[1:] if arguments is None else arguments)
-            status: int = options.command(options)
+            with reading_own(getattr(options, "config_dir", None)):
+                status: int = options.command(options)
             return status
         except KeyboardInterrupt as interruption:
             if arguments is None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from tacevo.cli.common import OVERRIDE, Parser, check_names, place_of_results, places_of, whole_number
+from tacevo.cli.common import OVERRIDE, Parser, add_config_dir, check_names, place_of_results, places_of, whole_number
 from tacevo.storage.places import check_place
 
 #: A run, in the help of the commands that read one.
@@ -133,6 +133,7 @@ def add_study(parser: Parser) -> None:
         "a training or a job did not finish."
     )
     _finish(parser, SETTINGS, _EPILOG)
+    add_config_dir(parser)
     parser.set_defaults(command=_later("study", "study"))
 
 
@@ -264,6 +265,7 @@ def add_extend(parser: Parser) -> None:
         "overrides", nargs="*", metavar="OVERRIDE", help=f"{OVERRIDE}; a larger search.generations is needed"
     )
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
+    add_config_dir(parser)
     parser.set_defaults(command=_later("reproduce", "extend"))
 
 
@@ -271,7 +273,7 @@ def add_export(parser: Parser) -> None:
     """Describe `tacevo export`."""
     parser.description = (
         "Train a candidate again in the sandbox, and write it as a directory that needs no tacevo: the class, its "
-        "weights, ONNX, torch.export, a model card. Needs `pip install 'tacevo[export]'`."
+        "weights, ONNX, torch.export, a model card. Needs `pip install -e '.[export]'`."
     )
     parser.add_argument("run", metavar="RUN", type=named, help=RUN)
     parser.add_argument("candidate", metavar="CANDIDATE", type=candidate, help="its id, e.g. g02s03")

@@ -3,10 +3,12 @@
 import argparse
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed, existing_store
 from tacevo.reproduce.entry_files import import_file, write_entries
+from tacevo.reproduce.prune import unused
 from tacevo.runs.progress import Progress
-from tacevo.storage.listing import list_stores, verify
+from tacevo.storage.listing import list_entries, list_stores, verify
+from tacevo.text import counted
 
 
 def add_cache(parser: Parser) -> None:
@@ -26,7 +28,11 @@ def add_cache(parser: Parser) -> None:
     import_ = actions.add_parser("import", help="verify such a file, then write its entries into the stores")
     import_.add_argument("file", metavar="FILE")
 
-    with_store = {ls: _ls, verify: _verify, import_: _import}
+    prune = actions.add_parser("prune", help="remove the entries that no run here needs, after a question")
+    prune.add_argument("runs", metavar="DIR", nargs="*", default=["."], help="directories of runs (default: this one)")
+    prune.add_argument("-y", "--yes", action="store_true", help="ask nothing")
+
+    with_store = {ls: _ls, verify: _verify, import_: _import, prune: _prune}
     for action, command in with_store.items():
         action.add_argument("--store", default="cache", metavar="DIR", help="directory of the stores (default: cache)")
         action.set_defaults(command=command)
@@ -43,6 +49,25 @@ def _verify(options: argparse.Namespace) -> int:
         print(problem)
     print(f"{files - len(problems)} of {files} entries are sound")
     return DIFFERENT if problems else DONE
+
+
+def _prune(options: argparse.Namespace) -> int:
+    root = Path(existing_store(options.store) or "")
+    with Progress() as view:
+        files, runs = unused(root, [Path(folder) for folder in options.runs], view)
+    if not files:
+        print(f"every entry of {root} is needed by {counted(runs, 'run')}")
+        return DONE
+    print(list_entries(root, files))
+    print(
+        f"{counted(runs, 'run')} here need none of these. A run elsewhere may; a model's answers would be paid again."
+    )
+    if not agreed(f"remove {counted(len(files), 'file')} from {root}?", options.yes):
+        return DIFFERENT
+    for file in files:
+        file.unlink(missing_ok=True)
+    print(f"removed: {counted(len(files), 'file')}; images stay in {root / 'data'}, and are made again where they lack")
+    return DONE
 
 
 def _export(options: argparse.Namespace) -> int:

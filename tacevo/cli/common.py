@@ -16,6 +16,23 @@ DONE, DIFFERENT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 OVERRIDE = "GROUP=CHOICE or KEY=VALUE, as in Hydra, or @FILE with one of them a line"
 
 
+def add_config_dir(parser: argparse.ArgumentParser, *, made: bool = False) -> None:
+    """Describe where configs of a user's own lie, in a directory that the command may make."""
+    parser.add_argument(
+        "--config-dir",
+        metavar="DIR",
+        type=str if made else _directory,
+        help="tasks and other configs of your own, beside those of tacevo (default: conf, where there is one)",
+    )
+
+
+def _directory(text: str) -> str:
+    """Read the path of a directory."""
+    if Path(text).is_dir():
+        return text
+    raise argparse.ArgumentTypeError(f"expected a directory of configs, as `tacevo init` writes one; got {text}")
+
+
 def existing_store(name: str | None) -> str | None:
     """Return what `--store` names; a mistyped directory would be made and filled again.
 
@@ -90,6 +107,21 @@ def output_directory(name: str | Path) -> Path:
             "a write-protected directory", place=str(directory), expected=expected, remedy="name another by -o"
         )
     return directory
+
+
+def agreed(question: str, yes: bool) -> bool:
+    """Ask before something goes for good; without a terminal, where nobody answers, the answer is no."""
+    if yes:
+        return True
+    try:
+        answer = input(f"{question} [y/N] ")
+    except EOFError:
+        answer = ""
+        print()
+    if answer.strip().lower() in {"y", "yes"}:
+        return True
+    print("nothing was removed (--yes asks nothing)")
+    return False
 
 
 def whole_number(text: str) -> int:

@@ -5,7 +5,7 @@ import json
 
 from rich.console import Console
 
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
 from tacevo.environment import as_typed
 from tacevo.records import to_json
 from tacevo.runs.data_check import inspect_data, show, simulate
@@ -53,6 +53,7 @@ def add_data(parser: Parser) -> None:
     for action, (command, count, name, words) in {**takes, simulate: (_simulate, "+", "SETTING", settings)}.items():
         action.fromfile_prefix_chars = "@"
         action.add_argument("overrides", nargs=count, metavar=name, help=words)
+        add_config_dir(action)
         action.set_defaults(command=command)
 
 

@@ -54,7 +54,7 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 def _interrupt_again(otherwise: Callable[[Any], Any], ignored: Any) -> None:
     """Repeat an interruption that came in a destructor or a callback: Python prints what these raise, and goes on."""
-    if not isinstance(ignored.exc_value, KeyboardInterrupt):
+    if not isinstance(ignored.exc_value, KeyboardInterrupt) or not hasattr(signal, "setitimer"):  # Windows has none
         otherwise(ignored)
         return
     kind = type(ignored.exc_value)

@@ -5,8 +5,8 @@ import os
 import shlex
 
 from tacevo.choices import SensorTask
-from tacevo.cli.common import DONE, Parser
-from tacevo.config.folder import conf_root
+from tacevo.cli.common import DONE, Parser, add_config_dir
+from tacevo.config.folder import own_root
 from tacevo.config.new_task import write_task
 from tacevo.config.schema import TaskConfig
 from tacevo.config.tasks import left_of_others
@@ -20,11 +20,12 @@ _SMALL = {Kind.regression: "published_force", Kind.classification: "published_gr
 def add_init(parser: Parser) -> None:
     """Describe `tacevo init`."""
     parser.description = (
-        "Write a task of your own into the conf/ of this checkout: the settings, the baseline and the texts of another "
-        "task under a new name, to be edited. Nothing that exists is changed."
+        "Write a task of your own into ./conf: the settings, the baseline and the texts of another task under a new "
+        "name, to be edited. Searches that start in this directory know it. Nothing that exists is changed."
     )
     parser.add_argument("name", metavar="NAME", help="of the new task: a lower-case identifier, e.g. shear")
     parser.add_argument("--like", default="force", metavar="TASK", help="the task to copy (default: force)")
+    add_config_dir(parser, made=True)
     parser.set_defaults(command=_init, interrupted="nothing half-made is left")
 
 
@@ -36,17 +37,18 @@ def _init(options: argparse.Namespace) -> int:
         task.instructions: "what a mutation does",
         task.baseline: f"where a search starts; its {task.output_argument}={task.outputs} is that of outputs, too",
     }
-    places = {name: os.path.relpath(conf_root() / name) for name in files}
+    places = {name: os.path.relpath(own_root() / name) for name in files}
     for name, what in files.items():
         print(f"wrote:  {places[name]} (to edit: {what})")
     for words in left_of_others(task):
         print(f"edit:   {words}")
     tacevo, own = as_typed("tacevo"), f"task={task.name} {_images(task)}"
-    print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {task.name}")
+    where = "" if options.config_dir is None else f" --config-dir {shlex.quote(options.config_dir)}"
+    print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {task.name}{where}")
     if options.like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
         lent = f"task={task.name} task.name={options.like}"
-        print(f"try:    {tacevo} search experiment=demo {lent}  # before the edit, on simulated images")
-    own = f"experiment={_SMALL[task.kind]} {own}"
+        print(f"try:    {tacevo} search experiment=demo {lent}{where}  # before the edit, on simulated images")
+    own = f"experiment={_SMALL[task.kind]} {own}{where}"
     print(f"look:   {tacevo} data check {own}  # says what is still the other task's")
     print(f"next:   {tacevo} search {own}")
     return DONE

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, Parser, add_config_dir
 from tacevo.config.compose import compose
-from tacevo.config.folder import conf_root
+from tacevo.config.folder import config_roots
 from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.environment import machine, versions
@@ -44,6 +44,7 @@ def add_check(parser: Parser) -> None:
         "--image-size", type=int, metavar="PIXELS", help="side of the images (default: that of the task's data)"
     )
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    add_config_dir(parser)
     parser.set_defaults(command=_check)
 
 
@@ -168,7 +169,7 @@ def examine() -> tuple[str, bool]:
     """
     held: list[Mapping[str, str]] = []
     checks: dict[str, Callable[[], str]] = {
-        "configs": lambda: str(conf_root()),
+        "configs": lambda: listed(map(str, config_roots())),
         "sandbox": partial(_sandbox, held.append),
         "current directory": _directory,
     }

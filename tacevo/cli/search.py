@@ -11,7 +11,7 @@ from pathlib import Path
 import yaml
 
 from tacevo.choices import Primary, Tracking
-from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser
+from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.folder import check_experiment, groups
@@ -50,6 +50,7 @@ def add_search(parser: Parser) -> None:
     parser.add_argument("--resolve", action="store_true", help="the same")
     whats = ["all", "config", "defaults", "defaults-tree", "plugins", "searchpath"]  # Hydra's
     parser.add_argument("--info", nargs="?", const="all", choices=whats, metavar="WHAT", help="the same")
+    add_config_dir(parser)
     add_multirun(parser)
     parser.set_defaults(command=_search)
 

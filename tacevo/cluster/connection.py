@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tacevo.cluster.facts import TOKEN, keys_here
+from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.sandbox.protocol import describe
 
@@ -83,9 +84,7 @@ def import_ray(address: str | None) -> Any:
     try:
         import ray
     except ImportError as error:
-        raise ConfigError(
-            str(error), place="executor=ray", expected="Ray", remedy="install it by pip install 'tacevo[ray]'"
-        ) from error
+        raise ConfigError(str(error), place="executor=ray", expected="Ray", remedy=install("ray")) from error
     return ray
 
 

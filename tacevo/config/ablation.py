@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import yaml
 
-from tacevo.config.folder import conf_root, groups
+from tacevo.config.folder import config_file, groups
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.records import Json
@@ -34,7 +34,7 @@ def read_arm(choice: str) -> dict[str, Json]:
     known = groups()[GROUP]
     if choice not in known:
         raise ConfigError(repr(choice), place=GROUP, expected=f"one of {', '.join(known)}")
-    return parse_arm(choice, (conf_root() / GROUP / f"{choice}.yaml").read_text(encoding="utf-8"))
+    return parse_arm(choice, config_file(f"{GROUP}/{choice}.yaml", GROUP).read_text(encoding="utf-8"))
 
 
 def parse_arm(choice: str, text: str) -> dict[str, Json]:

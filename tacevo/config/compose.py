@@ -14,16 +14,17 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser import overrides_parser
 from hydra.core.override_parser.types import Override
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tacevo.config.ablation import check_change, read_arm, split_arm
-from tacevo.config.folder import conf_root, groups
+from tacevo.config.folder import conf_root, config_file, config_roots, groups
 from tacevo.config.plain import converted, from_plain, near, to_plain
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
 from tacevo.config.sources import check_used, unused
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
+from tacevo.text import as_override
 
 T = TypeVar("T")
 
@@ -44,14 +45,14 @@ def compose(overrides: Sequence[str]) -> RunConfig:
     choice, others = split_arm(overrides)
     arm = read_arm(choice)
     with _hydra([*groups(), *keys()], overrides):
-        composed = hydra_compose("config", overrides=others)
+        composed = _composed("config", others)
         if arm:
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
         config = from_plain(_plain(composed))
         without = [each for each in others if not _names_any(each, unused(config))]
         if len(without) < len(others) or "data" in arm:
-            usual = hydra_compose("config", overrides=without)
+            usual = _composed("config", without)
             check_used(config, _plain(composed.data), _plain(usual.data))
     return config
 
@@ -113,9 +114,7 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     _check_settings(overrides)
     choices = [override for override in overrides if override.startswith("data=")]
     with _hydra([*groups(), *keys()], overrides, "study"):
-        usual, chosen, laid = (
-            _plain(hydra_compose("config", overrides=each).data) for each in ([], choices, [*overrides])
-        )
+        usual, chosen, laid = (_plain(_composed("config", each).data) for each in ([], choices, overrides))
     split = {"split", "validation_part", "test_part"} if chosen["source"] != config.data.source else set()
     brought = {key for key in chosen if choices and (key in {"source", *split} or chosen[key] != usual[key])}
     named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
@@ -146,8 +145,25 @@ def _compose_command(command: str, kind: type[T], overrides: Sequence[str]) -> T
     """Compose the settings of a command from its own file in conf/."""
     _check_settings(overrides)
     with _hydra(keys(kind), overrides, command):
-        plain = _plain(hydra_compose(command, overrides=list(overrides)))
+        plain = _plain(_composed(command, overrides))
     return converted(kind, plain)
+
+
+def _composed(name: str, overrides: Sequence[str]) -> DictConfig:
+    """Let Hydra compose a file of conf/; choices are looked up in the user's own directory of configs, too.
+
+    Raises:
+        ConfigError: tacevo and the user have different files for a choice.
+    """
+    own = [as_override("", f"file://{root}").removeprefix("=") for root in config_roots()[1:]]
+    path = f"hydra.searchpath=[{','.join(own)}]"
+    composed = hydra_compose(name, overrides=[*overrides, path], return_hydra_config=True)
+    for group, choice in composed.hydra.runtime.choices.items():
+        if not group.startswith("hydra/"):
+            config_file(f"{group}/{choice}.yaml", group)
+    with open_dict(composed):
+        del composed["hydra"]
+    return composed
 
 
 def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -213,7 +229,7 @@ def _values(override: Override) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "search") -> Iterator[None]:
-    """Let Hydra read conf/, and turn what it raises into an error in the user's words."""
+    """Let Hydra read the configs, and turn what it raises into an error in the user's words."""
     if sys.flags.optimize:  # some assertions of its parser step over a token
         remedy = "unset it, and leave out -O: Hydra reads settings by assertions"
         raise ConfigError(str(sys.flags.optimize), place="PYTHONOPTIMIZE", expected="no value", remedy=remedy)

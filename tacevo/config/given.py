@@ -9,7 +9,7 @@ from pathlib import Path
 from tacevo.choices import PAPER_AXES, ArchiveKind, PromptPolicy
 from tacevo.config.checks import check_together
 from tacevo.config.compose import compose, compose_study
-from tacevo.config.folder import conf_root
+from tacevo.config.folder import config_roots
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError
@@ -117,9 +117,10 @@ def _files(names: Sequence[str]) -> Iterator[NetworkFile]:
 def _paths(name: str) -> list[Path]:
     """List the files behind a name: a file, those of a directory, or those of a pattern, by name.
 
-    A relative name is looked up here and then in conf/, so that the shipped networks are found from anywhere.
+    A relative name is looked up here and then in the directories of configs, so that the shipped networks are found
+    from anywhere.
     """
-    for root in (Path(), conf_root()):
+    for root in (Path(), *config_roots()):
         path = root / name
         pattern = f"{glob.escape(str(path))}/*.py" if path.is_dir() else str(path)
         if files := sorted(map(Path, glob.glob(pattern))):

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from tacevo.config.compose import compose
-from tacevo.config.folder import checkout_root, groups, read_named
+from tacevo.config.folder import config_roots, groups, own_root, read_named
 from tacevo.config.schema import TaskConfig
 from tacevo.errors import ConfigError
 from tacevo.records import to_json
@@ -21,21 +21,21 @@ _VALUES = frozenset({"null", "true", "false", "inf", "nan"})
 
 
 def write_task(name: str, like: str) -> TaskConfig:
-    """Write `task/NAME.yaml` and `library/NAME/` into conf/, copied from the task that it is like.
+    """Write `task/NAME.yaml` and `library/NAME/` into the user's configs (`own_root`), copied from a task it is like.
 
     Both are there in full afterwards, or neither is. The settings come last, without which no search can choose what
-    a process left that was killed. The files of the task that is returned are named relative to conf/.
+    a process left that was killed. The files of the task that is returned are named relative to the configs.
 
     Raises:
-        ConfigError: tacevo is installed and not a checkout; the name is not a lower-case identifier, or is taken; there
-            is no task to be like; or conf/ cannot be written to.
+        ConfigError: the name is not a lower-case identifier, or is taken; there is no task to be like; or the
+            directory cannot be written to.
     """
-    root = checkout_root()
+    root = own_root()
     if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in _VALUES:
         expected = "a lower-case identifier, which is not a value such as null or true"
         raise ConfigError(repr(name), place="NAME", expected=expected, remedy="choose a name such as shear")
     settings, texts = root / "task" / f"{name}.yaml", root / "library" / name
-    for path in (settings, texts):
+    for path in (each / part for each in (root, *config_roots()) for part in (f"task/{name}.yaml", f"library/{name}")):
         if path.exists():
             expected, remedy = "a name that no task has", "choose another, or remove what is there"
             raise ConfigError(f"{name}, and {path} exists", place="NAME", expected=expected, remedy=remedy)
@@ -49,6 +49,8 @@ def write_task(name: str, like: str) -> TaskConfig:
     as_yaml = yaml.safe_dump(to_json(new), sort_keys=False, default_flow_style=None, allow_unicode=True)
     copies = {path: read_named(f"task.{key}", getattr(old, key)) for key, path in files.items()}
     try:
+        for folder in (settings.parent, texts.parent):
+            folder.mkdir(parents=True, exist_ok=True)
         texts.mkdir()  # refused by the system where another process was quicker
         try:
             for path, text in {**copies, f"task/{name}.yaml": as_yaml}.items():

@@ -1,5 +1,6 @@
 """A task's texts, and whether the labels of a data set are what it asks for."""
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +9,7 @@ from typing import Annotated
 import yaml
 
 from tacevo.choices import SensorTask
-from tacevo.config.folder import read_named
+from tacevo.config.folder import config_file, read_named
 from tacevo.config.schema import RunConfig, TaskConfig, is_a
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
@@ -74,7 +75,8 @@ def left_of_others(task: TaskConfig) -> list[str]:
     names = " ".join((task.name, *task.output_names)).casefold()
     others = "|".join(word for sensor, word in _WORDS.items() if sensor not in names)
     for key in ("system", "instructions", "baseline"):
-        lines = read_named(f"task.{key}", getattr(task, key)).split("\n")
+        name = getattr(task, key)
+        lines = read_named(f"task.{key}", name).split("\n")
         kept = [
             f"{match[0]!r} in line {number}"
             for number, line in enumerate(lines, start=1)
@@ -82,7 +84,8 @@ def left_of_others(task: TaskConfig) -> list[str]:
             and not (key == "instructions" and line.startswith("#"))  # a comment, which no model reads
         ]
         if kept:
-            left.append(f"conf/{getattr(task, key)} tells the model of another task: {listed(kept)}")
+            file = os.path.relpath(config_file(name, f"task.{key}"))
+            left.append(f"{file} tells the model of another task: {listed(kept)}")
     return left
 
 

@@ -3,7 +3,8 @@
 Promises: one process at a time makes a directory, and others report it and wait; what a killed process left is
 removed by the next one that makes or reads anything there and may remove it; a disk without room is an error before
 anything is written to it.
-What it does not: it needs a file system on which `flock` works across the processes that share it.
+What it does not: it needs a file system on which `flock` works across the processes that share it, and on Windows,
+which has no `flock`, that no other process makes the directory at the same time.
 """
 
 import errno
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tacevo.errors import DataError
-from tacevo.storage.files import flock, sync
+from tacevo.storage.files import HAS_LOCKS, flock, sync
 
 #: A directory in the making, and the file that its maker holds locked; both are hidden, and the latter stays.
 PART, LOCK = ".tacevo-part", ".tacevo-lock"
@@ -47,7 +48,7 @@ def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterat
         got = f"a directory that cannot be written to ({error.strerror})"
         raise DataError(got, place=str(directory.parent), remedy="choose another directory") from error
     with lock:
-        if not flock(lock.fileno()):
+        if HAS_LOCKS and not flock(lock.fileno()):
             if waiting is not None:
                 waiting()
             flock(lock.fileno(), wait=True)
@@ -79,7 +80,10 @@ def reserve(file: BinaryIO, size: int) -> None:
         DataError: the space is missing; the error names the directory and the bytes.
     """
     try:
-        os.posix_fallocate(file.fileno(), 0, size)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, size)
+        else:  # macOS and Windows
+            file.truncate(size)
     except OSError as error:
         if error.errno not in NO_ROOM:
             raise

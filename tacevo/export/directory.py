@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from tacevo.environment import install
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.card import card
@@ -128,7 +129,7 @@ def _check_packages() -> None:
             f"no {listed(missing)}",
             place="tacevo export",
             expected=f"the packages {listed(_PACKAGES)}",
-            remedy="pip install 'tacevo[export]'",
+            remedy=install("export"),
         )
 
 

@@ -12,6 +12,7 @@ from functools import partial
 
 import httpx2
 
+from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.llm.answers import read_body, read_chat
 from tacevo.llm.failures import check_key
@@ -22,8 +23,7 @@ from tacevo.records import Completion, Json, Request
 try:
     import openai
 except ModuleNotFoundError as missing:
-    hint = "install it with: pip install 'tacevo[openai]'"
-    raise ConfigError("nothing", place="llm=openai", expected="the openai SDK", remedy=hint) from missing
+    raise ConfigError("nothing", place="llm=openai", expected="the openai SDK", remedy=install("openai")) from missing
 
 #: Seconds for an answer, and for a connection to stand; a server of one's own may think for long.
 TIMEOUT = httpx2.Timeout(1800.0, connect=15.0)

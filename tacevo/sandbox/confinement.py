@@ -7,7 +7,6 @@ follows from each measure, and what does not.
 """
 
 import os
-import resource
 from collections.abc import Collection
 
 from tacevo.choices import Confinement
@@ -16,6 +15,11 @@ from tacevo.records import Limits
 from tacevo.sandbox import landlock, seccomp
 from tacevo.sandbox.kernel import can_fix_addresses, drop_capabilities, protect_memory, renounce_privileges
 from tacevo.sandbox.processes import address_space_mib
+
+try:
+    import resource  # here, since a confined process imports nothing any more
+except ImportError:  # Windows, which has no sandbox
+    resource = None  # type: ignore[assignment]
 
 #: Address space beyond the zygote's and the memory limit that allocators reserve without using it, in MiB.
 _SLACK_MIB = 1024
@@ -42,9 +46,14 @@ def check_confinement(level: Confinement, offered: Confinement | None = None) ->
     """Check that a machine confines candidates as strongly as a run demands: one that offers a level, or this one.
 
     Raises:
-        SandboxError: the level is stronger than the one offered.
+        SandboxError: the level is stronger than the one offered, or this machine has no sandbox at all.
     """
-    offered = offered or available()
+    if offered is None and (offered := available()) is Confinement.none:
+        raise SandboxError(
+            _MISSING[offered],
+            expected="Linux on x86-64 or aarch64, whose sandbox every candidate runs in",
+            remedy="search, study and retrain there; replay, show, tables, figures and report need no sandbox",
+        )
     levels = list(Confinement)
     if levels.index(level) > levels.index(offered):
         raise SandboxError(
@@ -57,6 +66,8 @@ def check_confinement(level: Confinement, offered: Confinement | None = None) ->
 
 def report() -> dict[str, str]:
     """Describe every measure in one line: what it does, or why this machine lacks it."""
+    if available() is Confinement.none:
+        return {"level": Confinement.none.value, "sandbox": f"missing: {_MISSING[Confinement.none]}"}
     known = landlock.version()
     return {
         "level": available().value,

@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import fcntl
 import itertools
 import os
 import re
@@ -13,6 +12,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from tacevo.errors import RunError, StoreError
+
+try:
+    import fcntl
+except ImportError:  # Windows, where replays and tables are read and written, but nothing is searched
+    fcntl = None  # type: ignore[assignment]
+HAS_LOCKS = fcntl is not None
 
 #: How often a lock that another process holds is tried again, and after how many seconds each.
 _PATIENCE, _PAUSE = 20, 0.05
@@ -37,21 +42,26 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+        handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR, 0o666)  # not inherited
     except OSError as error:
         got, expected = f"one that cannot ({error.strerror})", "a directory that can be written to"
         raise RunError(got, place=f"{setting}={folder}", expected=expected) from error
     try:
-        for _ in range(_PATIENCE):  # `RunDirectory.is_busy` locks it for a moment to see whether it is locked
-            if flock(handle):
-                break
-            time.sleep(_PAUSE)
-        else:
+        if not _flock_soon(handle):
             got, remedy = "another process in it", f"wait for it, or choose another {setting}"
             raise RunError(got, place=f"{setting}={folder}", expected="an idle directory", remedy=remedy)
         yield
     finally:
         os.close(handle)
+
+
+def _flock_soon(handle: int, *, shared: bool = False) -> bool:
+    """Lock as `flock` does, and wait for who holds it for a moment, as `is_in_use` does to see whether it is held."""
+    for _ in range(_PATIENCE):
+        if flock(handle, shared=shared):
+            return True
+        time.sleep(_PAUSE)
+    return False
 
 
 def flock(handle: int, *, wait: bool = False, shared: bool = False) -> bool:
@@ -63,13 +73,50 @@ def flock(handle: int, *, wait: bool = False, shared: bool = False) -> bool:
         shared: with others that share it.
 
     Raises:
-        OSError: the file system has no locks.
+        OSError: the file system has no locks, or the system has none.
     """
+    if not HAS_LOCKS:
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
     try:
         fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
         return False
     return True
+
+
+@contextlib.contextmanager
+def in_use(folder: Path, *, alone: bool = False) -> Iterator[None]:
+    """Share the lock of a directory that is worked in, or hold it `alone` so that nobody begins to.
+
+    A file system without locks keeps no process out.
+
+    Raises:
+        RunError: another process is at work there, in the way that does not go with this one.
+        OSError: the directory does not exist.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # no locks here
+            if not _flock_soon(handle, shared=not alone):
+                got, remedy = "one that another process is at work in", "wait for it, or stop it"
+                raise RunError(got, place=str(folder), expected="an idle directory", remedy=remedy)
+        yield
+    finally:
+        os.close(handle)
+
+
+def is_in_use(folder: Path) -> bool:
+    """Return whether a process works in a directory at this moment, by `in_use`; false where there are no locks."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        return not flock(handle)
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
 
 
 def write_durably(path: Path, content: str | bytes) -> None:
@@ -86,6 +133,8 @@ def write_durably(path: Path, content: str | bytes) -> None:
             file.write(content if isinstance(content, bytes) else content.encode())
             file.flush()
             os.fsync(file.fileno())
+            if not HAS_LOCKS:  # Windows renames no open file
+                file.close()
             os.replace(file.name, path)  # atomic: a reader never sees half an entry
         for folder in (path.parent, *(folder.parent for folder in made)):
             sync(folder)  # the names, too, must survive a crash
@@ -135,7 +184,9 @@ def _lock(file: BinaryIO) -> None:
 
 
 def sync(path: Path) -> None:
-    """Wait until a file or directory is on the disk."""
+    """Wait until a file or directory is on the disk; Windows opens no directory, and says nothing of it."""
+    if not HAS_LOCKS:
+        return
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

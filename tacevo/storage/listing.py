@@ -44,13 +44,23 @@ def list_stores(root: Path) -> str:
         StoreError: the directory does not exist.
     """
     _check_folder(root)
+    return _counted(scan(root)) or f"no entries in {root}"
+
+
+def list_entries(root: Path, paths: Iterable[Path]) -> str:
+    """Count some entries of the stores, as `list_stores`."""
+    return _counted(_inspect(root, path.relative_to(root).parts[0], path) for path in paths)
+
+
+def _counted(files: Iterable[Stored]) -> str:
+    """Write the table of `list_stores`; nothing for no files."""
     groups: dict[tuple[str, str], list[tuple[int, Spending]]] = defaultdict(list)
-    for file in scan(root):
+    for file in files:
         spent = spending_on([] if file.completion is None else [file.completion])
         groups[file.kind, "(damaged)" if file.problem else file.model].append((file.bytes, spent))
     header = ["kind", "model", "entries", "size", "input tokens", "output tokens", "cost"]
-    rows = [_row(*key, files) for key, files in sorted(groups.items())]
-    return table(header, rows) if rows else f"no entries in {root}"
+    rows = [_row(*key, group) for key, group in sorted(groups.items())]
+    return table(header, rows) if rows else ""
 
 
 def verify(root: Path) -> tuple[list[str], int]:

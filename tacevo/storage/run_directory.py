@@ -50,6 +50,19 @@ def name_instead(path: Path) -> str:
     return f"{name}, or {path}/run, whose stores `tacevo cache import {path}/store.jsonl.xz --store DIR` writes"
 
 
+def runs_below(folder: Path) -> list[Path]:
+    """List the directories of runs in a directory, itself among them, at any depth and behind links, too."""
+    runs, seen = [], set()
+    for path, folders, files in os.walk(folder, followlinks=True):
+        real = os.path.realpath(path)
+        if real in seen:  # a link to what is above it
+            folders.clear()
+        elif {"run.json", "ledger.jsonl"} <= set(files):
+            runs.append(Path(path))
+        seen.add(real)
+    return sorted(runs)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRecord(Record):
     """What run.json holds."""

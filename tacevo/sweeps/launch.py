@@ -18,6 +18,7 @@ import yaml
 from tacevo.choices import ExecutorKind
 from tacevo.config.schema import ExecutorConfig
 from tacevo.config.strict_yaml import read_yaml
+from tacevo.environment import install
 from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
@@ -164,5 +165,5 @@ def _check_cluster(launcher: Launcher) -> None:
             first_line(error),
             place=place,
             expected="a launcher that is installed, and options that it has",
-            remedy="install it by pip install 'tacevo[slurm]'" if isinstance(error, ImportError) else "",
+            remedy=install("slurm") if isinstance(error, ImportError) else "",
         ) from error

@@ -59,6 +59,10 @@ _TICK = 5.0
 _Task = submitit.Job[None]
 
 
+#: Keeps the directory that Python is started in off the import path.
+_SAFE_PATH = "PYTHONSAFEPATH"
+
+
 class SearchJob(Checkpointable):
     """Runs the search of a job on a node; after a requeue again, because the same command continues."""
 
@@ -152,13 +156,19 @@ def _last_line(log: Path) -> str:
 def _submitting() -> Iterator[None]:
     """Hide passwords and keys: a scheduler keeps the environment of who submits a job on the controller's disk.
 
+    A job starts as `python -m`, which would import a file such as random.py from where it was submitted.
+
     Raises:
         RunError: the cluster did not take the jobs.
     """
     hidden = {name: os.environ.pop(name) for name in secret_variables(os.environ)}
+    unset = _SAFE_PATH not in os.environ
+    os.environ.setdefault(_SAFE_PATH, "1")
     try:
         yield
     except Exception as error:  # submitit's, the scheduler's or the file system's
         raise RunError(first_line(error), place="submitit_slurm", expected="the cluster to take the jobs") from error
     finally:
         os.environ.update(hidden)
+        if unset:
+            del os.environ[_SAFE_PATH]

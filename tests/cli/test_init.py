@@ -89,7 +89,7 @@ def test_what_exists_is_not_touched(name: str, there: str, conf: Path) -> None:
     if name == "shear":
         (conf / there).mkdir()
     before = contents(conf)
-    with refused(ConfigError, place="NAME", expected="that no task has", got=str(conf / there), remedy="another"):
+    with refused(ConfigError, place="NAME", expected="that no task has", got=there, remedy="another"):
         write_task(name, "hardness")
     assert contents(conf) == before
 
@@ -102,14 +102,46 @@ def test_unknown_task_to_copy_is_refused(conf: Path, capsys: pytest.CaptureFixtu
     assert contents(conf) == before
 
 
-def test_installed_package_is_left_alone(conf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was written into it would go with its next update."""
-    package = conf.parent / "tacevo"
-    shutil.move(conf, package / "conf")
-    before = contents(package)
-    with refused(ConfigError, expected="conf/ of a checkout", got=str(package / "conf"), remedy="clone the repository"):
-        write_task("shear", "force")
-    assert contents(package) == before
+@pytest.mark.parametrize("options", [[], ["--config-dir", "my configs"]], ids=["here", "elsewhere"])
+def test_task_lies_where_the_user_stands(
+    options: list[str], place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In ./conf or the directory that --config-dir names, beside the configs of tacevo, which are left alone."""
+    before = contents(ROOT / "conf")
+    assert main(["init", "shear", "--like", "force", *options]) == 0
+    own = place / (options[-1] if options else "conf")
+    assert contents(own).keys() >= {"task/shear.yaml", "library/shear/baseline.py"}
+    assert contents(ROOT / "conf") == before
+    lines = capsys.readouterr().out.splitlines()
+    verify, following = (shlex.split(line)[2:] for line in lines if line.startswith(("verify:", "next:")))
+    assert main([*verify, "--image-size", "32"]) == 0
+    assert main([*following[:1], "--cfg", "job", *following[1:]]) == 0
+    assert "baseline: library/shear/baseline.py" in capsys.readouterr().out
+    (place / "below").mkdir()
+    monkeypatch.chdir("below")
+    assert main([*following[:1], "--cfg", "job", *following[1:]]) == 2
+    assert ("--config-dir: expected a directory" if options else "expected one of ") in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["task/grating.yaml", "library/grating/system.md", "ablation/no_qd.yaml"])
+def test_name_that_tacevo_has_is_refused_where_it_is_used(name: str, place: Path) -> None:
+    """Else an edited copy would silently have no effect; an equal copy, and what is not chosen, may lie there."""
+    own = place / "conf" / name
+    own.parent.mkdir(parents=True)
+    shutil.copy(ROOT / "conf" / name, own)
+    (place / "conf" / "task").mkdir(exist_ok=True)
+    (place / "conf" / "task" / "hardness.yaml").write_text("another: program's\n")
+
+    def load() -> None:
+        config = compose(["experiment=demo", "ablation=no_qd"])
+        load_task(config, facts_without_data(config))
+
+    load()
+    own.write_text(own.read_text() + "# edited\n")
+    with refused(
+        ConfigError, place=name.split("/", maxsplit=1)[0].replace("library", "task"), got=str(own), remedy="rename it"
+    ):
+        load()
 
 
 @pytest.mark.parametrize("protected", ["task", "library"])
@@ -118,7 +150,7 @@ def test_directory_that_cannot_be_written_is_named(protected: str, conf: Path) -
     before = contents(conf)
     with (
         read_only(conf / protected),
-        refused(ConfigError, place=str(conf), expected="can be written to", got="nothing was written"),
+        refused(ConfigError, place="conf", expected="can be written to", got="nothing was written"),
     ):
         write_task("shear", "force")
     assert contents(conf) == before

@@ -111,9 +111,9 @@ def test_started_ray_inherits_nothing_that_could_be_a_key(monkeypatch: pytest.Mo
 def test_missing_ray_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is made; and a run on this machine needs no Ray."""
     monkeypatch.setitem(sys.modules, "ray", None)
-    with refused(ConfigError, place="executor=ray", remedy="pip install 'tacevo[ray]'"):
+    with refused(ConfigError, place="executor=ray", remedy="pip install -e '.[ray]'"):
         import_ray(None)
-    with refused(ConfigError, place="executor=ray", remedy="pip install 'tacevo[ray]'"):
+    with refused(ConfigError, place="executor=ray", remedy="pip install -e '.[ray]'"):
         check_means(compose(["executor=ray"]))
     check_means(compose([]))
 

@@ -53,6 +53,7 @@ def test_sweep_on_two_nodes_has_the_digests_of_this_machine_and_no_key_reaches_s
     slurm: Slurm, tmp_path: Path, alone: Path
 ) -> None:
     """Jobs run at once on both; neither Slurm's state nor a job's script, pickle, log or environment holds the key."""
+    (tmp_path / "random.py").write_text("raise SystemExit('a job imports what lies where it was submitted')")
     sweep = start(slurm, tmp_path, *SWEEP, TWO)
     assert comes(sweep, lambda: len(slurm.running()) == 2 and len(_searches(tmp_path)) == 2)
     assert {slurm.node_of(job) for job in slurm.running()} == set(slurm.nodes)

@@ -327,7 +327,7 @@ def test_missing_packages_are_named_with_the_remedy(monkeypatch: pytest.MonkeyPa
     """The extra is what brings them."""
     run, name = studied(published)
     monkeypatch.setattr(directory, "find_spec", lambda each: None if each == "onnxscript" else find_spec(each))
-    with refused(ConfigError, got="no onnxscript", remedy="pip install 'tacevo[export]'"):
+    with refused(ConfigError, got="no onnxscript", remedy="pip install -e '.[export]'"):
         run.export(name, "never", quiet=True)
 
 

@@ -56,4 +56,4 @@ def test_missing_extra_is_told_with_its_remedy() -> None:
     """Where the SDK is not installed, the message holds the command that installs it."""
     script = "import sys; sys.modules['openai'] = None; import tacevo.llm.openai"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert "expected the openai SDK; got nothing; install it with: pip install 'tacevo[openai]'" in done.stderr
+    assert "expected the openai SDK; got nothing; in the clone of tacevo: pip install -e '.[openai]'" in done.stderr

@@ -1,10 +1,13 @@
-"""A wheel built from the tree carries the configs and works outside the checkout; its version is one everywhere."""
+"""What is built is complete and works outside the checkout, wherever the user stands; its version is one everywhere."""
 
 import os
 import re
 import subprocess
 import sys
+import sysconfig
+import tarfile
 import tomllib
+import venv
 import zipfile
 from pathlib import Path
 
@@ -15,15 +18,29 @@ from smallest import SMALLEST, UNTRACKED
 
 from tacevo import __version__
 
+#: Python files that a user may have where a command is started; none of them is imported.
+OTHERS = ("analysis/__init__.py", "random.py", "tests.py", "torch.py", "typing.py", "yaml.py")
+
+
+def built(kind: str, out: Path) -> Path:
+    """Build the package, a `wheel` or an `sdist`, from the checkout."""
+    command = [sys.executable, "-m", "build", f"--{kind}", "--no-isolation", "--outdir", str(out), str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True)
+    (file,) = out.iterdir()
+    return file
+
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the wheel."""
-    out = tmp_path_factory.mktemp("wheel")
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(ROOT)]
-    subprocess.run(command, check=True, capture_output=True)
-    (built,) = out.glob("*.whl")
-    return built
+    return built("wheel", tmp_path_factory.mktemp("wheel"))
+
+
+def tracked(*folders: str) -> set[str]:
+    """List the files of the checkout below directories, all without any, as Git would commit them."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--", *folders]
+    listed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
+    return {name for name in listed if (ROOT / name).is_file()}
 
 
 def test_version_is_the_same_wherever_it_stands() -> None:
@@ -35,31 +52,66 @@ def test_version_is_the_same_wherever_it_stands() -> None:
     assert re.findall(r"^## (\d\S*) \((\S+)\)$", changes, re.M)[0] == (__version__, str(cited["date-released"]))
 
 
-def test_wheel_carries_every_config_and_no_test(wheel: Path) -> None:
-    """Every file below conf/ is in the wheel, under the package."""
-    names = set(zipfile.ZipFile(wheel).namelist())
-    configs = {path.relative_to(ROOT) for path in (ROOT / "conf").rglob("*") if path.is_file()}
-    assert {f"tacevo/{path.as_posix()}" for path in configs} <= names
-    assert "analysis/__init__.py" in names
-    page = ROOT / "analysis" / "report" / "page"
-    assert {path.relative_to(ROOT).as_posix() for path in page.iterdir() if path.is_file()} <= names
-    assert not {name for name in names if name.startswith(("tests/", "benchmarks/"))}
+def test_wheel_has_every_file_of_the_program_and_no_other(wheel: Path) -> None:
+    """The two packages, the configs within the first, and what describes them."""
+    names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert names == tracked("tacevo", "analysis") | {f"tacevo/{name}" for name in tracked("conf")}
 
 
 @pytest.mark.slow
-def test_wheel_searches_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
-    """Unpacked elsewhere, the command composes its own configs and runs a search, sandbox and all."""
-    library = tmp_path / "library"
-    zipfile.ZipFile(wheel).extractall(library)
-    overrides = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
+def test_source_distribution_has_every_file(tmp_path: Path) -> None:
+    """Of the checkout, so that its tests run, and its published runs replay."""
+    with tarfile.open(built("sdist", tmp_path)) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert names == tracked() | {"PKG-INFO"}
 
-    def python(*arguments: str) -> str:
-        environment = {**os.environ, "PYTHONPATH": str(library)}
-        command = [sys.executable, *arguments]
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the wheel, and return its command; what it needs is that of this environment."""
+    place = tmp_path_factory.mktemp("environment")
+    venv.create(place, symlinks=True)
+    library = Path(sysconfig.get_path("purelib", "venv", vars={"base": str(place)}))
+    # Behind the wheel; where a `.pth` names a directory, that of this checkout's own installation is not followed.
+    (library / "needed.pth").write_text(sysconfig.get_path("purelib"))
+    python = str(place / "bin" / "python")
+    pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-deps", "--no-index", str(wheel)]
+    subprocess.run(pip, check=True)
+    asked = [python, "-P", "-c", "import tacevo; print(tacevo.__file__)"]
+    assert Path(subprocess.run(asked, check=True, capture_output=True, text=True).stdout).is_relative_to(place)
+    return place / "bin" / "tacevo"
+
+
+@pytest.mark.slow
+def test_installed_wheel_does_everything_in_any_directory(installed: Path, tmp_path: Path) -> None:
+    """A task of one's own, a search, a sweep, a study, tables and a replay, amid files that bear the names of modules.
+
+    What was read of the task is in the run, which replays where the task is not.
+    """
+    for name in OTHERS:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("raise SystemExit('another module of this name was imported')")
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+
+    def tacevo(*words: str, cwd: Path = tmp_path) -> str:
+        environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        command = [str(installed), *words]
         return subprocess.run(
-            command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True, check=True
+            command, cwd=cwd, env=environment, stdout=subprocess.PIPE, text=True, check=True
         ).stdout.strip()
 
-    assert "digest: " in python("-m", "tacevo.cli.app", "search", *overrides)
-    where = python("-c", "import tacevo.config.folder; print(tacevo.config.folder.conf_root())")
-    assert where == str(library / "tacevo" / "conf")
+    small = [*SMALLEST, UNTRACKED, "search.generations=1", "search.candidates=2", "search.initial=1"]
+    tacevo("init", "shear", "--like", "force")
+    own = [*small, "task=shear", "task.name=force"]  # simulated images go by the name
+    said = tacevo("search", *own, "run.dir=mine")
+    assert "digest: " in said
+    assert "library/shear/system.md" in (tmp_path / "mine" / "run.json").read_text()
+    assert "1 job: 1 finished" in tacevo("search", "-m", *own, "seed=1", "--into", "many")
+    tacevo("study", "mine", "elites=1", "seeds=4", "epochs=1")
+    tacevo("tables", "mine")
+    assert (tmp_path / "mine" / "tables" / "index.md").exists()
+
+    (tmp_path / "conf").rename(elsewhere / "not read")
+    digest = said.splitlines()[-1]
+    assert tacevo("replay", "../mine", "--store", "../cache", cwd=elsewhere).splitlines()[-1] == digest
