@@ -62,10 +62,10 @@ aarch64: $(DEV) ## fetch a Python for aarch64, whose bytes test-portable then co
 	tests/support/portable/aarch64.sh build/aarch64
 
 test-cluster: $(DEV) ## run the tests on clusters of several nodes: Ray, and Slurm where it is installed
-	$(BIN)/pytest -m "cluster and not slow"
+	$(BIN)/pytest tests/cluster -m "cluster and not slow"
 
 test-cluster-all: $(DEV) ## the same, and those that wait for minutes
-	$(BIN)/pytest -m cluster
+	$(BIN)/pytest tests/cluster -m cluster
 
 coverage: $(DEV) ## run `make test` and `make test-slow`, and print the lines that no test reaches
 	$(BIN)/pytest $(TWO) -m "not long and not portable and not cluster" --cov --cov-report=term-missing:skip-covered

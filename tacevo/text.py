@@ -20,6 +20,14 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
+def lasting(seconds: float) -> str:
+    """Write a long time in round figures: `about 25 minutes`, `about 3.4 hours`, `about 5 days`."""
+    hours = seconds / 3600
+    if hours < 1:
+        return f"about {60 * hours:.0f} minutes"
+    return f"about {hours:.2g} hours" if hours < 48 else f"about {hours / 24:.0f} days"
+
+
 def first_line(error: BaseException) -> str:
     """Return the first line of an error, or its class where it says nothing."""
     return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import socket
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,11 @@ settings.register_profile("thorough", settings.get_profile("tacevo"), max_exampl
 settings.load_profile("tacevo")
 
 
+def pytest_collectstart() -> None:
+    """Keep what was imported out of the garbage collections of what is imported next, which statsmodels forces."""
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Keep N parameters of a test that is marked `few(N)` in a quick run, spread evenly; the others are slow."""
@@ -41,6 +47,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for number, case in enumerate(cases):
             if number not in quick:
                 case.add_marker("slow")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread() -> None:
+    """Let torch, where it is imported, use one thread: for tensors this small a second one waits more than it helps."""
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.figures.axes import BOXES, count_along, on_loss_axis, spread
+from analysis.figures.axes import boxes, count_along, name_coinciding, on_loss_axis, spread
 from analysis.figures.style import (
     BLACK,
     BLUE,
@@ -74,6 +74,7 @@ def curves(found: Ablation, frame: pd.DataFrame) -> Figure:
             if len(values):  # some job of it was finished
                 _band(axes, values * (100 if metric is Metric.coverage else 1), look, name)
         count_along(axes, "generation")
+        name_coinciding(axes)
     on_loss_axis(panels[0], [None if np.isnan(value) else value for value in frame.best_fitness])
     for axes, metric in zip(panels, CURVES, strict=True):
         axes.set_ylabel(_ENDS[metric][0])
@@ -86,7 +87,7 @@ def curves(found: Ablation, frame: pd.DataFrame) -> Figure:
 
 @house_style()
 def final_values(found: Ablation) -> Figure:
-    """Draw where every run ended, arm by arm, over boxes of quartiles; the dotted line is the reference's median."""
+    """Draw where every run ended, arm by arm, over quartiles (`boxes`); the dotted line is the reference's median."""
     names = [fill(name, _NAME) for name in found.names]
     lines = max(name.count("\n") for name in names)
     shown = [metric for metric in _ENDS if metric in found.arms]
@@ -94,8 +95,7 @@ def final_values(found: Ablation) -> Figure:
     for axes, metric in zip(panels, shown, strict=True):
         label, factor = _ENDS[metric]
         samples = [factor * np.array(list(found.values(name, metric).values())) for name in found.names]
-        positions = range(len(samples))
-        axes.boxplot(samples, positions=positions, orientation="horizontal", widths=0.66, whis=(0, 100), **BOXES)
+        boxes(axes, samples, range(len(samples)), orientation="horizontal", widths=0.66, whis=(0, 100))
         for place, (values, look) in enumerate(zip(samples, _looks(found).values(), strict=True)):
             points = spread(place, len(values))
             axes.plot(values, points, look.marker, color=look.colour, mec="white", mew=0.3, markersize=3.6, zorder=3)

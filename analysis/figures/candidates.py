@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from analysis.figures.axes import count_along, on_loss_axis
+from analysis.figures.axes import count_along, name_coinciding, on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
 from tacevo.data.figures import WIDTHS
@@ -92,6 +92,7 @@ def training_curves(networks: Sequence[CandidateLine]) -> Figure:
         drawn += losses
     on_loss_axis(axes, drawn)
     count_along(axes, "epoch")
+    name_coinciding(axes)
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from analysis.figures.axes import count_along, on_loss_axis, title_unsent_temperatures
+from analysis.figures.axes import count_along, name_coinciding, on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
@@ -38,6 +38,7 @@ def fitness_evolution(run: RecordedRun, medians: Sequence[float | None]) -> Figu
     axes.plot(generations, best, color=BLUE, marker="o", label="best so far")
     on_loss_axis(axes, [*(entry.best for entry in run.generations), *medians, *new])
     count_along(axes, "generation")
+    name_coinciding(axes)
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
@@ -87,6 +88,7 @@ def growth(run: RecordedRun, prompt_niches: int, reachable: int) -> Figure:
     )
     lower.set_ylabel("QD-score")
     lower.set_ylim(bottom=0)
+    name_coinciding(upper)
     for axes in (upper, lower):
         count_along(axes, "generation")
     upper.set_xlabel("")

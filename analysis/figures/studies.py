@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from analysis.figures.axes import BOXES, spread
+from analysis.figures.axes import boxes, spread
 from analysis.figures.style import BLACK, BLUE, ORANGE, VERMILLION, house_style, new_figure
 from analysis.studies.metrics import SHARES, metric_name
 from tacevo.results.study import RecordedStudy
@@ -21,7 +21,8 @@ _NARROW = 6
 def seed_boxes(study: RecordedStudy, words: Mapping[str, str]) -> Figure:
     """Draw the primary metric of every network as a box of quartiles, with every seed as a point over it.
 
-    Whiskers end at the furthest seed within 1.5 quartile ranges; seeds beyond are seen as points like all others.
+    Of fewer than six seeds there are the points and the median only. Whiskers end at the furthest seed within 1.5
+    quartile ranges; seeds beyond are seen as points like all others.
 
     `words` stand above a network, by its name: its verdict, say.
     """
@@ -30,8 +31,9 @@ def seed_boxes(study: RecordedStudy, words: Mapping[str, str]) -> Figure:
     names = [network.name for network in study.networks]
     values = [factor * study.values(name, study.primary) for name in names]
     places = range(1, len(names) + 1)
-    boxes = axes.boxplot(values, positions=places, widths=0.62, **BOXES)
-    boxes["boxes"][0].set_hatch("////")
+    drawn = boxes(axes, values, places, widths=0.62)
+    if drawn:
+        drawn[0].set_hatch("////")
     for place, seeds in zip(places, values, strict=True):
         colour, marker = (ORANGE, "s") if place == 1 else (BLUE, "o")
         axes.plot(

@@ -12,7 +12,7 @@ from analysis.runs.niches import Niches, load_niches
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
 from analysis.studies.images import ImageFindings, image_findings
-from analysis.studies.noise import Reestimates, load_reestimates
+from analysis.studies.noise import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.predictions import load_predictions
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.studies.transfer import is_alone, transfers
@@ -33,6 +33,7 @@ from analysis.tables.instruction_tables import instructions_table
 from analysis.tables.motifs import motifs_table
 from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
+from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
 from analysis.tables.transfer import transfer_table
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
@@ -285,6 +286,7 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
         gate_table(run),
         prompts_table(run),
         instructions_table([run], run.name),
+        pareto_table(run, losses_by_source(found.reestimates)),
     ]
     tables += [temperatures_table(run), costs_table(run)]
     tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]
@@ -308,11 +310,13 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
 
 
 def _of_study(table: Table, compared: Compared) -> Table:
-    """Name a table after its study; the caption names other data, since the same networks may stand beside them."""
-    where = f" On other data than the run's: {compared.study.where}." if compared.study.other_data else ""
-    is_across = table.name.startswith("transfer")
-    caption = table.caption if is_across or not where or where.strip() in table.caption else table.caption + where
-    return replace(table, name=f"{compared.name}/{table.name}", caption=caption)
+    """Name a table after its study; caption and a note tell of other data, since the same networks may stand beside."""
+    named = replace(table, name=f"{compared.name}/{table.name}")
+    if not compared.study.other_data or table.name.startswith("transfer"):
+        return named
+    where = f"On other data than the run's: {compared.study.where}."
+    notes = table.notes if any(where in note for note in table.notes) else (where, *table.notes)
+    return replace(named, caption=f"{table.caption.removesuffix('.')}, on other data than the run's.", notes=notes)
 
 
 def _corrected(run: RecordedRun, again: Reestimates) -> list[Table]:

@@ -1,9 +1,10 @@
 """Which pictures a run, its studies and a sweep give, with the words below them; how they become files."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from analysis.figures.ablations import curves, final_values
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
+from analysis.figures.pareto import pareto
 from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
@@ -21,8 +23,10 @@ from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import by_prompt, progress
 from analysis.runs.lineage import lineage as find_lineage
 from analysis.runs.niches import Niches
+from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
+from analysis.studies.noise import losses_by_source
 from analysis.tables.ablation import common_note
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
@@ -63,7 +67,7 @@ def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequen
 
 def pictures_of(found: Collection) -> tuple[Picture, ...]:
     """List every figure of a run and its studies; the names of a study's figures begin with its own."""
-    pictures = list(run_pictures(found.run, found.niches))
+    pictures = list(run_pictures(found.run, found.niches, losses_by_source(found.reestimates)))
     for compared in found.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
@@ -89,8 +93,13 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     )
 
 
-def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
-    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network."""
+def run_pictures(
+    run: RecordedRun, niches: Niches, again: Mapping[str, Sequence[float]] = MappingProxyType({})
+) -> tuple[Picture, ...]:
+    """List the figures of a run; what it never had is left out: a prompt archive, instructions, a trained network.
+
+    `again` are further losses of a source, by its SHA-256, as of `beside_costs`.
+    """
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
@@ -128,7 +137,7 @@ def run_pictures(run: RecordedRun, niches: Niches) -> tuple[Picture, ...]:
         words = "Children of each instruction that entered the network archive."
         drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))
     if run.elites:
-        drawn += _of_elites(run)
+        drawn += [*_of_elites(run), _pareto(run, again)]
     return tuple(Picture(name=name, caption=f"{words[:-1]} ({run.name}).", draw=draw) for name, draw, words in drawn)
 
 
@@ -186,3 +195,14 @@ def _of_elites(run: RecordedRun) -> list[tuple[str, Callable[[], Figure], str]]:
             "Short training of the baseline and the best networks.",
         ),
     ]
+
+
+def _pareto(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> tuple[str, Callable[[], Figure], str]:
+    candidates = beside_costs(run, again)
+    front = on_front(candidates, ["fitness", "flops"])
+    words = (
+        "Left: loss and FLOPs of every trained candidate; the line is the front of those that no other one beats in "
+        "both. Right: the part of the box between (0, 0) and the reference point that they dominate, by what the "
+        "search knew; the point is the baseline's loss and the most FLOPs of any trained candidate."
+    )
+    return "pareto", partial(pareto, candidates, front, run.baseline.id, progress(run)), words

@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from analysis.table import Table
-from analysis.tables.rendering import table_texts
+from analysis.tables.rendering import ALL, Shown, table_texts
 from tacevo.results.study_directory import NAME
 from tacevo.storage.files import write_durably
 from tacevo.text import counted
@@ -44,6 +44,7 @@ FURTHER = {
     "niches": "How full are the niches?",
     "outputs": "How good is each output of the networks?",
     "instruction_effects": "What did each instruction do to the loss, and did the search ask for it more often?",
+    "pareto": "Which networks does no other one beat in both loss and FLOPs?",
     "prompts": "Which instructions were productive?",
     "ranking": "Does the search rank its elites as other training seeds do?",
     "fitness_rules": "Would another `training.fitness` tell the networks apart better?",
@@ -67,16 +68,17 @@ def place_of(table: Table) -> str:
     return table.name if table.kind in PAPER else f"more/{table.name}"
 
 
-def table_files(tables: Iterable[Table], *, prefix: str = "") -> dict[str, str]:
+def table_files(tables: Iterable[Table], *, prefix: str = "", show: Shown = ALL) -> dict[str, str]:
     """Return every table in every format by its place, and the index of them all.
 
-    The prefix is that of their labels in LaTeX, so that tables of several runs may stand in one document.
+    The prefix is that of their labels in LaTeX, so that tables of several runs may stand in one document; `show` says
+    what Markdown and LaTeX have of them.
     """
     known = list(tables)
     files = {
         f"{place_of(table)}{ending}": text
         for table in known
-        for ending, text in table_texts(table, prefix=prefix).items()
+        for ending, text in table_texts(table, prefix=prefix, show=show).items()
     }
     return {INDEX: index_of(known), **files}
 
@@ -101,16 +103,18 @@ def _text(name: str) -> str:
     return re.sub(r"([\\`*_\[\]<>])", r"\\\1", name)
 
 
-def write_tables(tables: Iterable[Table], directory: Path, *, prefix: str = "", runs: Iterable[str] = ()) -> None:
+def write_tables(
+    tables: Iterable[Table], directory: Path, *, prefix: str = "", runs: Iterable[str] = (), show: Shown = ALL
+) -> None:
     """Write tables in every format with their index, each file whole; older ones of the same names are replaced.
 
-    `prefix` is as in `table_files`, `runs` as in `index_of`.
+    `prefix` and `show` are as in `table_files`, `runs` as in `index_of`.
 
     Raises:
         StoreError: a file cannot be written.
     """
     known = list(tables)
-    for name, text in (table_files(known, prefix=prefix) | {INDEX: index_of(known, runs)}).items():
+    for name, text in (table_files(known, prefix=prefix, show=show) | {INDEX: index_of(known, runs)}).items():
         write_durably(directory / name, text)
 
 

@@ -101,6 +101,19 @@ class Reestimates:
         return None if found.empty else float(found.iloc[0])
 
 
+def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
+    """Return re-estimates with those of the most seeds first; where several know a network, the first one counts."""
+    return sorted(reestimates, key=lambda one: (-one.seeds, one.name))
+
+
+def losses_by_source(reestimates: Sequence[Reestimates]) -> dict[str, tuple[float, ...]]:
+    """Return the re-estimates of each network by the SHA-256 of its source."""
+    found: dict[str, tuple[float, ...]] = {}
+    for one in reversed(by_seeds(reestimates)):
+        found |= {network.source: values for network, values in zip(one.networks, one.estimates, strict=True)}
+    return found
+
+
 def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
     """Read what a finished study or noise run says of its run's fitnesses.
 

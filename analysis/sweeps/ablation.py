@@ -25,12 +25,9 @@ from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
-from tacevo.results.sweep import REFERENCE, Finished
+from tacevo.results.sweep import ALPHA, REFERENCE, Finished
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
-
-#: The level that cautions are judged at, after Holm's correction.
-ALPHA = 0.05
 
 #: Below this many seeds there is neither an interval nor a test.
 FEWEST_SEEDS = 2

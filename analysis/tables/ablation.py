@@ -9,14 +9,14 @@ import pandas as pd
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
-from analysis.sweeps.ablation import ALPHA, FEWEST_SEEDS, Ablation, Comparability
+from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTS, Metric
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.plan import plan_notes
 from tacevo.choices import ChosenBy
 from tacevo.evolution.chance import is_at_chance
-from tacevo.results.sweep import REFERENCE, Missing, RecordedSweep
+from tacevo.results.sweep import ALPHA, REFERENCE, Missing, RecordedSweep
 from tacevo.results.sweep_checks import arm_settings
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves

@@ -19,7 +19,7 @@ from analysis.runs.dynamics import (
     temperature_follows_age,
 )
 from analysis.runs.lineage import lineage
-from analysis.studies.noise import Reestimates
+from analysis.studies.noise import Reestimates, by_seeds
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
 from analysis.tables.instruction_tables import grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
@@ -149,20 +149,15 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
         rows = [*trivial, *rows, *_reestimated_rows(run, reestimates)]
     return Table(
         name="improvement",
-        caption=f"How far {run.name} came. Fitness is a validation loss.",
+        caption=f"How far {run.name} came.",
         columns=("figure", "value"),
         rows=tuple(rows),
         notes=(
             *([run.shortfall] if run.shortfall else []),
-            f"Every fitness is {worth(run.config)} {OTHER_SEEDS}",
+            f"Every fitness, a validation loss, is {worth(run.config)} {OTHER_SEEDS}",
             *([] if run.record.trivial is None else [TRIVIAL_LOSS]),
         ),
     )
-
-
-def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
-    """Return re-estimates with those of the most seeds first; where several know a network, the first one counts."""
-    return sorted(reestimates, key=lambda one: (-one.seeds, one.name))
 
 
 def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[str, float, float] | None:

@@ -1,15 +1,17 @@
 """Tables as Markdown, LaTeX and CSV, from the same record.
 
 Markdown and LaTeX round by the rule of `analysis.rounding`; CSV never rounds. A number that is not finite is an error.
+Of a table, Markdown and LaTeX may show a choice of columns and notes (`Shown`); CSV always has all columns.
 """
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from enum import StrEnum
 
 from analysis.rounding import shown
 from analysis.table import Table
+from tacevo.text import listed
 from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -46,6 +48,39 @@ _LATEX = str.maketrans(
 )
 
 
+class Notes(StrEnum):
+    """Which notes stand below a table."""
+
+    none = "none"
+    #: The first sentence of each.
+    short = "short"
+    full = "full"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """What Markdown and LaTeX show of a table."""
+
+    #: Behind the first column, which names the rows; empty for all. A table that has none of them is whole.
+    columns: tuple[str, ...] = ()
+    notes: Notes = Notes.full
+
+    def of(self, table: Table) -> Table:
+        """Return what is shown of a table."""
+        if self.notes is Notes.none:
+            table = replace(table, notes=())
+        if self.notes is Notes.short:
+            table = replace(table, notes=tuple(re.split(r"(?<=[.?]) (?=[A-Z])", note)[0] for note in table.notes))
+        places = [table.columns.index(name) for name in self.columns if name in table.columns]
+        return taking(table, [0, *(place for place in places if place)]) if places else table
+
+
+def taking(table: Table, places: Sequence[int]) -> Table:
+    """Return a table with the columns at these places only."""
+    rows = (tuple(row[place] for place in places) for row in table.rows)
+    return replace(table, columns=tuple(table.columns[place] for place in places), rows=tuple(rows))
+
+
 def as_markdown(table: Table) -> str:
     """Write a table as GitHub's Markdown: caption, aligned columns, notes."""
     header, *rows = ([_in_markdown(shown(cell)) for cell in line] for line in (table.columns, *table.rows))
@@ -55,19 +90,22 @@ def as_markdown(table: Table) -> str:
 
 
 def as_latex(table: Table, *, prefix: str = "") -> str:
-    r"""Write a table for LaTeX, which needs `booktabs` and `array`.
+    r"""Write a table for LaTeX; its first lines are comments that name the packages it needs.
 
     Text of more than `LONG` characters is broken into lines. The table spans both columns of a paper (`table*`) where a
-    row has more than `NARROW` characters; where it has more than `WIDE`, its columns stand in several parts below each
-    other, each of which begins with the first column. Its label is `tab:`, the prefix, and its name.
+    row has more than `NARROW` characters; where it has more than `WIDE`, its columns stand in two parts below each
+    other, each of which begins with the first column. Where two are not enough, the table is turned, so that its
+    columns become rows; and where that is too wide as well, the last columns are left out, and a note names them. Its
+    label is `tab:`, the prefix, and its name.
     """
-    columns = _columns(table)
-    parts = _parts([column.width for column in columns])
+    table, columns, parts = _fitted(table)
     width = sum(column.width for column in columns) + GAP * (len(columns) - 1)
     floating = "table" if width <= NARROW else "table*"
     tabulars = "\n\\par\\medskip\n".join(_tabular([columns[place] for place in part]) for part in parts)
     notes = [rf"\par\smallskip\parbox{{\linewidth}}{{\raggedright {in_latex(note)}}}" for note in table.notes]
-    head = [rf"\begin{{{floating}}}[htbp]", r"\centering", rf"\caption{{{in_latex(table.caption)}}}"]
+    packages = ["booktabs", *(["array"] if any(column.how.startswith(">") for column in columns) else [])]
+    head = [rf"% \usepackage{{{name}}}" for name in packages]
+    head += [rf"\begin{{{floating}}}[htbp]", r"\centering", rf"\caption{{{in_latex(table.caption)}}}"]
     label = rf"\label{{tab:{prefix}{table.name}}}"
     return "\n".join([*head, label, r"\footnotesize", tabulars, *notes, rf"\end{{{floating}}}"]) + "\n"
 
@@ -87,20 +125,24 @@ def in_latex(text: str) -> str:
     return text.translate(_LATEX)
 
 
+#: All of a table.
+ALL = Shown()
+
 #: How each kind of file is written, by its ending.
 WRITERS: dict[str, Callable[[Table], str]] = {".md": as_markdown, ".tex": as_latex, ".csv": as_csv}
 
 
-def table_texts(table: Table, *, prefix: str = "") -> dict[str, str]:
+def table_texts(table: Table, *, prefix: str = "", show: Shown = ALL) -> dict[str, str]:
     """Write a table in every format, by the ending of its file.
 
-    The prefix is that of its label in LaTeX, so that tables of several runs may stand in one document.
+    The prefix is that of its label in LaTeX, so that tables of several runs may stand in one document; `show` says what
+    Markdown and LaTeX have of it.
 
     Raises:
         ValueError: a cell is NaN or infinite.
     """
-    writers = WRITERS | {".tex": partial(as_latex, prefix=prefix)}
-    return {ending: write(table) for ending, write in writers.items()}
+    seen = show.of(table)
+    return {".md": as_markdown(seen), ".tex": as_latex(seen, prefix=prefix), ".csv": as_csv(table)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,13 +157,37 @@ class _Column:
     how: str
 
 
-def _columns(table: Table) -> list[_Column]:
+def _fitted(table: Table) -> tuple[Table, list[_Column], list[list[int]]]:
+    """Return a table that fits in at most two parts, its columns, and those of each part by their places."""
+    columns = _columns(table)
+    parts = _parts([column.width for column in columns])
+    if len(parts) <= 2:
+        return table, columns, parts
+    turned = _columns(_turned(table), first=LONG // 2)
+    if len(parts_of_turned := _parts([column.width for column in turned])) <= 2:
+        return _turned(table), turned, parts_of_turned
+    kept = sorted({place for part in parts[:2] for place in part})
+    left = listed(name for place, name in enumerate(table.columns) if place not in kept)
+    note = f"Left out here: {left}; the CSV has them, and tacevo tables --columns chooses."
+    fitting = taking(replace(table, notes=(*table.notes, note)), kept)
+    return fitting, _columns(fitting), parts[:2]
+
+
+def _turned(table: Table) -> Table:
+    """Return a table whose rows are the columns, as text."""
+    head, *rows = zip(table.columns, *([shown(cell) for cell in row] for row in table.rows), strict=True)
+    return replace(table, columns=tuple(head), rows=tuple(rows))
+
+
+def _columns(table: Table, first: int = LONG) -> list[_Column]:
+    """Measure columns; text of more than `LONG` characters is broken into lines, and in the first column of `first`."""
     found = []
     for place, number in enumerate(numeric_columns(table)):
         texts = [table.columns[place], *(shown(row[place]) for row in table.rows)]
         width, how = max(map(len, texts)), "r" if number else "l"
-        if width > LONG and not number:
-            width, how = LONG, rf">{{\raggedright\arraybackslash}}p{{{LONG // 2}em}}"
+        most = LONG if place else first
+        if width > most and not number:
+            width, how = most, rf">{{\raggedright\arraybackslash}}p{{{most // 2}em}}"
         found.append(_Column(cells=tuple(map(in_latex, texts)), width=width, how=how))
     return found
 

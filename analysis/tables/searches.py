@@ -19,7 +19,7 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
     halves = [best_by_reestimates(searches, half=half).assign(by=by) for half, by in enumerate(words)]
     study, metric = first.study, metric_name(first.study.primary)
     choosing = counted(len(first.reestimates.estimates[0]), "seed")
-    elsewhere = f" Tested on other data than the runs': {study.where}." if study.other_data else ""
+    elsewhere = (f"Tested on other data than the runs': {study.where}.",) if study.other_data else ()
     better = "below" if LOWER_IS_BETTER[study.primary] else "above"
     is_share = study.primary in SHARES
     shape, difference = PercentBetween if is_share else Between, f"difference of medians ({unit_of(study.primary)})"
@@ -33,8 +33,9 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
         name="searches" + (f"_{study.fingerprint[:8]}" if study.other_data else ""),
         kind="searches",
         caption=f"The searches of {study.task}, each by the studied network that re-estimates choose; against that of "
-        f"{first.name}.{elsewhere}",
+        f"{first.name}.",
         notes=(
+            *elsewhere,
             f"Chosen: the network, baseline included, with the lowest median fitness "
             f"({first.reestimates.fitness}), by every second of {choosing}, counted "
             "from 1. Re-estimates and tests are of the other seeds, so no training chooses a network and counts for "

@@ -25,7 +25,7 @@ import matplotlib.pyplot as plt
 from annotated_types import Ge, Gt, Le, Lt
 
 from tacevo.cli.app import GROUPS, main
-from tacevo.config import schema
+from tacevo.config.comments import comments
 from tacevo.config.compose import compose
 from tacevo.records import to_json
 
@@ -168,8 +168,7 @@ def help_of(command: str) -> str:
 
 def settings() -> str:
     """Return every setting of a run: what it may be, its default, and the comment beside it in the schema."""
-    text = Path(schema.__file__).read_text(encoding="utf-8")
-    classes = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)}
+    words = comments()
     config = compose(["llm=grammar"])
     parts = [
         "# Settings",
@@ -182,11 +181,11 @@ def settings() -> str:
             continue
         kinds = get_type_hints(type(group), include_extras=True)
         rows = ["| setting | value | default | |", "|---|---|---|---|"]
-        for setting in annotated(classes[type(group).__name__]):
-            name = ast.unparse(setting.target)
+        for name in (setting.name for setting in dataclasses.fields(group)):
             value = getattr(group, name)
             default = json.dumps(to_json(value), ensure_ascii=False)
-            cells = (f"`{field.name}.{name}`", kind_of(kinds[name]), f"`{default}`", said(text.splitlines(), setting))
+            key = f"{field.name}.{name}"
+            cells = (f"`{key}`", kind_of(kinds[name]), f"`{default}`", words[key])
             rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
         parts += [f"## {field.name}", inspect.getdoc(group) or "", "\n".join(rows)]
     return "\n\n".join(parts) + "\n"
@@ -209,22 +208,6 @@ def kind_of(kind: Any) -> str:
     if get_origin(kind) is Literal:
         return ", ".join(f"`{part}`" for part in parts)
     return f"list of {kind_of(parts[0])}" if get_origin(kind) is tuple else getattr(kind, "__name__", str(kind))
-
-
-def annotated(node: ast.ClassDef) -> list[ast.AnnAssign]:
-    """List the fields of a class, without those that belong to the class itself."""
-    fields = [item for item in node.body if isinstance(item, ast.AnnAssign)]
-    return [item for item in fields if "ClassVar" not in ast.unparse(item.annotation)]
-
-
-def said(lines: list[str], field: ast.AnnAssign) -> str:
-    """Return the comment above a field."""
-    words: list[str] = []
-    for line in reversed(lines[: field.lineno - 1]):
-        if not line.strip().startswith("#:"):
-            break
-        words.insert(0, line.strip().removeprefix("#:").strip())
-    return " ".join(words)
 
 
 def python() -> str:

@@ -143,7 +143,7 @@ def _directory(run: Run | str | os.PathLike[str]) -> Path:
         return Path(run)
     if run.place.digest is not None:
         raise ConfigError(
-            "a published run", place=run.name, expected="a run in a directory", remedy="`tacevo continue` makes one"
+            "a published run", place=run.name, expected="a run in a directory", remedy="`tacevo extend` makes one"
         )
     return run.path
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import os
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
 from analysis.runs import dynamics
+from analysis.runs.pareto import beside_costs, on_front
+from analysis.studies.noise import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, network
 from tacevo.api.replaying import replay
@@ -26,7 +28,7 @@ from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
-from tacevo.text import nearest
+from tacevo.text import listed, nearest
 from tacevo.typed import convert
 
 if TYPE_CHECKING:
@@ -97,6 +99,22 @@ class Run:
         """The prompt archive by niche; without rows where the search kept none; columns: docs/python.md."""
         return frames.frame(map(asdict, self.recorded.prompt_trials), frames.PROMPTS, index="niche")
 
+    def pareto(self, objectives: Sequence[str | pd.Series[Any]] = ("fitness", "flops")) -> pd.DataFrame:
+        """Return the front: the trained candidates that no other one beats in all objectives; columns: docs/python.md.
+
+        The fitness of a candidate that a study or a noise run trained again is the median of those seeds; the column
+        `estimate` says what each is. The lowest first objective comes first; of equal candidates the first one counts.
+
+        Args:
+            objectives: lower is better; each `fitness`, `parameters` or `flops`, or a Series by id of a name of its
+                own, such as measured milliseconds. That becomes a column, and candidates without a value are left out.
+
+        Raises:
+            ConfigError: fewer than two objectives, or not such ones.
+        """
+        known = beside_costs(self.recorded, losses_by_source(self.collection.reestimates))
+        return on_front(*_with_objectives(known, objectives))
+
     def source(self, candidate: str) -> str:
         """Return the source of an admitted candidate, with the imports that the sandbox gave it: it runs as a file.
 
@@ -135,6 +153,8 @@ class Run:
         directory: str | os.PathLike[str],
         *,
         retrained: bool = False,
+        register: str | None = None,
+        uri: str = "",
         quiet: bool = False,
         **settings: Any,
     ) -> Path:
@@ -144,6 +164,8 @@ class Run:
             candidate: its id.
             directory: which must not exist.
             retrained: whether a training that is not recorded, or goes otherwise than recorded, is an error.
+            register: the name under which its ONNX model is registered in MLflow as well.
+            uri: of that MLflow; empty for the run's own, or else that in MLFLOW_TRACKING_URI.
             quiet: whether to show no progress on standard error.
             settings: as of `tacevo export`, such as `seeds=3, like="search"`.
 
@@ -154,8 +176,10 @@ class Run:
             ConfigError: a setting is wrong, the directory exists, or packages are missing; or as `source`.
             DataError: the data set of the run is missing.
             DivergenceError: with `retrained`, a training is not as recorded.
-            RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so.
+            RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so; or with
+                `register`, MLflow fails, before anything is trained or after the directory is whole.
         """
+        from tacevo.api.registry import Registry
         from tacevo.export.directory import export as write_export  # composes the recipe of a study, with Hydra
         from tacevo.export.trainings import ExportSettings
 
@@ -163,9 +187,17 @@ class Run:
         self._read_source(candidate)
         check_walls(self.place)
         line = next(line for line in self.recorded.candidates if line.id == candidate)
+        if uri and register is None:
+            remedy = "give --register NAME, too"
+            raise ConfigError(uri, place="--uri", expected="no address where nothing is registered", remedy=remedy)
+        registry = None if register is None else Registry(self.recorded, register, uri)
         with progress(quiet) as view:
             bundle = self.place.digest
-            write_export(self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view)
+            model = write_export(
+                self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view
+            )
+            if registry is not None:
+                view.say(registry.take(model, Path(directory)))
         return Path(directory)
 
     @cached_property
@@ -304,6 +336,28 @@ def remarks_on(run: Run) -> list[str]:
 def _below(study: str, named: Mapping[str, T], what: str) -> Named[T]:
     begin = f"{study}/"
     return Named({name.removeprefix(begin): value for name, value in named.items() if name.startswith(begin)}, what)
+
+
+def _with_objectives(known: pd.DataFrame, objectives: Sequence[str | pd.Series[Any]]) -> tuple[pd.DataFrame, list[str]]:
+    """Return a frame of trained candidates with the objectives among its columns, and these by name."""
+    own, names = ("fitness", "parameters", "flops"), []
+    for one in objectives:
+        if isinstance(one, str):
+            names += [one] if one in own else []
+        elif isinstance(one.name, str) and one.name not in known.columns and one.index.is_unique:
+            foreign = [name for name in one.index if name not in known.index]
+            if foreign or one.dtype.kind not in "iuf":
+                got = f"values of {listed(map(str, foreign), most=3)}" if foreign else f"values of dtype {one.dtype}"
+                expected = "numbers, each of a candidate that was trained"
+                raise ConfigError(got, place=f"objectives, {one.name}", expected=expected)
+            known, names = known.assign(**{one.name: one.astype("float64")}), [*names, one.name]
+    if len(set(names)) < max(2, len(objectives)):
+        raise ConfigError(
+            listed(one if isinstance(one, str) else f"a Series {one.name!r}" for one in objectives),
+            place="objectives",
+            expected=f"two or more, each once: of {listed(own)}, or Series of other names, each id once",
+        )
+    return known, names
 
 
 def _outcome(line: CandidateLine) -> str:

@@ -1,4 +1,4 @@
-"""`tacevo continue RUN search.generations=30`: a published run continued from its end.
+"""`tacevo extend RUN search.generations=30`: a published run continued from its end.
 
 What it promises: the published run is replayed and compared before any request is sent; the ledger of the new run
 begins with the same lines, and the search is compared with each of them; nothing is written to the published run or its
@@ -33,7 +33,7 @@ _HERE = ("store", "run", "tracking", "executor", "sandbox")
 Check = Callable[[Opened], Collection[Path]]
 
 
-def continue_run(published: Opened, overrides: Sequence[str], view: Progress, *, check: Check) -> Result:
+def extend_run(published: Opened, overrides: Sequence[str], view: Progress, *, check: Check) -> Result:
     """Continue a finished run in a new run directory.
 
     Args:

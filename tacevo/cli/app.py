@@ -19,7 +19,7 @@ from tacevo.text import printable
 GROUPS = {
     "search": {
         "search": ("search", "run a search or a sweep, or continue one that was stopped"),
-        "continue": ("arguments", "continue a published run from its end"),
+        "extend": ("arguments", "search on from the end of a published run"),
         "study": ("arguments", "train a run's best networks and the baseline fully, with many seeds, and test them"),
         "noise": ("arguments", "train a run's elites again with other seeds, to see how much of each fitness was luck"),
         "plan": ("arguments", "compute how many seeds are needed to detect an effect of a given size, and the cost"),
@@ -51,6 +51,7 @@ COMMANDS = {name: described for group in GROUPS.values() for name, described in 
 
 #: What replaced commands of the last release.
 _REPLACED = {
+    "continue": "tacevo extend RUN search.generations=N",
     "paper": "tacevo report RUN... --latex",
     "sweep": "tacevo show SWEEP",
     "watch": "tacevo report RUN --follow",
@@ -70,7 +71,7 @@ examples:
   tacevo replay runs/NAME --retrain 5         and train its best network and five others again, bit for bit
   tacevo replay runs/NAME --diff runs/OTHER   where two runs part, and how far they agree
   tacevo publish runs/NAME -o NAME.zip        one file with which anybody can replay it
-  tacevo continue NAME.zip search.generations=30   search on from its end
+  tacevo extend NAME.zip search.generations=30   search on from its end
   tacevo noise runs/NAME                      what its fitnesses are worth: its elites under other training seeds
   tacevo plan study runs/NAME --effect 0.1    seeds that find 10 % less error, from the spread of a pilot study
   tacevo study runs/NAME                      its best networks and the baseline, trained fully with 20 seeds each

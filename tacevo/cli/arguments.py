@@ -254,8 +254,8 @@ def _check_replay(options: argparse.Namespace) -> None:
         options.parser.error("--diff reads what two runs recorded; it takes neither --retrain nor --store")
 
 
-def add_continue(parser: Parser) -> None:
-    """Describe `tacevo continue`."""
+def add_extend(parser: Parser) -> None:
+    """Describe `tacevo extend`."""
     parser.description = (
         "Replay a finished run, and search on from its end in a new run directory, whose ledger begins with the lines "
         "of the published one. The published run and its stores are only read."
@@ -266,7 +266,7 @@ def add_continue(parser: Parser) -> None:
     )
     parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
     add_config_dir(parser)
-    parser.set_defaults(command=_later("reproduce", "continue"))
+    parser.set_defaults(command=_later("reproduce", "extend"))
 
 
 def add_publish(parser: Parser) -> None:
@@ -374,6 +374,19 @@ def add_tables(parser: Parser) -> None:
     parser.add_argument("runs", metavar="RUN", nargs="*", type=named, help=f"{RUNS}; optional with --paper")
     parser.add_argument("--paper", action="store_true", help="the paper's own tables, too, and one beside the runs")
     parser.add_argument("--latex", action="store_true", help="print LaTeX instead of Markdown")
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        metavar="NAME",
+        default=(),
+        help="show only these beside the first one, where a table has any of them; .csv has all",
+    )
+    parser.add_argument(
+        "--notes",
+        choices=("none", "short", "full"),
+        default="full",
+        help="below a table: none, the first sentence of each, or all (default: full)",
+    )
     _add_places(parser, "tables")
     parser.set_defaults(command=_later("tables", "tables", _check_tables))
 

@@ -33,6 +33,10 @@ def add_export(parser: Parser) -> None:
         action="store_true",
         help="fail where a training is not recorded, or goes otherwise than recorded",
     )
+    parser.add_argument("--register", metavar="NAME", help="register the ONNX model in MLflow, too")
+    parser.add_argument(
+        "--uri", default="", help="MLflow tracking URI (default: the run's own, else MLFLOW_TRACKING_URI)"
+    )
     parser.set_defaults(command=run_export)
 
 
@@ -42,7 +46,8 @@ def run_export(options: argparse.Namespace) -> int:
 
     run = open_run(options.run, store=existing_store(options.store))
     settings = _settings(options.overrides)
-    run.export(options.candidate, options.output, retrained=options.retrained, **settings)
+    to = {"register": options.register, "uri": options.uri}
+    run.export(options.candidate, options.output, retrained=options.retrained, **to, **settings)
     print(printable(f"{options.output}: README.md says how to use it"))
     return DONE
 

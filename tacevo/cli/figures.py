@@ -21,7 +21,7 @@ from tacevo.cli.tables import open_all, print_table, remarks_of, say, status_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, DataError, RunError
 from tacevo.runs.progress import Progress
-from tacevo.text import counted
+from tacevo.text import as_override, counted
 
 #: The most arms, and the most remarks, that are printed of a comparison; the tables have all.
 _ARMS, _REMARKS = 8, 4
@@ -91,7 +91,7 @@ def run_ablations(options: argparse.Namespace) -> int:
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
     if collected.found.primary in TESTS.values() and collected.sweep.terms.retraining is None:
-        print(f"next:   {as_typed('tacevo')} study sweep={shlex.quote(options.runs[0])}")
+        print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
     print(f"tables and figures: {directory} (index.md says which question each answers)")
     return DONE
 

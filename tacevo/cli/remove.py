@@ -1,11 +1,13 @@
 """The command `tacevo rm`."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed
 from tacevo.storage.removal import removable
 from tacevo.text import table
+from tacevo.tracking.lock import alone
 
 
 def add_rm(parser: Parser) -> None:
@@ -22,7 +24,7 @@ def add_rm(parser: Parser) -> None:
 
 def _rm(options: argparse.Namespace) -> int:
     path = Path(options.run)
-    with removable(path) as remove:
+    with removable(path, partial(alone, wait=False)) as remove:
         rows = [[each.name, f"{_size(each) / 1e6:.2f} MB"] for each in sorted(path.iterdir()) if each.name != ".lock"]
         print(table(["goes", "size"], rows))
         if not agreed(f"remove {path}?", options.yes):

@@ -1,4 +1,4 @@
-"""The commands `tacevo replay` and `tacevo continue`."""
+"""The commands `tacevo replay` and `tacevo extend`."""
 
 import argparse
 import secrets
@@ -104,16 +104,16 @@ def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress)
     return retrain(recorded, options.retrain or None, draw, view)
 
 
-def run_continue(options: argparse.Namespace) -> int:
+def run_extend(options: argparse.Namespace) -> int:
     """Search on from the end of a run."""
-    from tacevo.bundles.extend import continue_run  # imports Hydra, which a replay does not need
+    from tacevo.bundles.extend import extend_run  # imports Hydra, which a replay does not need
     from tacevo.cli.search import print_end
 
     found = opened(Path(options.run))
     with Progress() as view:
         moved = found.digest is None and options.store is not None
         published = replace(found, entries=Path(options.store)) if moved else found
-        result = continue_run(published, options.overrides, view, check=lambda run: _checked(run, view))
+        result = extend_run(published, options.overrides, view, check=lambda run: _checked(run, view))
     print_end(result)
     return DONE
 

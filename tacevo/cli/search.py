@@ -12,6 +12,7 @@ import yaml
 
 from tacevo.choices import Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
+from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.folder import check_experiment, groups
 from tacevo.config.plain import to_plain
@@ -23,12 +24,16 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
 from tacevo.storage.canonical import canonical, leaves
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.sweeps.plan import plan_unasked, sweep
 from tacevo.sweeps.status import describe_jobs
 from tacevo.sweeps.terms import Asked, read_varied
-from tacevo.text import counted
+from tacevo.text import as_override, counted
 from tacevo.tracking.backfill import track
 from tacevo.tracking.entries import viewing
+
+#: Where the words stand beside the settings, in characters.
+_WORDS = 42
 
 
 def add_search(parser: Parser) -> None:
@@ -54,14 +59,20 @@ def _describe_settings() -> str:
     """List the choices of every config group, and every setting as it is where no group and no setting is given."""
     choices = groups()
     width = max(map(len, choices))
-    defaults = leaves(asdict(compose([])))
+    defaults = [
+        (key, value if isinstance(value, str) else canonical(value)) for key, value in leaves(asdict(compose([])))
+    ]
+    words = comments()
     return "\n".join(
         [
             "config groups and their choices:",
             *(f"  {name.ljust(width)}  {', '.join(names)}" for name, names in choices.items()),
             "",
             "settings, with their defaults (choices may change them):",
-            *(f"  {key}={value if isinstance(value, str) else canonical(value)}" for key, value in defaults),
+            *(
+                f"  {f'{key}={value}'.ljust(_WORDS)}  {words[key].partition('. ')[0].rstrip('.')}"
+                for key, value in defaults
+            ),
         ]
     )
 
@@ -169,7 +180,17 @@ def run_sweep(options: argparse.Namespace) -> int:
         directory, statuses = sweep(options.overrides, options.into, view, asked=_asked(options))
     print(describe_jobs(statuses))
     print(f"\nsweep: {directory}")
-    return DONE if all(status.standing is Standing.finished for status in statuses) else DIFFERENT
+    is_finished = all(status.standing is Standing.finished for status in statuses)
+    print(f"next:  {_after(directory) if is_finished else 'the same command, which runs what is not finished'}")
+    return DONE if is_finished else DIFFERENT
+
+
+def _after(sweep: Path) -> str:
+    """Return the command that a finished sweep is for: the tests of its networks, or else the comparison."""
+    terms = SweepDirectory(sweep).read().terms
+    if terms.primary is Primary.test_score and terms.retraining is None:
+        return f"{as_typed('tacevo')} study {shlex.quote(as_override('sweep', str(sweep)))} seeds=5"
+    return f"{as_typed('tacevo')} ablations {shlex.quote(str(sweep))}"
 
 
 def add_track(parser: Parser) -> None:

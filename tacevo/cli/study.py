@@ -108,7 +108,7 @@ def _report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[
         statuses.append(_end(one, remedy))
     for job in unfinished:
         print(f"no {what}, for it is not finished: {job}")
-    print(f"compare: {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
+    print(f"next:   {as_typed('tacevo')} ablations {shlex.quote(str(sweep))}")
     return DIFFERENT if unfinished else max(statuses)
 
 

@@ -18,12 +18,13 @@ from analysis.report.writing import for_paper, left_of_studies, place_of, write_
 from analysis.rounding import shown
 from analysis.table import Table
 from analysis.tables.published import beside_published, published_tables
-from analysis.tables.rendering import WRITERS, as_latex, as_markdown, numeric_columns
+from analysis.tables.rendering import WRITERS, Notes, Shown, as_latex, as_markdown, numeric_columns
 from tacevo.api.opening import open as open_path
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of
-from tacevo.text import printable
+from tacevo.errors import ConfigError
+from tacevo.text import nearest, printable
 
 _INDEXED = "index.md says which question each answers"
 
@@ -31,42 +32,60 @@ _INDEXED = "index.md says which question each answers"
 def run_tables(options: argparse.Namespace) -> int:
     """Write and print tables."""
     places = places_of(options, "tables") if options.runs else []
+    show = Shown(columns=tuple(options.columns), notes=Notes(options.notes))
     opened = open_all(options.runs, options.store)
     runs = [one for one in opened if isinstance(one, Run)]
     beside = list(with_published(runs)) if options.paper else []
     if len(opened) == 1:
-        _write(opened[0], places[0], options.latex, beside)
+        _write(opened[0], places[0], show, latex=options.latex, beside=beside)
         return status_of(opened[0])
     for number, (one, place) in enumerate(zip(opened, places, strict=True), start=1):
-        _write(one, place, options.latex, prefix=f"run{number}:")
+        _write(one, place, show, latex=options.latex, prefix=f"run{number}:")
     if len(runs) > 1:
         tables, alone = side_by_side([one.collection for one in runs])
         say(alone)
         beside += tables
     if options.output is not None:
-        write_tables(beside, output_directory(options.output), runs=[place.name for place in places])
-    _print(beside, options.latex)
+        write_tables(beside, output_directory(options.output), runs=[place.name for place in places], show=show)
+    _print(beside, show, options.latex)
     if options.output is not None:
         print(f"tables: {options.output} ({_INDEXED})")
     return max(map(status_of, opened), default=DONE)
 
 
-def _write(one: Run | Sweep, place: Path, latex: bool, beside: Sequence[Table] = (), prefix: str = "") -> None:
+def _write(
+    one: Run | Sweep, place: Path, show: Shown, *, latex: bool, beside: Sequence[Table] = (), prefix: str = ""
+) -> None:
     """Write the tables of a run or a sweep, and print those that a paper needs; `beside` are the paper's own."""
     say(remarks_of(one))
     directory = output_directory(place)
     print(f"# {one.name}\n")
     own, missing = one.all_tables()
     tables = [*own, *beside]
-    write_tables(tables, directory, prefix=prefix)
-    _print(tables, latex, prefix)
+    _check_columns(show, tables)
+    write_tables(tables, directory, prefix=prefix, show=show)
+    _print(tables, show, latex, prefix)
     say([*missing, *left_of_studies(directory, set(map(place_of, tables)), WRITERS)])
     print(f"tables: {directory} ({_INDEXED})")
 
 
-def _print(tables: Iterable[Table], latex: bool, prefix: str = "") -> None:
+def _check_columns(show: Shown, tables: Sequence[Table]) -> None:
+    """Check the names of columns that are to be shown.
+
+    Raises:
+        ConfigError: no table has one of them.
+    """
+    known = {name for table in tables for name in table.columns}
+    for name in show.columns:
+        if name not in known:
+            remedy = nearest(name, known, "the heads of the tables are their names")
+            raise ConfigError(repr(name), place="--columns", expected="names of columns", remedy=remedy)
+
+
+def _print(tables: Iterable[Table], show: Shown, latex: bool, prefix: str = "") -> None:
     """Print the tables that a paper needs."""
-    print("\n".join(as_latex(table, prefix=prefix) if latex else as_markdown(table) for table in for_paper(tables)))
+    shown_ones = map(show.of, for_paper(tables))
+    print("\n".join(as_latex(table, prefix=prefix) if latex else as_markdown(table) for table in shown_ones))
 
 
 def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:

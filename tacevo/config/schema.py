@@ -86,7 +86,7 @@ Pattern = Annotated[str, is_a("a regular expression, in quotes", _is_pattern)]
 class SearchConfig(Record):
     """The size of a search (paper, Algorithm 1)."""
 
-    generations: ZeroToMillion
+    generations: ZeroToMillion  #: after generation 0
     #: B, the candidates of a generation.
     candidates: OneToMillion
     #: Mutations of the baseline that start the archive, beside the baseline itself.
@@ -102,61 +102,60 @@ class SearchConfig(Record):
 class TaskConfig(Record):
     """A task: what a network must do, and the texts that ask for it."""
 
-    name: Name
-    kind: Kind
-    class_name: Identifier
+    name: Name  #: of the task
+    kind: Kind  #: regression or classification
+    class_name: Identifier  #: what a candidate's class is called
     #: What the baseline's constructor calls the number of outputs.
     output_argument: Identifier
-    outputs: OneToMillion
-    loss: Loss
+    outputs: OneToMillion  #: how many values or classes
+    loss: Loss  #: of training and validation
     #: Names of the regressed values or classes; empty where the data set names them.
     output_names: tuple[str, ...]
-    target_scaling: TargetScaling
+    target_scaling: TargetScaling  #: of regressed values
     #: Images that the simulated data set holds: as many as were released, where the paper says how many.
     images: ImageCount
-    #: Files below conf/: the baseline class, the instructions, the system prompt.
+    #: A file below conf/, as the two below: the baseline class.
     baseline: str
-    instructions: str
-    system: str
+    instructions: str  #: what a mutation may be asked
+    system: str  #: the system prompt
 
 
 @dataclass(frozen=True, kw_only=True)
 class DataConfig(Record):
     """Where the images come from, and how they are prepared."""
 
-    source: DataSource
+    source: DataSource  #: what holds the images
     #: Height and width, in pixels.
     image_size: Annotated[int, Ge(16), Le(16_384)]
-    #: Simulated: how many images, the seed of the contacts, that of the sensor, and its light.
+    #: Simulated: how many.
     images: ImageCount
-    seed: AtLeast0
-    sensor_seed: AtLeast0
-    light: LightScene
+    seed: AtLeast0  #: simulated: of the contacts
+    sensor_seed: AtLeast0  #: simulated: of the sensor
+    light: LightScene  #: simulated: of the sensor
     #: Simulated gratings: the spacings that are the classes, in mm.
     spacings_mm: tuple[Positive, ...]
     #: Recorded: the directory of the data set, or the file of a NumPy archive.
     root: str | None
-    #: CSV: the table and the columns to read.
+    #: CSV: the table.
     table: str
-    image_column: str
-    target_columns: tuple[str, ...]
-    #: TacVerse: the directories to read; the pattern is for gratings.
+    image_column: str  #: its column of paths
+    target_columns: tuple[str, ...]  #: its columns of labels
+    #: TacVerse: the directories to read.
     sensor: Text
-    pattern: Text | None
+    pattern: Text | None  #: for gratings
     #: Tables: leave out rows whose image is missing, instead of refusing the table.
     skip_missing: bool
-    split: SplitRule
-    split_seed: AtLeast0
-    normalisation: Normalisation
-    #: With `split=random`: the parts of all images that are for validation and for the test; the others train.
+    split: SplitRule  #: random, or the release's own
+    split_seed: AtLeast0  #: of a random split
+    normalisation: Normalisation  #: of the images
+    #: With `split=random`: the part of all images that is for validation; what no part takes trains.
     validation_part: Part = 0.1
-    test_part: Part = 0.1
+    test_part: Part = 0.1  #: the part for the test
     #: Recorded: the stored value that becomes 255; null for the largest that the files can hold.
     white_point: Positive | None = None
-    #: What images of one press share, which a random split keeps in one part: a value in a column of the table, or what
-    #: a regular expression finds in an image's path.
+    #: The column of the table whose value the images of one press share, which a random split keeps in one part.
     group_column: Text | None = None
-    group_pattern: Pattern | None = None
+    group_pattern: Pattern | None = None  #: the same by a regular expression in an image's path
 
     @property
     def held_out(self) -> tuple[float, float]:
@@ -168,17 +167,17 @@ class DataConfig(Record):
 class ArchiveConfig(Record):
     """The archives of networks and of prompts; that of prompts is always a CVT archive."""
 
-    niches: OneToMillion
-    prompt_niches: OneToMillion
+    niches: OneToMillion  #: of networks
+    prompt_niches: OneToMillion  #: of prompts
     #: Uniform points from which k-means finds the centroids.
     samples: OneToMillion
-    seed: int
-    bounds: BoundsRule
-    #: With `bounds=fixed`: the (low, high) of each descriptor.
+    seed: int  #: of the centroids
+    bounds: BoundsRule  #: of the axes: fixed, or as wide as what was trained
+    #: With `bounds=fixed`: the (low, high) of a descriptor.
     arch_div_bounds: tuple[float, ...]
-    eff_ratio_bounds: tuple[float, ...]
-    eff_ratio_scale: Scale
-    kind: ArchiveKind = ArchiveKind.cvt
+    eff_ratio_bounds: tuple[float, ...]  #: the same of the other descriptor
+    eff_ratio_scale: Scale  #: of its axis
+    kind: ArchiveKind = ArchiveKind.cvt  #: niches, the best networks, or niches whose elites are trained again
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
     kept: OneToMillion = 10
     #: With `kind=extract`: the part of a generation's slots that train elites again, rounded down to whole slots.
@@ -206,10 +205,10 @@ def deliveries(provider: Provider) -> tuple[Delivery, ...]:
 class LLMConfig(Record):
     """Who answers the requests, and how the answers are recorded."""
 
-    provider: Provider
-    model: Annotated[str, is_a("a model's name", bool)]
-    mode: Mode
-    max_tokens: AtLeast1
+    provider: Provider  #: who answers
+    model: Annotated[str, is_a("a model's name", bool)]  #: its name
+    mode: Mode  #: record, or replay from the store alone
+    max_tokens: AtLeast1  #: of an answer
     #: Another server than the provider's own.
     base_url: str | None
     #: Requests in flight at once.
@@ -220,8 +219,8 @@ class LLMConfig(Record):
     delivery: Delivery = Delivery.direct
     #: Further sampling settings; what is null or empty is not sent.
     top_p: Annotated[float, Gt(0), Le(1)] | None = None
-    top_k: AtLeast1 | None = None
-    stop_sequences: tuple[Text, ...] = ()
+    top_k: AtLeast1 | None = None  #: the same
+    stop_sequences: tuple[Text, ...] = ()  #: the same
     #: Tokens of `max_tokens` that the model may think with before it answers.
     thinking_tokens: AtLeast1 | None = None
     #: No new request starts that could bring a run's answers above this many US dollars; null for no limit.
@@ -246,18 +245,18 @@ class LLMConfig(Record):
 class TemperatureConfig(Record):
     """The sampling temperature (paper, Algorithm 1, line 9)."""
 
-    rule: TemperatureRule
-    #: T_1, eta, and the half-width of the uniform noise eps.
+    rule: TemperatureRule  #: how it follows the search
+    #: T_1, of generation 0.
     start: Fraction
-    step: Fraction
-    jitter: Fraction
+    step: Fraction  #: eta, by which the rule moves it
+    jitter: Fraction  #: half the width of the noise around it
 
 
 @dataclass(frozen=True, kw_only=True)
 class PromptsConfig(Record):
     """How instructions are chosen."""
 
-    policy: PromptPolicy
+    policy: PromptPolicy  #: how an instruction is drawn
     #: The size of the prompt pool P_g, drawn from the library for each generation; null for the whole library.
     pool: OneToMillion | None = None
 
@@ -274,37 +273,34 @@ class ProposalsConfig(Record):
 
     #: p_m, the probability that a generation mutates; else it crosses over.
     mutation_probability: Fraction
-    parents: ParentPolicy
+    parents: ParentPolicy  #: how parents are drawn
     #: With `parents=best`: how many of the best elites are parents.
     best: OneToMillion
     #: How often an answer that the gate rejected goes back with the reason; the paper discards it.
     repair_attempts: ZeroToMillion = 0
     #: What one draw of the operator holds for; the paper draws one for a whole generation.
     operator_for: OperatorScope = OperatorScope.generation
-    #: With `parents=tournament`: how many of the youngest trained candidates compete, and how many draws each parent
-    #: wins; the defaults are those of Real et al. 2019.
+    #: With `parents=tournament`: how many of the youngest trained candidates compete (Real et al., 2019).
     population: Annotated[int, Ge(1), Le(10_000)] = 100
-    tournament: Annotated[int, Ge(1), Le(10_000)] = 25
+    tournament: Annotated[int, Ge(1), Le(10_000)] = 25  #: draws that each parent wins
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfig(Record):
     """The short training behind a fitness."""
 
-    epochs: OneToMillion
-    batch_size: Annotated[int, Ge(2), Le(MOST)]
-    learning_rate: Positive
-    #: What one candidate's training may use.
+    epochs: OneToMillion  #: of a candidate's training
+    batch_size: Annotated[int, Ge(2), Le(MOST)]  #: images of a step
+    learning_rate: Positive  #: of Adam
+    #: The longest time of one candidate's training.
     seconds: Positive
-    memory_mib: Memory
-    device: Device = Device.cpu
-    #: With `device=cuda`: the GPU's model, as `tacevo doctor` names it; how it multiplies; and what one candidate's
-    #: training may use of its memory.
+    memory_mib: Memory  #: that one training may use
+    device: Device = Device.cpu  #: cpu or cuda
+    #: With `device=cuda`: the GPU's model, as `tacevo doctor` names it.
     gpu: Text | None = None
-    precision: Precision = Precision.float32
-    gpu_memory_mib: Memory = 8192
-    #: What a training's fitness is of its validation losses.
-    fitness: FitnessRule = FitnessRule.last
+    precision: Precision = Precision.float32  #: with `device=cuda`: of its multiplications
+    gpu_memory_mib: Memory = 8192  #: with `device=cuda`: that one training may use
+    fitness: FitnessRule = FitnessRule.last  #: what a training's fitness is of its validation losses
     #: Trainings of each candidate; its fitness is the median of theirs.
     seeds: Annotated[OneToMillion, is_a("an odd number, of which one is the median", lambda value: value % 2)] = 1
 
@@ -313,28 +309,28 @@ class TrainingConfig(Record):
 class GateConfig(Record):
     """What an admitted candidate may be."""
 
-    max_parameters: AtLeast1
-    max_flops: AtLeast1
-    max_modules: AtLeast1
-    max_source_bytes: AtLeast1
-    #: What one candidate's probe may use.
+    max_parameters: AtLeast1  #: of a candidate
+    max_flops: AtLeast1  #: of one image
+    max_modules: AtLeast1  #: of a candidate
+    max_source_bytes: AtLeast1  #: of its source
+    #: The longest time of one candidate's probe.
     seconds: Positive
-    memory_mib: Memory
+    memory_mib: Memory  #: that it may use
 
 
 @dataclass(frozen=True, kw_only=True)
 class SandboxConfig(Record):
     """How candidates are confined."""
 
-    require: Confinement
+    require: Confinement  #: the least confinement that is accepted
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExecutorConfig(Record):
     """Where candidates are evaluated, and how many at once."""
 
-    kind: ExecutorKind
-    workers: OneToMillion
+    kind: ExecutorKind  #: this machine, or Ray
+    workers: OneToMillion  #: candidates at once
     #: Ray: the head of the cluster, as HOST:PORT, or `auto` for the one that RAY_ADDRESS names or that runs here; null
     #: to start a Ray of `workers` slots here, which ends with the search.
     address: Text | None = None
@@ -346,17 +342,17 @@ class ExecutorConfig(Record):
 class NumericsConfig(Record):
     """Which promise training bits keep."""
 
-    kind: Numerics
+    kind: Numerics  #: equal bits on every CPU with AVX2, or on equal hardware and faster
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingConfig(Record):
     """The mirror of the ledger."""
 
-    kind: Tracking
+    kind: Tracking  #: mlflow or none
     #: Empty for the one in MLFLOW_TRACKING_URI.
     uri: str
-    experiment: str
+    experiment: str  #: its name in MLflow
 
     def __post_init__(self) -> None:
         """Reject a password, which the run directory would record."""
@@ -367,14 +363,14 @@ class TrackingConfig(Record):
 class StoreConfig(Record):
     """Where answers are recorded."""
 
-    root: Text
+    root: Text  #: the directory of the stores
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutputConfig(Record):
     """Where a run is written; None names a directory after the task, the seed and the configuration."""
 
-    dir: Text | None = None
+    dir: Text | None = None  #: the directory of the run; null for one in runs/
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -59,8 +59,8 @@ def load(
     the normalisation only the statistics are computed here; classification ignores the scaling of targets.
 
     `accept` is called with the catalogue before any picture is made, and raises where it does not suit; `progress`
-    after every chunk of pictures; `say` with one line where another process makes the data set and this one waits. The
-    source lists its catalogue where the caller does not have it already.
+    after every chunk of pictures; `say` with one line before they are made, or where another process makes the data set
+    and this one waits. The source lists its catalogue where the caller does not have it already.
 
     Raises:
         DataError: the source is missing or broken, has fewer than 10 images or fewer than two classes, cannot be
@@ -86,6 +86,8 @@ def load(
         targets = _targets(catalogue, parts.train, target_scaling)
         with staged(directory, partial(say, WAITING) if say is not None else None) as stage:
             if stage is not None:
+                if say is not None:
+                    say(f"data: making {len(catalogue.labels):,} images of {catalogue.image_size} px")
                 images = make_images(catalogue, stage / datasets.IMAGES, workers, progress)
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     else:

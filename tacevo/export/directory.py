@@ -44,8 +44,8 @@ def export(
     bundle: str | None,
     retrained: bool,
     view: Progress,
-) -> None:
-    """Train a candidate again and write it as a directory.
+) -> Exported:
+    """Train a candidate again and write it as a directory; return what it says.
 
     Args:
         run: a finished one.
@@ -93,6 +93,7 @@ def export(
                 sandbox, form, source, data=data, contract=model.contract, weights=model.weights, expected=model.outputs
             )
     _write(target, _contents(model, with_imports(source)))
+    return model
 
 
 def _contents(model: Exported, source: str) -> dict[str, bytes]:

@@ -8,7 +8,7 @@ Both are written whole, so that several processes may end the same study at once
 
 import contextlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from tacevo.errors import RunError
 from tacevo.records import Json, to_json, written
 from tacevo.results.study_lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
 from tacevo.storage.canonical import content_hash, readable
-from tacevo.storage.files import remove_leftovers, write_durably
+from tacevo.storage.files import flock, remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.typed import parse
@@ -83,6 +83,23 @@ class StudyDirectory:
     def scores(self) -> Path:
         """The path of the scores."""
         return self.path / "scores.jsonl"
+
+    @contextlib.contextmanager
+    def at_work(self) -> Iterator[None]:
+        """Let readers see that this process is at work on a study that has begun; others may be, too."""
+        with (self.path / ".lock").open("ab") as file:
+            with contextlib.suppress(OSError):  # a file system without locks
+                flock(file.fileno(), shared=True)
+            yield
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a process is at work on the study at this moment."""
+        try:
+            with (self.path / ".lock").open("rb") as file:
+                return not flock(file.fileno())
+        except OSError:  # nobody ever was, or the file system has no locks
+            return False
 
     @property
     def _remedy(self) -> str:
@@ -155,8 +172,11 @@ class StudyDirectory:
         """Read study.json and the scores, and compare their digests; for what uses them without a replay.
 
         Raises:
-            RunError: as `read_scores`, or the digests differ.
+            RunError: as `read_scores`, or a process is at work on it, or the digests differ.
         """
+        if not self.scores.exists() and self.is_busy:
+            got, remedy = "one that is still running", "wait for it"
+            raise RunError(got, place=str(self.path), expected="a finished study", remedy=remedy)
         record, scores = self.read(), self.read_scores()
         if record.digest != scores.digest:
             raise RunError(

@@ -16,6 +16,9 @@ from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirec
 #: The arm that all others are compared with unless the sweep states another: the search as it is.
 REFERENCE = "none"
 
+#: The level of the tests of arms, after Holm's correction.
+ALPHA = 0.05
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:

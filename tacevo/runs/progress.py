@@ -1,11 +1,12 @@
 """What a user sees while a command works: lines, and on a terminal bars with rate and time left."""
 
+import time
+from collections.abc import Callable
 from typing import Self
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     ProgressColumn,
     Task,
     TaskID,
@@ -23,18 +24,24 @@ from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Operator
 from tacevo.rounding import significant
-from tacevo.text import counted, printable
+from tacevo.text import counted, lasting, printable
+
+#: Seconds from which on a search says how long it takes.
+LONG = 600.0
 
 
 class Progress:
-    """Lines and bars on standard error, or on another console; logs and pipes get the lines only."""
+    """Lines and bars on standard error, or on another console; logs and pipes get the lines only.
+
+    On a terminal a clock runs while no bar does, so that a command which works is never still.
+    """
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True)
         self._bars = Bars(
             TextColumn("{task.description}"),
             BarColumn(),
-            MofNCompleteColumn(),
+            _CountColumn(),
             TextColumn("{task.fields[note]}"),
             _RateColumn(),
             TimeElapsedColumn(),
@@ -43,6 +50,7 @@ class Progress:
             disable=not self._console.is_terminal,
         )
         self._tasks: dict[str, TaskID] = {}
+        self._clock = self._bars.add_task("at work", total=None, note="")
 
     def __enter__(self) -> Self:
         self._bars.start()
@@ -59,7 +67,18 @@ class Progress:
         """Move the bar of something, e.g. `images`, and write a note beside it."""
         if what not in self._tasks:
             self._tasks[what] = self._bars.add_task(what, total=total, note=note)
-        self._bars.update(self._tasks[what], completed=done, note=note)
+        self._bars.update(self._tasks[what], completed=done, total=total, note=note)
+        is_still = all(task.finished for task in self._bars.tasks if task.id != self._clock)
+        if is_still != self._bars.tasks[self._clock].visible:
+            self._bars.reset(self._clock, visible=is_still)
+
+
+class _CountColumn(ProgressColumn):
+    """How much is done, where it is counted."""
+
+    def render(self, task: Task) -> Text:
+        """Write the count."""
+        return Text("" if task.total is None else f"{task.completed:.0f}/{task.total:.0f}")
 
 
 class _RateColumn(ProgressColumn):
@@ -72,20 +91,55 @@ class _RateColumn(ProgressColumn):
 
 
 class Watcher:
-    """Shows the candidates and generations of a search; the observer of a replay (`is_replay`)."""
+    """Shows the candidates and generations of a search; the observer of a replay (`is_replay`).
 
-    def __init__(self, plan: Plan, view: Progress, trivial: float | None = None, *, is_replay: bool = False) -> None:
+    How long a search takes is told by the pace of the trainings so far, `at_once` of which run together.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        view: Progress,
+        trivial: float | None = None,
+        *,
+        is_replay: bool = False,
+        at_once: int = 1,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._plan = plan
         self._view = view
         self._trivial = trivial
         self._is_replay = is_replay
+        self._at_once = at_once
+        self._clock = clock
+        #: When the first training began that was not recalled, and how many slots were done before it.
+        self._began: tuple[float, int] | None = None
         self._baseline: float | None = None
         self._done = 0
         self._total = 1 + plan.initial + plan.generations * plan.settings.candidates
         self._most = f"at most {self._total}" if plan.budget else str(self._total)
+        view.advance("slots", 0, self._total)
 
     def developed(self, outcome: Outcome) -> None:
-        """Nothing is shown before it is committed."""
+        """Say at the first training how long the search takes, if that is long; all else is shown once committed."""
+        if self._began is not None or outcome.cpu_seconds == 0:
+            return
+        self._began = self._clock() - outcome.seconds, self._done
+        left = outcome.seconds * (self._total - self._done) / self._at_once
+        if left >= LONG:
+            most = "at most " if self._plan.budget else ""
+            self._view.say(
+                f"{most}{lasting(left)} at the pace of the first training, beside waiting for answers; Ctrl-C stops "
+                "the search, and the same command continues it"
+            )
+
+    def _left(self) -> str:
+        """Write how long the rest takes at the pace so far, if that is long."""
+        if self._began is None:
+            return ""
+        began, before = self._began
+        left = (self._clock() - began) / max(self._done - before, 1) * (self._total - self._done)
+        return f", {lasting(left)} left" if left >= LONG else ""
 
     def committed(self, line: SearchLine, state: SearchState) -> None:
         """Count a slot, or write the line of a generation."""
@@ -104,4 +158,5 @@ class Watcher:
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
             trained = f": {line.trained} of {line.candidates} candidates trained{repaired}{again}"
             did = " replayed:" if self._is_replay else f"{trained},"
-            self._view.say(f"generation {line.generation}{did} {reached} ({self._done} of {self._most} slots done)")
+            done = f"{self._done} of {self._most} slots done{self._left()}"
+            self._view.say(f"generation {line.generation}{did} {reached} ({done})")

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import Tracking
+from tacevo.choices import ExecutorKind, Tracking
 from tacevo.config.identity import length
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
@@ -28,6 +28,7 @@ from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.doubts import doubts_of
+from tacevo.runs.pace import trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
@@ -42,7 +43,7 @@ from tacevo.storage.store import remove_leftovers_in_stores
 from tacevo.tracking.process import Mirror
 from tacevo.training.losses import trivial_loss
 
-#: Seconds that a finished search waits for the mirror; what is left, the mirror finishes on its own.
+#: Seconds that a finished search or study waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
 
 
@@ -122,10 +123,18 @@ def record(
         view.say(f"trivial loss: {significant(trivial)}, {least}")
         if warning := name_warning(config.llm):
             view.say(f"warning: {warning}")
-        with _mirrored(config, directory, view):
+        with mirrored(config, directory, view):
             usable, walls = UsableAnswers(config.search.stop_after_unusable), Walls(directory)
+            is_elsewhere = config.executor.kind is ExecutorKind.ray
             observer = _Recorder(
-                directory, ledger, plan, view, usable=usable, trivial=trivial, elsewhere=asks_elsewhere(config.llm)
+                directory,
+                ledger,
+                plan,
+                view,
+                usable=usable,
+                trivial=trivial,
+                at_once=config.executor.workers if is_elsewhere else trainings_at_once(config),
+                elsewhere=asks_elsewhere(config.llm),
             )
             with Workbench(
                 config,
@@ -253,8 +262,8 @@ def _finish(
 
 
 @contextlib.contextmanager
-def _mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
-    """Let a mirror follow the ledger, where one is wanted; it cannot stop the search."""
+def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iterator[None]:
+    """Let a mirror follow a run, where one is wanted; it cannot stop what is done meanwhile."""
     if config.tracking.kind is Tracking.none:
         yield
         return
@@ -264,6 +273,7 @@ def _mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Ite
     try:
         yield
         finished = True
+        view.say("MLflow: the last lines are being written")
     finally:
         warning = mirror.finish(MIRROR_SECONDS if finished else 0.0)
         if warning is not None:
@@ -304,9 +314,10 @@ class _Recorder(Watcher):
         *,
         usable: UsableAnswers,
         trivial: float,
+        at_once: int,
         elsewhere: bool,
     ) -> None:
-        super().__init__(plan, view, trivial)
+        super().__init__(plan, view, trivial, at_once=at_once)
         self._usable = usable
         self._directory = directory
         self._ledger = ledger
@@ -318,6 +329,7 @@ class _Recorder(Watcher):
 
     def developed(self, outcome: Outcome) -> None:
         """Keep a candidate's source, or why it has none, before the ledger names it."""
+        super().developed(outcome)
         if isinstance(outcome.proposal, Reevaluation):
             return  # its source is kept under the elite's name, and nothing was asked
         self._usable.take(outcome)

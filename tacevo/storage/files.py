@@ -79,27 +79,6 @@ def flock(handle: int, *, wait: bool = False, shared: bool = False) -> bool:
     return True
 
 
-@contextlib.contextmanager
-def in_use(folder: Path, *, alone: bool = False) -> Iterator[None]:
-    """Share the lock of a directory that is worked in, or hold it `alone` so that nobody begins to.
-
-    A file system without locks keeps no process out.
-
-    Raises:
-        RunError: another process is at work there, in the way that does not go with this one.
-        OSError: the directory does not exist.
-    """
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):  # no locks here
-            if not flock(handle, shared=not alone):
-                got, remedy = "one that another process is at work in", "wait for it, or stop it"
-                raise RunError(got, place=str(folder), expected="an idle directory", remedy=remedy)
-        yield
-    finally:
-        os.close(handle)
-
-
 def write_durably(path: Path, content: str | bytes) -> None:
     """Write a whole file (text as UTF-8) in one step: a reader sees the old content or the new, even after a crash.
 

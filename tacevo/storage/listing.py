@@ -157,6 +157,6 @@ def _is_new(source: Path, root: Path, entry: Entry) -> bool:
             f"an answer that differs in {shown(differences(entry.answer, standing.answer)[0])}",
             place=str(target),
             expected=f"no entry, or the answer that {source} holds",
-            remedy="import into a store of its own (--store, or store.root of `tacevo continue`)",
+            remedy="import into a store of its own (--store, or store.root of `tacevo extend`)",
         )
     return False

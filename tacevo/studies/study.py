@@ -29,8 +29,8 @@ from tacevo.results.study_lines import SCHEMA, FailedLine, Network, Row, ScoreLi
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
+from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
-from tacevo.storage.files import in_use
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
 from tacevo.studies.networks import given_networks, networks_of
@@ -155,14 +155,15 @@ def _carry_out(
     directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    workbench = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
-    with in_use(directory.path), workbench as bench:
+    bench_of_study = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
+    with directory.at_work(), bench_of_study as bench:
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)
         with telling(lambda: any(evaluator.is_recorded(job.source, job.seed) for job in plan.jobs)):
             verdicts = _train(plan.jobs, recorded, evaluator, bench.executor, view)
-        digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
+        with mirrored(run, plan.run.directory, view):  # it reads studies when this is done
+            digest = directory.finish(plan.header, _rows(plan, evaluator, verdicts))
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
     return Studied(
@@ -334,6 +335,7 @@ def _train(
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
     verdicts: dict[int, _Verdict] = {}
     done = len(recorded)
+    view.advance("trainings", done, len(jobs))
     for future in as_completed(futures):
         place = futures[future]
         verdict = verdicts[place] = future.result()

@@ -30,6 +30,7 @@ from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import needed_llm
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord, name_arm
 from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
+from tacevo.sweeps.prospects import shortcomings
 from tacevo.sweeps.status import Status, best_in_words, check_is_run_of, status_of
 from tacevo.sweeps.terms import Asked, check_varied, settled, with_reference
 from tacevo.text import counted
@@ -91,6 +92,8 @@ def sweep(
                 view.say("no arm is called none, so nothing is tested against it: --reference ARM names another")
         directory.write(SweepRecord(overrides=shared, jobs=every, terms=terms))
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
+        for shortcoming in shortcomings(planned, every, terms.reference):
+            view.say(f"warning: {shortcoming}")
         needed = max(needed_cores(config.executor) for config in planned.values())
         _run(directory, statuses, needed, launcher=launcher, view=view, run=run)
         return directory.path, [status_of(directory, job) for job in jobs]

@@ -14,16 +14,12 @@ from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.files import read_ledger
 from tacevo.redaction import check_address
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.entries import shown_address
 from tacevo.tracking.facts import read_settings
-from tacevo.tracking.process import prepare, store_address, without_address
+from tacevo.tracking.failures import MlflowError, told
+from tacevo.tracking.process import prepare, store_address
 
 #: A directory with one of these is that of a run, perhaps a damaged one.
 _MARKS = frozenset({"run.json", "ledger.jsonl"})
-
-
-class _MlflowError(RunError):
-    """MLflow failed, and would fail with the next run."""
 
 
 def track(path: Path, uri: str, show: Callable[[int, int], None]) -> tuple[Mapping[str, int], tuple[str, ...]]:
@@ -53,7 +49,7 @@ def track(path: Path, uri: str, show: Callable[[int, int], None]) -> tuple[Mappi
         try:
             done[_mirror(run, uri)] += 1
         except TacevoError as error:
-            if run == path or isinstance(error, _MlflowError):
+            if run == path or isinstance(error, MlflowError):
                 raise
             failed.append(str(error))
     show(len(runs), len(runs))
@@ -92,24 +88,13 @@ def _mirror(path: Path, given: str) -> str:
     read_ledger(directory)  # checks the chain
     uri = given or ("" if "***" in settings.uri else settings.uri)  # earlier versions hid passwords so
     address = store_address(uri)
-    try:
+    with told(str(path), uri, "run the same command again when the store can be used: it writes what is missing"):
         from tacevo.tracking.mirror import mirror
 
-        logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported below, in one line
-        mirror(path, uri=address, experiment=settings.experiment, finished=None)
-    except TacevoError:
-        raise
-    except LookupError as error:  # a line names a record that is missing
-        raise RunError(
-            f"{type(error).__name__}: {error}", place=str(path), expected="the records of a run", remedy="restore them"
-        ) from error
-    except Exception as error:  # each driver has classes of its own
-        reason = without_address(str(error)).partition("\n")[0]
-        driver = "install the database driver that this address needs, then " if isinstance(error, ImportError) else ""
-        raise _MlflowError(
-            f"{type(error).__name__}: {reason}",
-            place=f"{path} into {shown_address(uri)}",
-            expected="an MLflow store that can be written",
-            remedy=f"{driver}run the same command again when the store can be used: it writes what is missing",
-        ) from error
+        logging.getLogger("mlflow").setLevel(logging.CRITICAL)  # its errors are reported in one line
+        try:
+            mirror(path, uri=address, experiment=settings.experiment, finished=None)
+        except LookupError as error:  # a line names a record that is missing
+            got, expected = f"{type(error).__name__}: {error}", "the records of a run"
+            raise RunError(got, place=str(path), expected=expected, remedy="restore them") from error
     return uri

@@ -4,7 +4,7 @@ import json
 import shlex
 from collections.abc import Mapping, Sequence
 
-from tacevo.choices import Axis
+from tacevo.choices import Axis, FitnessRule
 from tacevo.costs import Spending, total
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Instruction, Json, Operator
@@ -72,14 +72,14 @@ def candidate_params(line: CandidateLine, instructions: Sequence[Instruction]) -
     return {key: shorten(_text(value)) for key, value in shown.items() if value is not None}
 
 
-def candidate_measures(line: CandidateLine) -> tuple[Point, ...]:
+def candidate_measures(line: CandidateLine, rule: FitnessRule) -> tuple[Point, ...]:
     """Return a candidate's metrics: the losses of every epoch and seed, and each figure that its ledger line has."""
     losses = [
         (key, value, epoch)
         for key, values in (("train_loss", line.train_losses), ("validation_loss", line.validation_losses))
         for epoch, value in enumerate(values or (), 1)
     ]
-    losses += [("seed_loss", one.validation_losses[-1], one.seed) for one in line.seeds]
+    losses += [("seed_loss", rule.of(one.validation_losses), one.seed) for one in line.seeds]
     inserted = None if line.status is None else line.inserted
     return (*losses, *_measures({**_figures(line, _CANDIDATE_METRICS), "inserted": inserted}, 0))
 
@@ -117,12 +117,12 @@ def shorten(text: str) -> str:
     return text if len(text) <= LONGEST_PARAM else text[: LONGEST_PARAM - 1] + "…"
 
 
-def note(summary: str) -> str:
-    """Return a run's summary as its description: whole lines, as many as MLflow takes."""
-    if len(summary) <= _LONGEST_NOTE:
-        return summary
-    more = "\n\n… (the rest is in summary.md, among the artifacts)"
-    return summary[: _LONGEST_NOTE - len(more)].rpartition("\n")[0] + more
+def note(text: str, file: str) -> str:
+    """Return a text, which an artifact holds too, as a description: as many whole lines as MLflow takes."""
+    if len(text) <= _LONGEST_NOTE:
+        return text
+    more = f"\n\n… (the rest is in {file}, among the artifacts)"
+    return text[: _LONGEST_NOTE - len(more)].rpartition("\n")[0] + more
 
 
 def shown_address(uri: str) -> str:

@@ -1,4 +1,4 @@
-"""The mirror's work: reads a run directory and writes it into MLflow.
+"""The mirror's work: reads a run directory and writes it, with its studies, into MLflow.
 
 What it promises: it only reads the run directory; done twice, or killed and done again, it writes nothing twice. What
 it does not: it takes the ledger's lines as they stand, and does not check their chain.
@@ -12,7 +12,6 @@ from tacevo.costs import Spending, total
 from tacevo.evolution.files import Line, line_kind
 from tacevo.evolution.lines import CandidateLine, GenerationLine
 from tacevo.records import Operator
-from tacevo.storage.canonical import content_hash
 from tacevo.storage.ledger import read_line
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
@@ -24,17 +23,18 @@ from tacevo.tracking.entries import (
     cost_measures,
     generation_measures,
 )
-from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
+from tacevo.tracking.facts import data_set, fitness_rule, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
 from tacevo.tracking.sweeps import SWEEP_TAG, find_sweep, join_sweep, leave_sweep
-from tacevo.tracking.writer import SearchWriter
+from tacevo.tracking.writer import SearchWriter, search_key
 
 
 def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], bool] | None) -> None:
     """Write a run into MLflow, as it stands or until it is finished.
 
     The search's run ends as `FINISHED`, tagged with the digest, where `run.json` holds the digest of the ledger's
-    last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's run.
+    last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's run, and the finished
+    studies of a finished search under the search's.
 
     Args:
         run_dir: the run directory.
@@ -64,7 +64,7 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         writer = SearchWriter(
             client,
             place,
-            key=content_hash([header[0], name, nesting.get(SWEEP_TAG, "")]),
+            key=search_key(header[0], name, nesting.get(SWEEP_TAG, "")),
             name=name,
             tags={**search_tags(record), **nesting},
             source=source_tags(record.code),
@@ -72,12 +72,17 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
         writer.write_params(config_params(shown_config(record)))
         writer.write_data(data_set(record))
         last = _write_lines(writer, lines, directory, record) or header[0]
-        if directory.read_run().digest == last:
+        is_whole = directory.read_run().digest == last
+        if is_whole:
             writer.finish(last, run_dir)
         elif finished is not None or not directory.is_busy:
             writer.stop()
         if sweep is not None:
             leave_sweep(client, nesting[PARENT_TAG], sweep[0])
+        if is_whole:  # last, because a damaged study is no reason to leave the search open
+            from tacevo.tracking.findings import write_findings  # the analysis needs memory, too, while a search works
+
+            write_findings(writer, directory)
 
 
 def _write_lines(
@@ -85,6 +90,7 @@ def _write_lines(
 ) -> str:
     """Write candidates and generations as their lines come; return the hash of the last line, empty without any."""
     last, totals, baseline = "", Totals(), None
+    rule = fitness_rule(record)
     known: dict[str, Spending] = {}
     generation: list[Spending] = []
     for last, line in lines:
@@ -94,7 +100,7 @@ def _write_lines(
             generation.append(known.get(line.id, Spending()))
             baseline = line.fitness if line.operator is Operator.baseline else baseline
             params = candidate_params(line, record.task.instructions)
-            measures = (*candidate_measures(line), *cost_measures(generation[-1], 0))
+            measures = (*candidate_measures(line, rule), *cost_measures(generation[-1], 0))
             writer.write_candidate(line, last, params, measures, directory.path / "candidates" / f"{line.id}.py")
         elif isinstance(line, GenerationLine):
             spent, generation = total(generation), []

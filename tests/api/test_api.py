@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -14,11 +15,13 @@ from pandas.testing import assert_frame_equal
 from refusals import refused
 
 import tacevo
+from analysis.runs.pareto import PARETO
 from analysis.sweeps.ablation import Ablation
 from analysis.sweeps.metrics import Metric
 from tacevo.api import frames
 from tacevo.api.sweeps import metric_of
 from tacevo.cli.app import main
+from tacevo.errors import ConfigError
 
 BUNDLES = sorted((ROOT / "cache" / "published").glob("*.zip"))
 
@@ -92,10 +95,46 @@ def test_frames_are_equal_from_directory_and_bundle(opened: tacevo.Run, publishe
     assert isinstance(other, tacevo.Run)
     for name in ("candidates", "generations", "elites", "prompts"):
         assert_frame_equal(getattr(opened, name), getattr(other, name))
+    assert_frame_equal(opened.pareto(), other.pareto())
     assert opened.digest == other.digest
     (ours,), (theirs,) = opened.studies, other.studies
     for name in ("networks", "scores", "verdicts", "reestimates"):
         assert_frame_equal(getattr(ours, name), getattr(theirs, name))
+
+
+def test_front_is_of_the_objectives_that_are_asked_for(opened: tacevo.Run) -> None:
+    """Among them a cost of one's own, which only some candidates have; what was studied counts by its other seeds."""
+    front = opened.pareto(["fitness", "flops"])
+    assert {name: str(dtype) for name, dtype in front.dtypes.items()} == PARETO
+    assert front["fitness"].is_monotonic_increasing
+    assert front["flops"].is_monotonic_decreasing
+    (smallest,) = opened.pareto(["parameters", "flops"]).index[:1]
+    assert opened.candidates.loc[smallest, "parameters"] == opened.candidates["parameters"].min()
+    studied = [*opened.studies[0].networks["id"]]
+    timed = opened.pareto(["fitness", pd.Series([3, 4], studied, name="ms")])
+    medians = opened.studies[0].reestimates.groupby("id")["fitness"].median()
+    assert {*timed.index} <= {*studied}
+    assert timed["fitness"].to_dict() == pytest.approx(medians[timed.index].to_dict())
+    assert (str(timed["ms"].dtype), {*timed["estimate"]}) == ("float64", {"re-estimated"})
+
+
+@pytest.mark.parametrize(
+    "objectives",
+    [
+        ["fitness"],
+        ["fitness", "fitness"],
+        ["fitness", "flop"],
+        ["fitness", pd.Series({"g00s00": 1.0})],
+        ["fitness", pd.Series({"g00s00": 1.0}, name="flops")],
+        ["fitness", pd.Series([1.0, 2.0], ["g00s00", "g00s00"], name="ms")],
+        ["fitness", pd.Series({"g99s99": 1.0}, name="ms")],
+        ["fitness", pd.Series({"g00s00": "slow"}, name="ms")],
+    ],
+)
+def test_what_is_no_objective_is_refused(objectives: list[Any], opened: tacevo.Run) -> None:
+    """Too few, twice, misspelt, without a name of its own, or not numbers of trained candidates."""
+    with refused(ConfigError, place="objectives"):
+        opened.pareto(objectives)
 
 
 @pytest.mark.few(2)
@@ -152,9 +191,8 @@ def test_unknown_table_is_answered_with_the_near_one(opened: tacevo.Run) -> None
 
 def test_source_runs_as_a_file(opened: tacevo.Run, tmp_path: Path) -> None:
     """With the imports that the sandbox gave it."""
-    for name in opened.elites["id"][:2]:
-        (tmp_path / "net.py").write_text(opened.source(name))
-        subprocess.run([sys.executable, tmp_path / "net.py"], check=True)
+    (tmp_path / "net.py").write_text(opened.source(opened.elites["id"].iloc[-1]))
+    subprocess.run([sys.executable, tmp_path / "net.py"], check=True)
 
 
 def test_network_is_built_only_for_who_trusts_it(opened: tacevo.Run) -> None:

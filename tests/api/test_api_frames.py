@@ -6,6 +6,7 @@ import pytest
 from checkout import ROOT
 
 from analysis.runs.dynamics import GENERATIONS
+from analysis.runs.pareto import PARETO
 from analysis.sweeps.ablation import ARMS
 from tacevo.api import frames
 from tacevo.api.frames import Columns, frame
@@ -13,6 +14,7 @@ from tacevo.api.frames import Columns, frame
 LISTED: dict[str, Columns] = {
     "run.candidates": frames.CANDIDATES,
     "run.generations": {"generation": "int64", **GENERATIONS},
+    "run.pareto(OBJECTIVES)": {"id": "str", **PARETO},
     "run.elites": frames.ELITES,
     "run.prompts": frames.PROMPTS,
     "study.networks": frames.NETWORKS,
@@ -36,7 +38,9 @@ def test_every_column_is_listed() -> None:
 
 
 #: Frames that `frame` makes; the others are the analysis's.
-MADE = {name: columns for name, columns in LISTED.items() if name not in {"run.generations", "sweep.contrasts(METRIC)"}}
+OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)"}
+
+MADE = {name: columns for name, columns in LISTED.items() if name not in OTHERS}
 
 
 @pytest.mark.parametrize("columns", MADE.values(), ids=MADE)

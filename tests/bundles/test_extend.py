@@ -28,7 +28,7 @@ def content(folder: Path) -> dict[Path, bytes]:
 def test_continued_run_equals_one_that_was_never_stopped(published: Path, place: Path) -> None:
     """The new ledger starts with the old one, where that was cut makes no difference, and nothing published changed."""
     before = content(published)
-    command = ["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]
+    command = ["extend", str(published / "run"), "--store", str(published / "cache"), *MORE]
     assert main(command) == 0
     assert content(published) == before
     old, new = ((path / "ledger.jsonl").read_bytes() for path in (published / "run", place / "mine"))
@@ -46,7 +46,7 @@ def test_bundle_is_verified_and_continued_without_its_publishers_folders(publish
     """One file is enough, it stays as it is, and an entry that a bundle's replay needs reaches the stores here."""
     bundle = published / "run.zip"
     before = bundle.read_bytes()
-    assert main(["continue", str(bundle), *MORE]) == 0
+    assert main(["extend", str(bundle), *MORE]) == 0
     assert bundle.read_bytes() == before
     old, new = (path / "ledger.jsonl" for path in (published / "run", place / "mine"))
     assert new.read_bytes().startswith(old.read_bytes())
@@ -63,7 +63,7 @@ def test_what_cannot_be_continued_leaves_nothing(
     run: Path, published: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The published run is replayed before anything is asked, and stays as it is, however its directory is spelt."""
-    command = ["continue", str(run), "--store", str(published / "cache"), *MORE]
+    command = ["extend", str(run), "--store", str(published / "cache"), *MORE]
     assert main([*command, f"run.dir={run}/../run"]) == 2
     assert "run.dir: expected another directory than that of the published run" in capsys.readouterr().err
     assert main([*command, "data.seed=5"]) == 2
@@ -82,7 +82,7 @@ def test_folder_of_another_run_is_refused(
     """A run directory that holds another run is not written to."""
     shutil.copytree(swept / "sweep" / "none-seed1", place / "mine")
     before = content(place / "mine")
-    assert main(["continue", str(published / "run"), "--store", str(published / "cache"), *MORE]) == 2
+    assert main(["extend", str(published / "run"), "--store", str(published / "cache"), *MORE]) == 2
     assert "got a different or shorter ledger" in capsys.readouterr().err
     assert content(place / "mine") == before
 

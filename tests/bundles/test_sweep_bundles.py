@@ -97,7 +97,7 @@ def test_replay_tells_every_digest_and_the_sweeps(swept: Path, place: Path, caps
         of = str(swept / name)
         for command, remedy in (
             (["replay", of, "--diff", of], "name the directories of two runs"),
-            (["continue", of, "search.generations=9"], "name one of its jobs, SWEEP/JOB"),
+            (["extend", of, "search.generations=9"], "name one of its jobs, SWEEP/JOB"),
         ):
             assert main(command) == 2
             assert f"expected one run; got a sweep of 3; {remedy}" in capsys.readouterr().err
@@ -151,7 +151,7 @@ def test_job_of_a_published_sweep_is_not_believed(
 ) -> None:
     """Its replay finds what that of the whole sweep finds."""
     bundle = resealed(with_candidate(whole, "sweep/none-seed1/candidates/g99s99.py"), tmp_path / "x.zip")
-    for command in (["replay", f"{bundle}/none-seed1"], ["continue", f"{bundle}/none-seed1", "search.generations=9"]):
+    for command in (["replay", f"{bundle}/none-seed1"], ["extend", f"{bundle}/none-seed1", "search.generations=9"]):
         assert main(command) == 1
         assert "only files of the ledger; got g99s99.py" in capsys.readouterr().err
     assert main(["replay", f"{bundle}/none-seed0"]) == 0
@@ -161,7 +161,7 @@ def test_job_of_a_published_sweep_is_not_believed(
 def test_job_of_a_published_sweep_is_continued(swept: Path, place: Path) -> None:
     """Its lines begin the ledger of the longer run."""
     job = f"{swept}/sweep.zip/none-seed1"
-    assert main(["continue", job, "search.generations=2", "run.dir=longer", "tracking=none"]) == 0
+    assert main(["extend", job, "search.generations=2", "run.dir=longer", "tracking=none"]) == 0
     recorded = (swept / "sweep" / "none-seed1" / "ledger.jsonl").read_bytes()
     assert (place / "longer" / "ledger.jsonl").read_bytes().startswith(recorded)
 
@@ -320,6 +320,6 @@ def test_job_does_not_take_the_walls_down(whole: Members, tmp_path: Path, capsys
     run["config"]["sandbox"]["require"] = "none"
     bundle = resealed({**whole, name: json.dumps(run).encode()}, tmp_path / "x.zip")
     job = f"{bundle}/none-seed1"
-    for command in (["replay", str(bundle), "--retrain", "1"], ["replay", job, "--retrain", "1"], ["continue", job]):
+    for command in (["replay", str(bundle), "--retrain", "1"], ["replay", job, "--retrain", "1"], ["extend", job]):
         assert main(command) == 1
         assert "sandbox.require=none, with which its candidates would run here without walls" in capsys.readouterr().err

@@ -362,18 +362,18 @@ def test_answer_of_no_known_form_is_refused(
     assert capsys.readouterr().err.splitlines()[-1].startswith(("refused: ", "different: "))
 
 
-def test_interrupted_replay_leaves_nothing(published: Path, tmp_path: Path) -> None:
-    """Ctrl-C and a polite request to end, while the search is run again."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "tacevo.cli.app", "replay", str(published / "run.zip")],
-            env={**os.environ, "TMPDIR": str(tmp_path / "temporary")},
-            stderr=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        assert process.stderr is not None
-        assert process.stderr.readline().startswith(b"generation 0")
-        process.send_signal(number)
-        assert process.wait() == 128 + number
-        process.communicate()
-        assert list((tmp_path / "temporary").iterdir()) == []
+@pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
+def test_interrupted_replay_leaves_nothing(number: signal.Signals, published: Path, tmp_path: Path) -> None:
+    """A polite request to end and Ctrl-C, while the search is run again."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tacevo.cli.app", "replay", str(published / "run.zip")],
+        env={**os.environ, "TMPDIR": str(tmp_path / "temporary")},
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith(b"generation 0")
+    process.send_signal(number)
+    assert process.wait() == 128 + number
+    process.communicate()
+    assert list((tmp_path / "temporary").iterdir()) == []

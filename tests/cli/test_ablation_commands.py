@@ -104,16 +104,6 @@ def test_sweep_without_test_scores_says_what_to_type(sweep: Path, capsys: pytest
     assert shlex.split(line)[-2:] == ["study", "sweep=sweep"]
 
 
-def test_arm_without_prompt_archive_is_identical(sweep: Path) -> None:
-    """Under uniform prompts the prompt archive only records, so both arms are one search: said so, and not tested."""
-    assert main(["ablations", "sweep"]) == 0
-    for metric in ("best_fitness", "qd_score", "coverage", "evaluations"):
-        none, same = rows(sweep, f"ablation_{metric}")
-        assert (none["arm"], none["p"]) == ("none", "")
-        assert (same["arm"], same["p"], same["p, Holm"], same["A12"]) == ("no_prompt_archive", "identical", "", "")
-        assert same["median"] == none["median"]
-
-
 def test_best_fitness_is_that_of_the_ledgers(sweep: Path) -> None:
     """Run by run, as the last line of each ledger has it."""
     assert main(["ablations", "sweep", "-o", str(sweep / "ablations")]) == 0
@@ -168,15 +158,6 @@ def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsy
     assert "Failed" not in Path("out/more/ablation_best_fitness.md").read_text()
 
 
-def test_sweep_without_a_finished_job_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """There is nothing to compare, and nothing is written."""
-    for job in JOBS:
-        shutil.rmtree(sweep / job.name)
-    assert main(["ablations", "sweep"]) == 2
-    assert "sweep: expected at least one finished job; got 4 of 4 that are not finished" in capsys.readouterr().err
-    assert not (sweep / "ablations").exists()
-
-
 def test_reference_that_is_not_an_arm_is_refused(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The arms that there are stand in the message."""
     assert main(["ablations", "sweep", "--reference", "nobody"]) == 2
@@ -218,17 +199,3 @@ def test_run_that_is_not_its_jobs_is_refused(
     assert main(["ablations", "sweep"]) == 2
     assert said in capsys.readouterr().err
     assert not (sweep / "ablations").exists()
-
-
-def test_names_of_arms_are_set_as_they_are(sweep: Path) -> None:
-    """A swept override is an arm, too; without `none` there is no test, and the tables say so."""
-    arms = {"none": "temperature=fixed_1", "no_prompt_archive": "task=a|b & c"}
-    jobs = SweepDirectory(sweep).read().jobs
-    changed = tuple(replace(job, arm=arms[job.arm], overrides=(arms[job.arm],)) for job in jobs)
-    SweepDirectory(sweep).write(SweepRecord(overrides=(), jobs=changed))
-    assert main(["ablations", "sweep"]) == 0
-    assert r"temperature=fixed\_1" in (sweep / "ablations" / "ablation.tex").read_text()
-    text = (sweep / "ablations" / "more" / "ablation_best_fitness.md").read_text()
-    assert r"task=a\|b & c" in text
-    assert "There is no test: the sweep has no finished run of the arm none" in text
-    assert {row["p"] for row in rows(sweep, "ablation_best_fitness")} == {""}

@@ -192,7 +192,7 @@ QUICK = [
         f"{command} nowhere"
         for command in ("tables", "replay", "report", "show", "figures", "ablations", "publish -o a")
     ),
-    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "continue nowhere", "show . third"),
+    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "extend nowhere", "show . third"),
     *("tables --wrong", "tables", "tables one/run.zip two/run.zip -o out", "figures one/run.zip", "replay . --draw 1"),
     *("report one/run.zip --latex --follow", "show one/run.zip/job", "--help"),
 ]
@@ -224,24 +224,30 @@ def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
-    """With its default: all of them together change nothing."""
+    """With its default, and words behind it: all of them together change nothing."""
     with pytest.raises(SystemExit):
         main(["search", "--help"])
-    told = re.findall(r"^  ([a-z_.]+=.*)$", capsys.readouterr().out, re.MULTILINE)
+    told = re.findall(r"^  ([a-z_.]+=.*?)  +\S.*$", capsys.readouterr().out, re.MULTILINE)
     groups = {key.rpartition(".")[0] for key in keys()}
     assert {setting.partition("=")[0] for setting in told} == set(keys()) - groups
     assert compose(told) == compose([])
 
 
-@pytest.mark.parametrize("asked", [["--cfg", "job"], ["--resolve"], ["--info"], ["-c", "job", "--info", "config"]])
+@pytest.mark.parametrize(
+    ("asked", "settings"),
+    [
+        (["--cfg", "job"], ["experiment=demo", "seed=3"]),
+        (["--resolve"], ["experiment=null"]),
+        (["--info"], ["experiment=demo", "seed=3"]),
+        (["-c", "job", "--info", "config"], ["experiment=null"]),
+    ],
+)
 def test_settings_are_printed_as_hydra_users_ask_for_them(
-    asked: list[str], place: Path, capsys: pytest.CaptureFixture[str]
+    asked: list[str], settings: list[str], place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As YAML that can be read again; nothing is run."""
-    assert main(["search", "experiment=demo", "seed=3", *asked]) == 0
-    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose(["experiment=demo", "seed=3"])
-    assert main(["search", "experiment=null", *asked]) == 0
-    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose([])
+    assert main(["search", *settings, *asked]) == 0
+    assert from_plain(yaml.safe_load(capsys.readouterr().out)) == compose(settings)
     assert {path.name for path in place.iterdir()} <= {"temporary"}
 
 
@@ -288,19 +294,6 @@ def kilobytes_of_images(folder: Path) -> int:
     return sum(file.stat().st_blocks // 2 for file in files)
 
 
-def test_archive_that_names_a_stranger_is_one_line(
-    published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its hash is not the ledger's; the message names the file."""
-    shutil.copytree(published / "run", tmp_path / "run")
-    path = tmp_path / "run" / "archive.json"
-    archive = json.loads(path.read_text())
-    archive["elites"][0]["id"] = "zzz"
-    path.write_text(json.dumps(archive))
-    assert main(["show", str(tmp_path / "run")]) == 2
-    assert f"{path}: expected the archive that the ledger ends with; got " in capsys.readouterr().err
-
-
 def test_command_is_spelt_as_the_users_shell_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """By its name in an activated environment, else by its path."""
     programs = Path(sys.executable).parent
@@ -323,6 +316,7 @@ def test_directory_that_is_write_protected_is_refused(tmp_path: Path, monkeypatc
         (["paper", "run", "-o", "out"], "`tacevo report RUN... --latex`"),
         (["sweep", "status", "all"], "`tacevo show SWEEP`"),
         (["watch", "run", "--open"], "`tacevo report RUN --follow`"),
+        (["continue", "run", "search.generations=9"], "`tacevo extend RUN search.generations=N`"),
     ],
 )
 def test_command_of_the_last_release_names_what_took_its_place(

@@ -1,6 +1,5 @@
 """The tables and figures of finished runs as a user asks for them, and what all such commands refuse in one line."""
 
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -10,10 +9,12 @@ from urllib.parse import unquote
 import pytest
 from bundles import entries_of, members_of, resealed, with_entries
 from run_files import contents, study_in
-from smallest import SMALLEST, UNTRACKED
 
+from analysis.report.collection import read_studies
 from analysis.report.writing import FURTHER, PAPER
 from tacevo.cli.app import main
+from tacevo.results.run import read_run
+from tacevo.results.study_directory import StudyDirectory
 
 
 def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,12 +37,6 @@ def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture
         assert f"]({name}.md): " in index
         assert (written[f"{name}.md"].decode() in printed) is not name.startswith("more/")
     assert printed.endswith("tables: run/tables (index.md says which question each answers)\n")
-
-
-def test_tables_are_printed_for_latex(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """As their files have them."""
-    assert main(["tables", str(run), "--latex"]) == 0
-    assert (run / "tables" / "gate.tex").read_text() in capsys.readouterr().out
 
 
 def test_tables_of_several_runs_lie_in_a_directory_each(
@@ -150,24 +145,16 @@ def test_edited_candidate_costs_the_motifs_only(run: Path, capsys: pytest.Captur
     assert not (run / "tables" / "more" / "motifs.md").exists()
 
 
-def test_run_without_a_study_is_told_how_to_have_one(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The search's own tables come all the same."""
-    shutil.rmtree(run / "studies")
-    assert main(["tables", str(run)]) == 0
-    told = capsys.readouterr()
-    assert "no finished study yet: `tacevo study run` makes one" in told.err
-    assert "verdicts" not in told.out
-
-
-@pytest.mark.slow
-def test_study_of_the_run_before_it_was_continued_is_left_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its elites may not be the best any more."""
-    run = Path("run")
-    more = ["search.generations=2", "search.candidates=3", "search.initial=2"]
-    stores = json.loads((run / "run.json").read_text())["config"]["store"]["root"]
-    assert main(["search", *SMALLEST, UNTRACKED, *more, f"run.dir={run}", f"store.root={stores}"]) == 0
-    assert main(["tables", str(run)]) == 1
-    assert ", before it was continued; study it again" in capsys.readouterr().err
+def test_study_that_still_runs_is_left_out_as_such(run: Path) -> None:
+    """And once no process is at work on it, as one that can be continued."""
+    study = StudyDirectory(study_in(run))
+    study.scores.unlink()
+    with study.at_work():
+        (told,) = read_studies(read_run(run)).left_out
+    assert "one that is still running; wait for it" in told
+    (told,) = read_studies(read_run(run)).left_out
+    assert "still running" not in told
+    assert "continues it" in told
 
 
 def _cut(run: Path) -> None:

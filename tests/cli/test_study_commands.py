@@ -13,7 +13,7 @@ from tacevo.choices import MarginKind
 from tacevo.cli.app import main
 from tacevo.cli.arguments import NOISE_SETTINGS, SETTINGS
 from tacevo.config.compose import compose_noise, compose_study
-from tacevo.config.schema import ExecutorConfig, keys
+from tacevo.config.schema import keys
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
@@ -112,14 +112,6 @@ def test_elites_of_a_noise_run_are_all_or_a_number(override: str) -> None:
     assert (compose_noise(["run=x"]).elites, compose_noise(["run=x", "elites=3"]).elites) == ("all", 3)
     with refused(ConfigError, expected="all, or an integer of at least 1"):
         compose_noise(["run=x", override])
-
-
-def test_settings_reach_the_configuration() -> None:
-    """Each where it belongs."""
-    config = compose_study(["run=runs/a", "elites=2", "executor.workers=7", "store.root=elsewhere"])
-    assert (config.run, config.elites, config.store.root) == ("runs/a", 2, "elsewhere")
-    assert isinstance(config.executor, ExecutorConfig)
-    assert config.executor.workers == 7
 
 
 @pytest.mark.parametrize("command", ["study", "noise"])

@@ -6,12 +6,13 @@ from typing import Any
 import pytest
 from refusals import refused
 
+from tacevo.config.comments import comments
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
 from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
-from tacevo.storage.canonical import canonical
+from tacevo.storage.canonical import canonical, leaves
 
 CONFIG = compose([])
 HOSTED = compose(["llm=anthropic"])
@@ -369,3 +370,9 @@ def test_setting_that_decides_nothing_stays_out(key: str) -> None:
     config = changed(key, DECIDES_NOTHING[key], HOSTED)
     assert config != HOSTED
     assert identity(config) == identity(HOSTED)
+
+
+def test_every_setting_has_its_words() -> None:
+    """`tacevo search --help` and the site show them; a group alone is no setting."""
+    settings = [key for key, _ in leaves(to_plain(compose(["llm=grammar"])))]
+    assert [key for key in settings if not comments().get(key)] == []

@@ -104,6 +104,12 @@ def test_grouped_parts_are_as_near_to_the_tenths_as_groups_allow(seed: int) -> N
         assert np.bincount(classes[part], minlength=7).min() >= 8  # two whole presses of each size
 
 
+def test_last_part_may_take_two_of_four_groups() -> None:
+    """Each part has a group at least, and the last as many as come nearest."""
+    groups = np.repeat(np.arange(4), (60, 24, 8, 8))
+    assert sizes(random_split(100, 0, held_out=(0.24, 0.16), groups=groups, tries=99)) == (60, 24, 16)
+
+
 def test_only_what_groups_share_matters() -> None:
     """Not their numbers within their order, nor that they are there where no two rows share one."""
     groups, _ = presses(1, 12, 3)

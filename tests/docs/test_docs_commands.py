@@ -1,4 +1,4 @@
-"""Promises: README is read in five minutes; what a page tells to type can be typed, and what it shows comes out."""
+"""Promise: what a page tells to type can be typed."""
 
 import re
 import shlex
@@ -6,7 +6,7 @@ import shlex
 import pytest
 from checkout import ROOT
 
-from tacevo.cli.app import _parsed, main
+from tacevo.cli.app import _parsed
 from tacevo.config.compose import compose, compose_estimate, spread
 from tacevo.config.folder import check_experiment
 
@@ -45,21 +45,3 @@ def test_written_command_can_be_typed(command: str, monkeypatch: pytest.MonkeyPa
     for number in range(max(map(len, values))):
         overrides = [one[min(number, len(one) - 1)] for one in values]
         (compose_estimate if "--estimate" in words else compose)(overrides)
-
-
-def test_readme_has_at_most_900_words() -> None:
-    """Words hold a letter or a digit; the bars of tables are none."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len([word for word in text.split() if re.search(r"\w", word)]) <= 900
-
-
-def test_readme_shows_what_a_replay_ends_with(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The command of its section is run, and the lines below it are the last ones of its output."""
-    monkeypatch.chdir(ROOT)
-    section = (ROOT / "README.md").read_text(encoding="utf-8").split("## Replay a published run")[1]
-    command, shown = re.findall(r"(?:^    .*\n)+", section, flags=re.MULTILINE)[:2]
-    assert main(shlex.split(command)[1:]) == 0
-    lines = [line.strip() for line in shown.splitlines()]
-    assert capsys.readouterr().out.splitlines()[-len(lines) :] == lines

@@ -5,12 +5,13 @@ import re
 import pytest
 from checkout import ROOT
 
-from analysis.runs import dynamics, instruction_effects, lineage
+from analysis.runs import dynamics, instruction_effects, lineage, pareto
 from analysis.studies import comparison, searches
 from analysis.sweeps import ablation
 
 FRAMES = {
     "GENERATIONS": dynamics.GENERATIONS,
+    "PARETO": pareto.PARETO,
     "PRODUCTIVITY": dynamics.PRODUCTIVITY,
     "INSTRUCTIONS": instruction_effects.INSTRUCTIONS,
     "LINEAGE": lineage.LINEAGE,

@@ -3,8 +3,10 @@
 The searches are real, and as small as they can be; servers in this process answer them.
 """
 
+import functools
 import json
 import lzma
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,7 +22,7 @@ from test_model_search import network
 from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Mode
 from tacevo.runs.estimate import describe_estimate
@@ -116,6 +118,12 @@ def test_run_of_an_earlier_release_says_so_when_it_is_published(
     assert SAID in members["run/summary.md"].decode()
 
 
+@functools.cache
+def chosen_of(provider: str) -> LLMConfig:
+    """Compose the choice of a provider."""
+    return compose([f"llm={provider}", "llm.model=m"]).llm
+
+
 @pytest.mark.parametrize(
     ("provider", "address", "elsewhere"),
     [
@@ -134,10 +142,9 @@ def test_own_servers_of_a_provider_are_known(
     provider: str, address: str | None, elsewhere: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By the setting and by the SDK's variable; the setting counts before it."""
-    chosen = compose([f"llm={provider}", "llm.model=m"]).llm
+    chosen = chosen_of(provider)
     assert asks_elsewhere(chosen) is False
-    set_ = compose([f"llm={provider}", "llm.model=m", f"llm.base_url={address or 'null'}"]).llm
-    assert asks_elsewhere(set_) is elsewhere
+    assert asks_elsewhere(replace(chosen, base_url=address)) is elsewhere
     monkeypatch.setenv(f"{provider.upper()}_BASE_URL", address or "")
     assert asks_elsewhere(chosen) is elsewhere
 

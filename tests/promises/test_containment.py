@@ -122,6 +122,7 @@ def test_candidate_over_its_memory_is_out_of_memory(trainer: Trainer, source: st
     assert rejection(trainer.train(source)).reason is Reason.out_of_memory
 
 
+@pytest.mark.few(9)
 @pytest.mark.parametrize("source", sources.NO_PREDICTIONS.values(), ids=sources.NO_PREDICTIONS.keys())
 def test_what_is_no_prediction_has_no_fitness(trainer: Trainer, source: str) -> None:
     """Shapes, types, numbers and amounts are checked outside, whatever was done to the checks inside."""

@@ -67,7 +67,7 @@ def test_release_without_the_core_of_a_run_names_the_one_that_has_it(published: 
 def continuing(published: Path, folder: Path) -> list[str | Path]:
     """Write the command that continues the run in a directory."""
     where = [f"run.dir={folder / 'longer'}", f"store.root={folder / 'cache'}"]
-    return ["continue", published / "run.zip", "search.generations=2", UNTRACKED, *where]
+    return ["extend", published / "run.zip", "search.generations=2", UNTRACKED, *where]
 
 
 def test_continuing_under_other_rules_is_refused(published: Path, tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def test_published_training_comes_again_bit_for_bit(capsys: pytest.CaptureFixtur
 def test_published_run_is_taken_up(place: Path) -> None:
     """Ten generations more stand behind lines that are the published ones, byte for byte."""
     bundle = BUNDLES / "force-grammar.zip"
-    assert main(["continue", str(bundle), "search.generations=30", "run.dir=longer", "tracking=none"]) == 0
+    assert main(["extend", str(bundle), "search.generations=30", "run.dir=longer", "tracking=none"]) == 0
     published = opened(bundle)
     recorded = (published.folder / "ledger.jsonl").read_bytes()
     continued = (place / "longer" / "ledger.jsonl").read_bytes()

@@ -348,7 +348,7 @@ def test_bundle_does_not_take_the_walls_down(
     found = opened(bundle)
     with pytest.raises(BundleError, match=words):
         check_walls(found)
-    for command in (["replay", str(bundle), "--retrain"], ["continue", str(bundle), "search.generations=9"]):
+    for command in (["replay", str(bundle), "--retrain"], ["extend", str(bundle), "search.generations=9"]):
         assert main(command) == 1
         assert words in capsys.readouterr().err
     check_walls(Opened(folder=found.folder, entries=found.store))

@@ -1,6 +1,7 @@
 """Promise: who watches a search reads how many of its slots are done."""
 
 import io
+import itertools
 from dataclasses import replace
 
 import fakes
@@ -45,3 +46,20 @@ def test_best_stands_beside_baseline_and_trivial_loss(trivial: float | None, is_
     )
     assert len(lines) == 3
     assert [line for line in lines if f"({beside})" not in line or ("at chance" in line) != is_chance] == []
+
+
+@pytest.mark.parametrize(("pace", "told"), [(1.0, False), (600.0, True)])
+def test_long_search_says_how_long_it_takes(pace: float, told: bool) -> None:
+    """At its first training, and with every generation that much is left after; a short one says nothing of it."""
+    out, done = io.StringIO(), fakes.Recorder()
+    effects = replace(fakes.effects(), cpu_seconds=itertools.count().__next__)
+    run_search(PLAN, effects, Ledger(), done)
+    clock = itertools.count(0, pace).__next__
+    run_search(PLAN, effects, Ledger(), Watcher(PLAN, Progress(Console(file=out)), clock=clock))
+    left = [line for line in out.getvalue().splitlines() if " left)" in line]
+    assert len(left) == (2 if told else 0)  # of three generations, the last has nothing left
+    trained = next(outcome for outcome in done.outcomes if outcome.cpu_seconds)
+    watcher = Watcher(PLAN, Progress(Console(file=out)), at_once=2)
+    watcher.developed(replace(trained, cpu_seconds=0.0, seconds=1e6))  # recalled
+    watcher.developed(replace(trained, seconds=pace))
+    assert ("about 1.3 hours at the pace of the first training" in out.getvalue()) == told  # 16 slots of 600 s, by two

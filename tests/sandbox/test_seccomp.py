@@ -87,14 +87,6 @@ def test_dangerous_calls_are_refused(name: str) -> None:
         assert verdict(text, architecture=machine.architecture, number=number) == REFUSE
 
 
-def test_program_fits_the_kernel() -> None:
-    """The kernel takes at most 4096 instructions of 8 bytes."""
-    for machine in MACHINES.values():
-        text = program(machine, PID)
-        assert len(text) % 8 == 0
-        assert len(text) // 8 <= 4096
-
-
 def test_filters_need_a_known_processor_and_a_kernel_that_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
     """Elsewhere the numbers of the calls would mean others."""
 

@@ -14,7 +14,7 @@ from refusals import refused
 
 from tacevo.errors import CacheMissError
 from tacevo.records import Json, Message, Mode, Request, to_json
-from tacevo.storage.canonical import canonical, content_hash, leaves
+from tacevo.storage.canonical import canonical, content_hash, leaves, readable
 from tacevo.storage.store import Store
 
 REQUEST = Request(
@@ -75,9 +75,10 @@ def store(tmp_path: Path) -> Store:
     return made
 
 
-def test_canonical_form_is_golden() -> None:
-    """Keys in order, no spaces, text as it is: every key of every store rests on this form."""
+def test_written_forms_are_golden() -> None:
+    """Text as it is: every key of every store rests on the canonical form, every file of a record on the other."""
     assert canonical({"b": [1, 1.0, None, True], "a": 'ü"\n'}) == '{"a":"ü\\"\\n","b":[1,1.0,null,true]}'
+    assert readable({"b": [1.0, True], "a": 'ü"\n'}) == '{\n "b": [\n  1.0,\n  true\n ],\n "a": "ü\\"\\n"\n}\n'
 
 
 @pytest.mark.parametrize("field", [field.name for field in dataclasses.fields(Request)])

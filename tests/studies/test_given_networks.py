@@ -223,6 +223,6 @@ def test_data_that_do_not_fit_are_refused(
 
 def test_run_of_given_networks_is_not_continued(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nobody chose who would answer; it stays a run that did not search."""
-    assert main(["continue", "run", "--store", "cache", "search.generations=1", "run.dir=mine"]) == 2
+    assert main(["extend", "run", "--store", "cache", "search.generations=1", "run.dir=mine"]) == 2
     assert "run: expected a run that searches" in capsys.readouterr().err
     assert not Path("mine").exists()

@@ -294,13 +294,6 @@ def test_loss_of_a_study_at_the_searchs_epoch_is_a_fitness(folder: Path) -> None
     assert short.validation_losses[-1] == full.answer["full"]["training"]["validation_losses"][0]
 
 
-def test_choosing_without_a_noise_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """In one line that names the command."""
-    shutil.rmtree(noise_of(folder).path)
-    assert main(CHOSEN) == 2
-    assert "run `tacevo noise run`" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("command", [["noise", "sweep"], ["study", "sweep"], ["study", "run=sweep"]])
 def test_sweep_is_not_a_run(command: list[str], sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The error says what to name, and nothing is written."""

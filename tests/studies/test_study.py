@@ -320,26 +320,6 @@ def test_study_of_a_run_that_was_extended_is_passed_over(folder: Path, capsys: p
     assert runs.count(read_run(folder / "longer").digest) == 1
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ([], "run: expected the directory of a finished run, as in run=runs/NAME"),
-        (["run=nowhere"], "nowhere: expected the directory or bundle of a run"),
-        (["run=run", "seed=1"], "seed: not a setting; did you mean seeds?"),
-    ],
-)
-def test_users_mistake_is_one_line(
-    settings: list[str], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """No traceback, and no study is begun."""
-    shutil.rmtree(folder / "run" / "studies")
-    assert main(["study", *settings]) == 2
-    errors = capsys.readouterr().err
-    assert message in errors
-    assert "Traceback" not in errors
-    assert not (folder / "run" / "studies").exists()
-
-
 def test_unfinished_run_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One whose ledger ends early, and one whose candidate was edited."""
     ledger = folder / "run" / "ledger.jsonl"

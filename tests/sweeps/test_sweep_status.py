@@ -101,20 +101,6 @@ def test_hash_leaves_out_where_a_job_is_computed(change: str) -> None:
     assert config_hash(composed(*SHARED, change)) == config_hash(composed(*SHARED))
 
 
-def test_description_lists_every_job(tmp_path: Path, job: Job) -> None:
-    """How many stand how, a row for each, and why one failed."""
-    directory = SweepDirectory(tmp_path)
-    (other,) = plan(SHARED, [("ablation=none", "seed=1")])
-    begin(directory, job)
-    directory.fail(other, "the disk is full")
-    text = describe_jobs([status_of(directory, one) for one in (job, other)])
-    digest = str(finished_digest(directory.run(job)))
-    assert text.startswith("2 jobs: 1 finished, 1 failed\n")
-    assert f"| none-seed0 | none | 0    | finished | 2     | 0.250 | {digest[:12]} |" in text
-    assert "| none-seed1 | none | 1    | failed   | 0     | -     | -            |" in text
-    assert text.endswith("none-seed1: the disk is full")
-
-
 @pytest.mark.parametrize(("trivial", "at_chance"), [(0.26, True), (0.5, False), (None, False)])
 def test_job_that_learned_nothing_is_said_to_be_at_chance(
     trivial: float | None, at_chance: bool, tmp_path: Path, job: Job

@@ -137,6 +137,26 @@ def test_same_search_runs_once(place: Path) -> None:
     assert [status.job.name for status in asked] == ["none-seed0", "temperature-stall-seed0"]
 
 
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (["ablation=none,no_prompt_archive", "seed=range(0,8)"], ["none and no_prompt_archive will find equal"]),
+        (["ablation=none,no_prompt_archive", "seed=range(0,8)", "prompts=curiosity"], []),
+        (["ablation=none,fixed_temperature", "seed=0,1"], ["2 seeds of an arm can show nothing", "takes 4 or more"]),
+        (["ablation=none,fixed_temperature,drift", "seed=range(0,4)"], ["4 seeds of an arm", "takes 5 or more"]),
+        (["ablation=none,fixed_temperature", "seed=range(0,4)"], []),
+        (["seed=0,1"], []),
+    ],
+)
+def test_what_a_sweep_cannot_show_is_said_before_it_runs(settings: list[str], told: list[str], place: Path) -> None:
+    """Arms that are equal by construction, with the reason, and seeds that are too few for any test."""
+    view = Heard()
+    sweep([*SHARED, *settings], "all", view, Launched())
+    warned = [line for line in view.lines if line.startswith("warning: ")]
+    assert [words for words in told if not any(words in line for line in warned)] == []
+    assert bool(warned) == bool(told)
+
+
 def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
     """It follows from what the jobs share, and from nothing that leaves results alone."""
     first, more, watched, other = (

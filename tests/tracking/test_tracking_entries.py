@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mirrored import BASELINE, GENERATION, INSTRUCTIONS, MUTATION, REJECTED, SECOND_GENERATION
 
+from tacevo.choices import FitnessRule
 from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, RepairedAnswer, SeedLine
@@ -80,17 +81,17 @@ def test_losses_are_steps_by_epoch_and_by_seed() -> None:
         SeedLine(seed=seed, evaluation="", train_losses=(), validation_losses=(0.9, loss), predictions="", weights="")
         for seed, loss in enumerate((0.3, 0.1, 0.2))
     )
-    points = candidate_measures(replace(BASELINE, seeds=seeds))
+    points = candidate_measures(replace(BASELINE, seeds=seeds), FitnessRule.last)
     assert named(points, "validation_loss") == [(1, 0.5), (2, 0.25)]
     assert named(points, "seed_loss") == [(0, 0.3), (1, 0.1), (2, 0.2)]
-    assert named(candidate_measures(BASELINE), "seed_loss") == []
-    assert candidate_measures(REJECTED) == ()
+    assert named(candidate_measures(BASELINE, FitnessRule.last), "seed_loss") == []
+    assert candidate_measures(REJECTED, FitnessRule.last) == ()
 
 
 @pytest.mark.parametrize("status", AddStatus)
 def test_inserted_is_whether_the_archive_took_it(status: AddStatus) -> None:
     """A new niche and an improved one both count as an insertion."""
-    points = candidate_measures(replace(BASELINE, status=status))
+    points = candidate_measures(replace(BASELINE, status=status), FitnessRule.last)
     assert named(points, "inserted") == [(0, float(status is not AddStatus.rejected))]
 
 
@@ -130,7 +131,7 @@ def test_shortened_text_fits_and_shows_that_it_was_cut(text: str) -> None:
 def test_long_summary_is_cut_at_a_line() -> None:
     """Older servers refuse a longer tag; its end says where all of it is."""
     summary = "".join(f"| row {number} |\n" for number in range(1_000))
-    cut = note(summary)
+    cut = note(summary, "summary.md")
     assert len(cut) <= 5_000
     assert summary.startswith(cut.partition("\n\n…")[0])
     assert cut.endswith("summary.md, among the artifacts)")

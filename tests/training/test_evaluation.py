@@ -141,6 +141,7 @@ def test_portable_child_computes_with_avx2_in_one_thread(sandbox: Sandbox) -> No
     portable, fast = environment(Numerics.portable), environment(Numerics.fast)
     others = {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"}
     assert portable == fast | others != fast
+    assert environment(Numerics.fast, Device.cuda) == fast | {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"} != fast
 
 
 @pytest.mark.slow

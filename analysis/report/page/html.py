@@ -21,7 +21,7 @@ from tacevo.records import to_json
 SCRIPTS = (
     "d3.min.js",
     *("basics.js", "charts.js", "map.js", "candidate.js", "lineage.js"),
-    *("table.js", "dynamics.js", "studies.js", "main.js"),
+    *("table.js", "dynamics.js", "pareto.js", "studies.js", "main.js"),
 )
 
 

@@ -34,10 +34,13 @@ function show(page) {
     followAddress();
 }
 
+// The candidate that a run opens with.
+const opening = (run) => (run?.generations.length ? bestOf(run) : undefined);
+
 function choose(run) {
     state.run = run;
     state.generation = run.generations.length - 1;
-    state.selected = undefined;
+    state.selected = opening(run);
     drawRun();
 }
 
@@ -51,6 +54,7 @@ function drawRun() {
     drawLineage();
     drawTable();
     drawDynamics();
+    drawPareto();
     drawStudies();
     showPanel("tables", run.tables.length > 0);
     byId("run-tables").replaceChildren(...run.tables.map(tableOf));
@@ -62,7 +66,7 @@ function drawRun() {
 
 // Open the run and the candidate that the address names, if any, and what else a page that reloaded kept in it.
 function followAddress() {
-    if (location.hash === "" && state.selected !== undefined) select(undefined); // back to where the page began
+    if (location.hash === "" && state.selected !== opening(state.run)) select(opening(state.run)); // back to the start
     const [address, kept] = location.hash.split("?");
     const parts = address.split("/");
     if (parts[0] !== "#" || parts.length !== 3) return;
@@ -74,7 +78,7 @@ function followAddress() {
     }
     const run = state.page.runs.find((one) => one.name === name);
     if (run !== undefined && run !== state.run && (id === "" || run.byId.has(id))) choose(run);
-    select(run?.byId.has(id) ? id : undefined);
+    select(run?.byId.has(id) ? id : id === "" ? opening(state.run) : undefined);
     if (kept !== undefined) {
         restore(new URLSearchParams(kept));
     } else if (state.selected !== undefined) {
@@ -100,7 +104,8 @@ function addressNow() {
     const kept = new URLSearchParams({ top: Math.round(scrollY) });
     if (state.generation < state.run.generations.length - 1) kept.set("generation", state.generation);
     for (const name of KEPT) kept.set(name, byId(name).value);
-    return `${addressOf(state.run, state.selected ?? "")}?${kept}`;
+    const chosen = state.selected === opening(state.run) ? "" : (state.selected ?? "");
+    return `${addressOf(state.run, chosen)}?${kept}`;
 }
 
 function restore(kept) {

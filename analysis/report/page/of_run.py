@@ -20,11 +20,13 @@ from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
+from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
+from analysis.studies.noise import by_seeds, losses_by_source
 from analysis.table import Table
-from analysis.tables.dynamics import by_seeds, reestimated
+from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
@@ -98,6 +100,7 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
         "crossover": task.crossover,
         "candidates": _candidates(found, given.texts),
         "generations": _generations(run, found.niches.networks),
+        "pareto": _pareto(found),
         "prompt_cells": _cells(found.niches.prompts) if has_prompts else (),
         "unreachable": sorted(set(range(len(found.niches.prompts))) - reached) if has_prompts else [],
         "trials": to_json(run.prompt_trials),
@@ -226,8 +229,9 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
     """Return the ledger line of every generation, with what the page says beside it.
 
     `rejected` counts first answers by stage; `tokens` and `usd` are what its answers cost, None where that is not known
-    of all of them; `extents` (low, high) of each axis that its niches were looked up under, none before anything was
-    trained; `elites` (niche or place, id) of the network archive after it.
+    of all of them; `hypervolume` is that in loss and FLOPs so far, None without a reference point; `extents` (low,
+    high) of each axis that its niches were looked up under, none before anything was trained; `elites` (niche or place,
+    id) of the network archive after it.
     """
     medians, archives = archive_medians(run, centroids), archive_history(run, centroids)
     raw = descriptors(run)
@@ -239,6 +243,7 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
             "archive_median": median,
             "tokens": entry["tokens"],
             "usd": entry["usd"],
+            "hypervolume": entry["hypervolume"],
             "extents": list(zip(line.bounds.low, line.bounds.high, strict=True))
             if line.bounds is not None
             else _extents(raw[born <= line.generation]),
@@ -246,6 +251,16 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
         }
         for entry, line, median, archive in zip(_rows(progress(run)), run.generations, medians, archives, strict=True)
     ]
+
+
+def _pareto(found: Collection) -> dict[str, Any]:
+    """Return loss and FLOPs of the trained candidates (`analysis.runs.pareto.PARETO`), and the ids of the front."""
+    candidates = beside_costs(found.run, losses_by_source(found.reestimates))
+    front = on_front(candidates, ["fitness", "flops"])
+    return {
+        "candidates": _rows(candidates[["fitness", "estimate", "flops"]].reset_index()),
+        "front": front.index.tolist(),
+    }
 
 
 def _extents(points: NDArray[np.float64]) -> list[tuple[float, float]]:

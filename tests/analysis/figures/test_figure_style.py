@@ -22,25 +22,28 @@ from analysis.figures.style import house_style, render
 
 
 @pytest.fixture(scope="module", params=DRAWN)
-def figure(request: pytest.FixtureRequest) -> tuple[Figure, bytes]:
-    """Return every figure in turn, drawn once, and its picture."""
-    drawn = DRAWN[request.param][0]()
-    return drawn, render(drawn, ".png")
+def figure(request: pytest.FixtureRequest) -> tuple[Figure, float]:
+    """Return every figure in turn, drawn once, and the width that it should have, in inches."""
+    draw, width = DRAWN[request.param]
+    return draw(), width
 
 
-def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, bytes], request: pytest.FixtureRequest) -> None:
-    """To the pixel: nothing is cropped or added when it is saved."""
-    (width,) = (width for name, (_, width) in DRAWN.items() if f"[{name}]" in request.node.name)
-    assert Image.open(io.BytesIO(figure[1])).width == int(width * 300)
+def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, float]) -> None:
+    """And nothing is cropped or added when it is saved, which is tried with few points an inch."""
+    drawn, width = figure
+    assert drawn.get_figwidth() == width
+    with house_style():
+        drawn.savefig(saved := io.BytesIO(), dpi=50)
+    assert Image.open(saved).width == int(width * 50)
 
 
-def test_letters_have_7_or_8_points(figure: tuple[Figure, bytes]) -> None:
+def test_letters_have_7_or_8_points(figure: tuple[Figure, float]) -> None:
     """Sub- and superscripts aside, which are parts of a text."""
     sizes = {text.get_fontsize() for text in figure[0].findobj(Text) if isinstance(text, Text) and text.get_text()}
     assert sizes <= {7.0, 8.0}
 
 
-def test_no_text_leaves_its_figure(figure: tuple[Figure, bytes]) -> None:
+def test_no_text_leaves_its_figure(figure: tuple[Figure, float]) -> None:
     """Every word that is drawn lies within the page; half a point of slack for what surrounds the letters."""
     drawn, _ = figure
     with house_style():

@@ -57,12 +57,6 @@ def test_map_draws_every_niche() -> None:
     assert points(axes, "*") == [(0.4, 14.0)]
 
 
-def test_colours_say_where_they_are_logarithmic() -> None:
-    """Losses of two elites are; a single one has no scale."""
-    assert "validation loss of the elite (logarithmic scale)" in texts(network_map(RUN, CENTROIDS))
-    assert "validation loss of the elite" in texts(network_map(replace(RUN, elites=(ELITES[0],)), CENTROIDS))
-
-
 def test_elite_outside_fixed_bounds_stands_at_their_edge() -> None:
     """Its niche is the one at the edge; nothing of the map, the star included, vanishes, and the legend says why."""
     slots = [replace(slot, eff_ratio=25.0) if slot.id == "g01s00" else slot for slot in SLOTS]
@@ -175,20 +169,6 @@ def test_names_of_users_are_no_formulas() -> None:
         assert name in texts(drawn)
 
 
-def test_single_generation_has_one_tick() -> None:
-    """Between generations there is nothing, so no tick stands at 0.03."""
-    early = run(SLOTS[:2], [closed(0, 0.6)])
-    for drawn in (lineage(find_lineage(early, "g00s01")), growth(early, 9, 6), fitness_evolution(early, [0.7])):
-        axes = drawn.axes[-1]
-        low, high = axes.get_xlim()
-        assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0.0]
-
-
-def test_markers_at_the_ends_of_an_axis_are_whole() -> None:
-    """Coverage of 0 and 100 % is drawn over the frame, not cut by it."""
-    assert not any(line.get_clip_on() for axes in growth(RUN, 9, 6).axes for line in axes.lines)
-
-
 def test_long_lineage_shows_its_end_and_says_so() -> None:
     """The latest ancestors stay, the number of the others is told."""
     many = [trained(number, 0, parents=(f"g{number - 1:02}s00",)) for number in range(ROWS + 5)]
@@ -208,14 +188,6 @@ def test_every_seed_is_a_point() -> None:
     assert "better" in texts(drawn)
 
 
-@pytest.mark.parametrize(("networks", "name"), [(2, "variant 1"), (5, "variant 1"), (6, "variant\n1")])
-def test_names_of_networks_are_broken_where_they_would_touch(networks: int, name: str) -> None:
-    """The five of a usual study have room for them in one line."""
-    scores = {"baseline": [0.1, 0.2], **{f"variant {number}": [0.1, 0.2] for number in range(1, networks)}}
-    (axes,) = seed_boxes(study_of(scores), {}).axes
-    assert [label.get_text() for label in axes.get_xticklabels()][1] == name
-
-
 def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     """One image of three is 33 % of its row; places without an image stay empty."""
     (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
@@ -231,11 +203,6 @@ def test_confusion_shows_every_network_at_its_median_seed() -> None:
     assert [axes.get_title() for axes in (left, right)] == ["baseline, seed 2", "variant 1, seed 1"]
     assert {text.get_text() for text in left.texts} == {"3\n100"}
     assert len(confusion_matrices(confused()).axes) == 5
-
-
-def test_confusion_is_a_drawing() -> None:
-    """Its cells stay sharp at every size; an image of seven pixels a side is smoothed by some readers."""
-    assert b"<image" not in render(confusion_matrices(confused()), ".svg")
 
 
 def _diagonal(count: int) -> tuple[tuple[int, ...], ...]:

@@ -1,16 +1,16 @@
 """Promise: the figures of a sweep draw medians over quartiles and every seed, and tell no two arms by colour alone."""
 
-from collections.abc import Sequence
+import functools
 
 import numpy as np
 import pytest
 from hand_sweeps import NONE, WORSE, compared, curves_of, jobs_of
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from analysis.figures.ablations import curves, final_values
 from analysis.figures.style import BLACK
 from analysis.sweeps.ablation import compare_arms
-from tacevo.results.sweep import Finished
 from tacevo.storage.sweep_directory import Job
 
 TWO = (*jobs_of("none", NONE), *jobs_of("worse", WORSE))
@@ -18,6 +18,13 @@ _, FOUND = compared(*TWO)
 CURVES = curves_of(TWO)
 ARMS = [f"arm number {number} of a long name, and so on" for number in range(12)]
 MANY = (*jobs_of("none", NONE), *(job for name in ARMS for job in jobs_of(name, WORSE)))
+
+
+@functools.cache
+def of_many() -> tuple[Figure, Figure]:
+    """Draw the curves and the final values of thirteen arms."""
+    _, found = compared(*MANY)
+    return curves(found, curves_of(MANY)), final_values(found)
 
 
 def heights(axes: Axes, arm: str) -> list[float]:
@@ -47,11 +54,7 @@ def test_archives_are_those_in_common() -> None:
 
 def test_no_two_arms_look_alike() -> None:
     """Thirteen arms differ in dash or marker, too, and not in colour alone; `none` is black and solid."""
-    lines = [
-        one
-        for one in curves(compared(*MANY)[1], curves_of(MANY)).axes[0].lines
-        if not str(one.get_label()).startswith("_")
-    ]
+    lines = [one for one in of_many()[0].axes[0].lines if not str(one.get_label()).startswith("_")]
     assert (lines[0].get_color(), lines[0].get_marker(), lines[0].get_linestyle()) == (BLACK, "o", "-")
     assert len({(str(line.get_marker()), line.get_linestyle() == "-") for line in lines}) == 13
 
@@ -64,6 +67,23 @@ def test_every_seed_is_a_point() -> None:
     for row, line in enumerate(drawn):
         assert all(abs(float(y) - row) < 0.5 for y in np.asarray(line.get_ydata()))
     assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse"]
+
+
+def test_arms_that_lie_on_each_other_are_named() -> None:
+    """Above each panel in which one hides the other; elsewhere there is no title."""
+    twins = (*TWO, *jobs_of("twin", WORSE))
+    figure = curves(compared(*twins)[1], curves_of(twins))
+    assert [axes.get_title() for axes in figure.axes] == [*["worse = twin"] * 2, "none = worse = twin"]
+    assert [axes.get_title() for axes in curves(FOUND, CURVES).axes] == ["", "", "none = worse"]
+
+
+def test_few_values_have_no_box() -> None:
+    """Of five seeds there are points and the median; of six a box as well."""
+    for seeds, boxes in ((5, 0), (6, 2)):
+        jobs = (*jobs_of("none", NONE[:1] * seeds), *jobs_of("worse", WORSE[:1] * seeds))
+        axes = final_values(compared(*jobs)[1]).axes[0]
+        assert len(axes.patches) == boxes
+        assert sum(line.get_linewidth() == 1.4 for line in axes.lines) == 2  # medians
 
 
 def test_reference_line_is_its_median() -> None:
@@ -101,11 +121,9 @@ def test_arm_that_lost_every_job_has_an_empty_row_and_no_curve() -> None:
     assert not any(1.5 < y < 2.5 for _, y in ends)
 
 
-@pytest.mark.parametrize("jobs", [TWO, MANY], ids=["two", "thirteen"])
-def test_figures_are_as_wide_as_two_columns(jobs: Sequence[Finished]) -> None:
+def test_figures_are_as_wide_as_two_columns() -> None:
     """Also where arms have long names, and the panels are still there."""
-    _, found = compared(*jobs)
-    for figure in (curves(found, curves_of(jobs)), final_values(found)):
+    for figure in of_many():
         assert figure.get_figwidth() == 7.16
         figure.draw_without_rendering()
         assert all(axes.get_window_extent().width > 0.12 * figure.bbox.width for axes in figure.axes)

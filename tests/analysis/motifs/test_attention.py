@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from motif_cases import SIZE, anatomy_of, profile_of
+from motif_cases import anatomy_of, profile_of
 from torch import Tensor, nn
 from torch.nn import functional as F  # noqa: N812 - the customary name, as candidates write it
 
@@ -169,8 +169,3 @@ def test_decoy_has_no_gate(decoy: nn.Module) -> None:
 def test_gate_is_no_part_of_the_trunk(attend: Attend, is_spatial: bool) -> None:
     """Its convolution is not a block, nor its sigmoid an activation, its pooling a pooling, x + x * gate a shortcut."""
     assert anatomy_of(Weighted(attend)) == replace(anatomy_of(Weighted()), has_spatial_attention=is_spatial)
-
-
-def test_images_have_more_positions_than_channels() -> None:
-    """A gate of as many weights as there are both would be of no kind that its number tells."""
-    assert (SIZE // 2) ** 2 != C

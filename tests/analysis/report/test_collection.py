@@ -52,7 +52,7 @@ def test_run_has_every_picture() -> None:
     found = pictures_of(collection(Kind.classification, searched=searched()))
     assert [picture.name for picture in found] == [
         "fitness", "trainable", "archive_growth", "temperature", "network_map",
-        "prompt_map", "prompt_productivity", "lineage", "training_curves",
+        "prompt_map", "prompt_productivity", "lineage", "training_curves", "pareto",
         "study1/seed_boxes", "study1/confusion_matrices"
     ]  # fmt: skip
     assert all(picture.caption.endswith(".") for picture in found)

@@ -97,11 +97,6 @@ def test_page_links_to_nothing_outside(hostile: PageContents) -> None:
     assert [address for address in addresses if not address.startswith(("#", "data:,"))] == []
 
 
-def test_equal_contents_give_equal_bytes(shipped: PageContents) -> None:
-    """No date and no path enters the page."""
-    assert as_html(shipped) == as_html(shipped)
-
-
 def test_thousand_candidates_stay_below_15_megabytes(shipped: PageContents) -> None:
     """Counted as if none of a thousand had its source in common with another."""
     contents = len(as_data(shipped))

@@ -11,7 +11,6 @@ from hand_runs import altered
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 
-from analysis.figures.progress import growth
 from analysis.report.figure_list import run_pictures, undrawn
 from analysis.runs.coverage_map import coverage_map, reachable
 from analysis.runs.dynamics import progress
@@ -76,20 +75,6 @@ def test_map_that_would_mean_nothing_is_left_out_and_said(run: RecordedRun, nich
     assert {"archive_growth", "fitness", "prompt_map"} <= set(names)
     (sentence,) = undrawn(run)
     assert sentence.startswith(words)
-
-
-def test_archive_of_prompts_that_a_run_never_had_is_said() -> None:
-    """No picture of it, and a sentence in its stead."""
-    run = replace(hand_runs.run([], []), config=hand_runs.configured(prompts={"policy": "none"}))
-    assert undrawn(run) == ("no prompt_map: prompts.policy=none keeps no prompt archive",)
-
-
-def test_growth_names_places() -> None:
-    """What is covered are places, and the figure says so."""
-    figure = growth(best_of_all(), 1, 0)
-    upper = figure.axes[0]
-    assert upper.get_ylabel() == "occupied (%)"
-    assert [line.get_label() for line in upper.get_lines()] == ["networks (of the places for the best)"]
 
 
 @pytest.mark.parametrize(("archive", "networks", "axes"), [({"kind": "best"}, 0, 2), ({"axes": ["arch_div"]}, 3, 1)])

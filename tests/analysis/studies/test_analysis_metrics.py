@@ -54,10 +54,3 @@ def test_no_metric_is_left_out() -> None:
         named = named_metrics(study)
         assert {metric for metric, _ in named} == study.scores[0].metrics.keys()
         assert len({name for _, name in named}) == len(named)
-
-
-def test_metrics_of_a_classification_stand_in_the_order_of_the_docs() -> None:
-    """Nothing of a regression beside them."""
-    metrics = {"cross_entropy": 1.0, "macro_f1": 0.5, "accuracy": 0.5}
-    study = replace(study_of({"baseline": [0.1]}, kind=Kind.classification), scores=(score("baseline", 0, metrics),))
-    assert [name for _, name in named_metrics(study)] == ["accuracy", "macro-F1", "cross-entropy (nats)"]

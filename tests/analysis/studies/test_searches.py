@@ -192,7 +192,7 @@ def test_studies_on_other_data_stand_in_a_table_of_their_own() -> None:
     found = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
     (own, other), alone = side_by_side(found)
     assert (own.name, other.name, alone) == ("searches", "searches_eeeeeeee", [])
-    assert other.caption.endswith("Tested on other data than the runs': a=1.")
+    assert other.notes[0] == "Tested on other data than the runs': a=1."
     (only,), alone = side_by_side([found[0], collected(SECOND)])
     assert (only.name, alone) == ("searches", [])
 

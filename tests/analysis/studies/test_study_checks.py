@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 from refusals import refused
-from studies import network, score, study_of
+from studies import network, study_of
 
 from tacevo.errors import RunError
 from tacevo.results.study import check_study
@@ -15,12 +15,6 @@ WHOLE = study_of({"baseline": [0.1, 0.2, 0.3], "variant 1": [0.1, 0.2, 0.4]})
 def test_whole_study_is_let_through() -> None:
     """Every network, every seed, once, in whatever order."""
     check_study(replace(WHOLE, scores=WHOLE.scores[::-1]))
-
-
-def test_scores_of_no_network_are_refused() -> None:
-    """They would be left out silently."""
-    with refused(RunError, place="the study of force", got="not of the study: variant 9 with seed 0"):
-        check_study(replace(WHOLE, scores=(*WHOLE.scores, score("variant 9", 0, {"mse": 0.1}))))
 
 
 @pytest.mark.parametrize(

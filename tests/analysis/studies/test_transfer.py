@@ -94,13 +94,6 @@ def test_warning_of_one_split_goes_with_a_second_one() -> None:
     assert "study1/transfer" in {table.name for table in tables}
 
 
-def test_study_on_other_data_says_so() -> None:
-    """In the notes of its scores and metrics."""
-    tables = {table.name: table for table in tables_of(collection(elsewhere(ONE, 7)), None)}
-    for name in ("study1/scores", "study1/metrics"):
-        assert "On other data than the run's: split_seed=7." in " ".join(tables[name].notes)
-
-
 def test_paper_takes_the_largest_study_on_each_data_set() -> None:
     """That on the run's own data first, however large one on other data is."""
     large = elsewhere(OTHER, 7, recipe=replace(study_of(ONE).recipe, epochs=500))

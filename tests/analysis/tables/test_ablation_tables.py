@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import pandas as pd
 from hand_runs import altered
 from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms
-from analysis.sweeps.common_archive import EXTENTS
 from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
-from analysis.tables.ablation import ablation_tables, arms_table, common_note, extents_note, metric_table, runs_table
+from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
 from tacevo.results.sweep import Finished, Missing, RecordedSweep
@@ -97,15 +95,6 @@ def test_runs_that_differ_are_counted_without_a_value() -> None:
     assert (row["seeds"], row["runs that differ"]) == (3, 5)
 
 
-def test_direction_is_told() -> None:
-    """More coverage is better, and less loss; worse is counted so."""
-    coverage = metric_table(SWEEP, FOUND, Metric.improvement, "none-seed0")
-    assert "More is better." in coverage.notes
-    assert "Less is better." in best().notes
-    assert coverage.rows[2][-3:] == (0, 0, 5)
-    assert coverage.columns[-4] == "median difference by seed (percentage points)"
-
-
 STATED = SweepTerms(
     primary=Primary.test_score,
     reference="none",
@@ -135,20 +124,6 @@ def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
     assert arms_table(sweep, found, "n").columns[2:4] == ("test MSE", "best fitness")
     late = replace(sweep, terms=replace(STATED, primary=None))
     assert "after their searches" in metric_table(late, found, Metric.test_mse, ARCHIVE).notes[0]
-
-
-def test_fitness_of_arms_with_different_records_is_not_compared_as_one_thing() -> None:
-    """The lowest of single draws lies below that of medians; the note names what there is."""
-    single = [finished("none", 0, run_to(0.5, 0.3))]
-    several = [finished("three", 0, run_to(0.5, 0.3), settings={"training": {"seeds": 3}})]
-    sweep, found = compared(*single, *several)
-    told = best(replace(sweep, terms=STATED), replace(found, primary=Metric.test_mse)).notes[0]
-    assert "each is one draw or the median of 3 draws" in told
-    assert "Arms differ in this" in told
-    alone, found = compared(*jobs_of("none", NONE))
-    told = best(replace(alone, terms=STATED), replace(found, primary=Metric.test_mse)).notes[0]
-    assert "each is one draw, so" in told
-    assert "Arms differ in this" not in told
 
 
 def test_primary_metric_without_values_is_missed() -> None:
@@ -191,17 +166,6 @@ def test_reference_that_was_named_afterwards_is_told() -> None:
     assert not any(note.startswith(told) for note in best(stated, found).notes)
 
 
-def test_common_archive_is_told() -> None:
-    """Wherever coverage and QD-score stand, with the job whose niches it has."""
-    named = [table for table in ablation_tables(SWEEP, FOUND, ARCHIVE) if "niches of none-seed0" in str(table)]
-    assert [table.name for table in named] == [
-        "ablation",
-        "ablation_qd_score",
-        "ablation_coverage",
-        "ablation_runs",
-    ]
-
-
 def test_single_seed_is_a_value_alone() -> None:
     """Without interval, and with the reason below; the test is void by that word."""
     sweep, found = compared(*jobs_of("none", NONE), *jobs_of("one", WORSE[:1]))
@@ -221,17 +185,6 @@ def test_notes_count_the_known_values_of_the_metric() -> None:
     assert any("with less: 93.8 % for 5 seeds." in note for note in best(sweep, found).notes)
     assert not any("their range" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
     assert any("93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in arms_table(sweep, found, "").notes)
-
-
-def test_candidates_at_the_bounds_are_told() -> None:
-    """With the crowd that one of them makes of all others; fixed bounds are nobody's."""
-    near = ("x", 0.0, 1.0, ("a/g00s00", "b/g00s00"), ("b/g01s00",), 0.96)
-    told = extents_note(pd.DataFrame([near, ("y", 0.0, 2.0, (), (), 0.5)], columns=list(EXTENTS)))
-    assert (
-        "x from 0.00 (a/g00s00 and 1 more) to 1.00 (b/g01s00), with 96.0 % of all candidates in the fullest tenth;"
-        in told
-    )
-    assert "y from 0.00 (fixed) to 2.00 (fixed), with 50.0 %" in told
 
 
 def test_jobs_at_chance_are_counted_and_named() -> None:

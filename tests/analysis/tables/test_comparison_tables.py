@@ -56,12 +56,6 @@ def test_accuracy_has_one_face() -> None:
     assert "a margin of 1.00 percentage points, as" in verdicts_table(study, found).notes[1]
 
 
-def test_study_that_cannot_be_compared_keeps_its_scores() -> None:
-    """Three seeds are too few for any test, not for a median."""
-    few = study_of({name: values[:3] for name, values in FOUR.items()})
-    assert [table.name for table in study_tables(few, None)] == ["scores", "metrics"]
-
-
 def test_margin_below_a_test_image_is_told() -> None:
     """One point of 9 images; two ninths are more than an image, and need no word; an error has no such step."""
     accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
@@ -70,14 +64,6 @@ def test_margin_below_a_test_image_is_told() -> None:
     assert any(note.startswith(words) for note in verdicts_table(accuracies, compare(accuracies)).notes)
     for study in (wide, STUDY):
         assert not any("one test image" in note for note in verdicts_table(study, compare(study)).notes)
-
-
-def test_late_trainings_are_told_with_their_shares() -> None:
-    """Of every network, because what counts is how they differ; without any there is no word."""
-    late = replace(STUDY, scores=tuple(replace(one, epoch=46) if one.seed < 5 else one for one in STUDY.scores))
-    words = "Best epoch in the last tenth of 50, by share of the trainings: baseline 25.0 %, variant 1 25.0 %, "
-    assert any(note.startswith(words) for note in verdicts_table(late, compare(late)).notes)
-    assert not any("Best epoch" in note for note in verdicts_table(STUDY, compare(STUDY)).notes)
 
 
 def test_outputs_have_a_table() -> None:
@@ -121,28 +107,3 @@ def test_output_that_is_not_compared_is_named() -> None:
     each = {"Fx": near, "Fy": still, "Fz": near}
     study = study_of_outputs({name: {"baseline": values, "variant 1": values} for name, values in each.items()})
     assert any(note.startswith("Not compared on Fy:") for note in outputs_table(study, compare(study)).notes)
-
-
-def test_absolute_margin_is_one_for_every_output() -> None:
-    """A relative one is as wide as the output's own error makes it."""
-    near = around(0.02, step=0.0001)
-    study = study_of_outputs({name: {"baseline": near, "variant 1": near} for name in ("Fx", "Fy", "Fz")})
-    margin = Margin(value=0.001, kind=MarginKind.absolute)
-    absolute = replace(study, terms=replace(study.terms, margin=margin))
-    told = [" ".join(outputs_table(one, compare(one)).notes) for one in (study, absolute)]
-    assert ["that of the mean, 0.00100" in notes for notes in told] == [False, True]
-
-
-def test_direction_of_a12_is_told() -> None:
-    """For errors below a half is better, for accuracies above."""
-    accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)
-    assert "below 0.5 the variant is the better one" in effects_table(STUDY, compare(STUDY)).notes[2]
-    assert "above 0.5 the variant is the better one" in effects_table(accuracies, compare(accuracies)).notes[1]
-
-
-def test_what_few_seeds_detect_is_not_denied() -> None:
-    """Noether's formula has no answer for four seeds; that they detect nothing is true of four variants' Holm alone."""
-    few = study_of({name: values[:4] for name, values in FOUR.items()})
-    note = effects_table(few, compare(few)).notes[-1]
-    assert "in a single test: effects near full separation only, since Noether's formula gives none for so few" in note
-    assert note.endswith("in the strictest step of Holm's correction: no effect at all.")

@@ -56,14 +56,6 @@ def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     assert [row["re-estimated"] for row in rows] == [0.2, 0.4, 0.6, 0.8, 1.0]
 
 
-def test_fitness_without_re_estimates_is_said_to_be_so() -> None:
-    """There is no column for them, and the note names the command that makes them."""
-    study = study_of(FOUR)
-    table = study_outcome(study, compare(study), None, record="the median of 3 draws", is_alone=False, trivial=None)
-    assert table.columns[-1] == "fitness, the median of 3 draws"
-    assert "tacevo noise RUN" in table.notes[-1]
-
-
 def test_network_that_was_not_trained_again_has_an_empty_cell() -> None:
     """And not the re-estimate of its neighbour."""
     study = identified(study_of(FOUR))

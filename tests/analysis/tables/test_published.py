@@ -107,13 +107,6 @@ def test_runs_stand_beside_the_published_searches() -> None:
     )
 
 
-def test_kinds_of_data_and_names_of_models_are_told() -> None:
-    """Ours with the form of its files, theirs with the id that stands for the printed name."""
-    rows = {quantity: cells for _, quantity, *cells in beside_published([run_of()]).rows}
-    assert rows["data"] == ["recorded", "recorded (tacverse)"]
-    assert rows["model"] == ["Claude 3 Haiku (claude-3-haiku-20240307)", "claude-3-haiku-20240307"]
-
-
 @pytest.mark.parametrize(
     ("settings", "named"),
     [

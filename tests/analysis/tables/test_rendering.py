@@ -2,6 +2,8 @@
 
 import csv
 import io
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -12,7 +14,7 @@ from refusals import refused
 from analysis.report.writing import write_tables
 from analysis.rounding import shown
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table, between
-from analysis.tables.rendering import LONG, NARROW, WIDE, as_csv, as_latex, as_markdown, table_texts
+from analysis.tables.rendering import LONG, NARROW, WIDE, Notes, Shown, as_csv, as_latex, as_markdown, table_texts
 from tacevo.errors import StoreError
 
 MINUS = "\N{MINUS SIGN}"
@@ -124,20 +126,78 @@ def test_markdown_marks_in_text_are_escaped() -> None:
 def test_latex_makes_room_for_a_wide_table(characters: int, floating: str, parts: int) -> None:
     """Too wide for a column it spans two, too wide for two it stands in parts; nothing is scaled down."""
     text = as_latex(of_width(characters))
-    assert text.startswith(f"\\begin{{{floating}}}[htbp]")
+    assert text.startswith(f"% \\usepackage{{booktabs}}\n\\begin{{{floating}}}[htbp]")
     assert text.endswith(f"\\end{{{floating}}}\n")
     assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == parts
     assert text.count("{") == text.count("}")
 
 
-def test_every_part_of_a_wide_table_begins_with_its_first_column() -> None:
+def tabulars(text: str) -> list[list[list[str]]]:
+    """Read the tabulars of a table in LaTeX: lines of cells, the heads first; each has as many as it has columns."""
+    found = []
+    for columns, body in re.findall(r"\\begin{tabular}{([^\n]*)}\n(.*?)\\end{tabular}", text, re.DOTALL):
+        lines = [line.removesuffix(r" \\").split(" & ") for line in body.splitlines() if line.endswith(r" \\")]
+        assert {len(line) for line in lines} == {
+            len(re.findall("[lr]|p{", re.sub("{.raggedright.arraybackslash}", "", columns)))
+        }
+        found.append(lines)
+    return found
+
+
+def test_each_part_of_a_wide_table_begins_with_its_first_column() -> None:
     """A number far from its row's name would be nobody's; no column is lost or comes twice."""
+    names = tuple(f"{number:010}" for number in range(16))
+    text = as_latex(Table(name="t", caption="c", columns=("who", *names), rows=(("me", *range(16)),)))
+    (one, _), (other, _) = tabulars(text)
+    assert (one[0], other[0]) == ("who", "who")
+    assert one[1:] + other[1:] == list(names)
+    assert all(sum(map(len, head)) + 2 * (len(head) - 1) <= WIDE for head in (one, other))
+
+
+def test_table_that_is_too_wide_for_two_parts_is_turned() -> None:
+    """Its columns are rows then; nothing is lost."""
     names = tuple(f"{number:010}" for number in range(40))
-    text = as_latex(Table(name="t", caption="c", columns=("who", *names), rows=(("me", *range(40)),)))
-    heads = [line.removesuffix(r" \\").split(" & ") for line in text.splitlines() if line.startswith("who")]
-    assert len(heads) > 1
-    assert [name for head in heads for name in head[1:]] == list(names)
-    assert all(sum(map(len, head)) + 2 * (len(head) - 1) <= WIDE for head in heads)
+    (lines,) = tabulars(as_latex(Table(name="t", caption="c", columns=("who", *names), rows=(("me", *range(40)),))))
+    assert lines == [["who", "me"], *([name, str(number)] for number, name in enumerate(names))]
+
+
+def test_table_that_is_too_wide_either_way_names_what_it_leaves_out() -> None:
+    """The first columns stand in two parts; a choice of columns shows the others; the CSV has all."""
+    names = tuple(f"{number:010}" for number in range(40))
+    table = Table(
+        name="t", caption="c", columns=("who", *names), rows=tuple((f"{row:010}", *range(40)) for row in range(40))
+    )
+    text = as_latex(table)
+    one, other = (part[0][1:] for part in tabulars(text))
+    left = names[len(one + other) :]
+    assert one + other == list(names[: -len(left)])
+    assert f"Left out here: {', '.join(left)};" in text
+    shown_ones = table_texts(table, show=Shown(columns=left[:3]))
+    (lines,) = tabulars(shown_ones[".tex"])
+    assert lines[0] == ["who", *left[:3]]
+    assert "Left out" not in shown_ones[".tex"]
+    assert shown_ones[".csv"] == as_csv(table)
+
+
+@pytest.mark.parametrize(
+    ("notes", "told"),
+    [
+        (
+            Notes.full,
+            ("Two-sided, p < 0.05; 100% of seeds.", "A12 with its 95 % interval. See Newcombe et al. (2006)."),
+        ),
+        (Notes.short, ("Two-sided, p < 0.05; 100% of seeds.", "A12 with its 95 % interval.")),
+        (Notes.none, ()),
+    ],
+)
+def test_notes_and_columns_can_be_chosen(notes: Notes, told: tuple[str, ...]) -> None:
+    """The first column stays; a table that has none of the columns is whole; of a note, its first sentence is short."""
+    table = replace(TABLE, notes=(TABLE.notes[0], f"{TABLE.notes[1]} See Newcombe et al. (2006)."))
+    seen = Shown(columns=("p", "network", "median", "elsewhere"), notes=notes).of(table)
+    assert seen.columns == ("network", "p", "median")
+    assert [row[1:] for row in seen.rows] == [(None, 0.0061234), (PValue(0.00012), 0.00543219)]
+    assert seen.notes == told
+    assert Shown(columns=("elsewhere",)).of(table) == table
 
 
 def test_long_text_is_broken_into_lines_in_latex() -> None:
@@ -145,6 +205,7 @@ def test_long_text_is_broken_into_lines_in_latex() -> None:
     words = ("a" * LONG, "b" * (LONG + 1), 1)
     text = as_latex(Table(name="t", caption="c", columns=("x", "y", "z"), rows=(words,)))
     assert r"\begin{tabular}{l>{\raggedright\arraybackslash}p{20em}r}" in text
+    assert text.startswith("% \\usepackage{booktabs}\n% \\usepackage{array}\n")
 
 
 def test_latex_row_may_begin_with_a_bracket() -> None:

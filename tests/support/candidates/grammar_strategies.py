@@ -106,7 +106,6 @@ def build(source: str, class_name: str) -> nn.Module:
 
 def train_a_step(module: nn.Module, in_channels: int, image_size: int, batch: int = 2) -> torch.Tensor:
     """Do one forward and one backward pass; return the outputs, shape (batch, outputs)."""
-    torch.set_num_threads(1)  # for tensors this small, a second thread costs more time than it saves
     generator = torch.Generator().manual_seed(0)
     outputs = module(torch.randn(batch, in_channels, image_size, image_size, generator=generator))
     assert isinstance(outputs, torch.Tensor)

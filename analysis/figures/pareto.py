@@ -1,0 +1,53 @@
+"""What accuracy costs: every trained candidate, the front, and the hypervolume by generation."""
+
+from typing import Literal
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, Formatter, LogLocator, NullFormatter, StrMethodFormatter
+
+from analysis.figures.axes import count_along
+from analysis.figures.style import BLACK, BLUE, GREY, ORANGE, house_style, new_figure
+from analysis.runs.pareto import REESTIMATED
+
+
+@house_style()
+def pareto(candidates: pd.DataFrame, front: pd.DataFrame, baseline: str, generations: pd.DataFrame) -> Figure:
+    """Draw loss against FLOPs, and the hypervolume of each generation.
+
+    Args:
+        candidates: every trained one (`analysis.runs.pareto.PARETO`).
+        front: those that no other one beats.
+        baseline: id of the baseline.
+        generations: as of `analysis.runs.dynamics.progress`.
+    """
+    figure, (left, right) = new_figure("double", 2.4, columns=2)
+    left.plot(candidates.flops, candidates.fitness, "o", color=GREY, markersize=2, label="trained")
+    edge = front.sort_values("flops")
+    left.step(edge.flops, edge.fitness, where="post", color=BLUE, linewidth=0.8)
+    again = edge.estimate == REESTIMATED
+    for those, marker, colour, label in ((~again, "s", BLUE, "front"), (again, "D", ORANGE, "front, re-estimated")):
+        if those.any():
+            left.plot(edge.flops[those], edge.fitness[those], marker, color=colour, label=label)
+    if baseline in candidates.index:
+        of_baseline = candidates.loc[baseline]
+        left.plot(of_baseline.flops, of_baseline.fitness, "*", color=BLACK, markersize=10, zorder=1.5, label="baseline")
+    left.set(xlabel="FLOPs of one image", ylabel="validation loss")
+    _logarithmic(left, left.xaxis, "x", EngFormatter(sep=""))
+    if candidates.fitness.min() > 0:
+        _logarithmic(left, left.yaxis, "y", StrMethodFormatter("{x:g}"))
+    right.plot(generations.index, 100 * generations.hypervolume, color=BLUE, marker="o", clip_on=False, zorder=3)
+    right.set(ylabel="hypervolume (% of the box)", ylim=(0, 100))
+    count_along(right, "generation")
+    figure.legend(loc="outside upper center", ncols=4)
+    return figure
+
+
+def _logarithmic(axes: Axes, axis: Axis, name: Literal["x", "y"], formatter: Formatter) -> None:
+    """Make an axis logarithmic, with a number at 1, 2 and 5 of each decade: runs rarely span two."""
+    axes.set(**{f"{name}scale": "log"})
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(formatter)
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,120 @@
+"""What the analysis says of a finished run, for MLflow: the archive's median by generation, studies and noise runs."""
+
+import contextlib
+import math
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from analysis.report.collection import Compared, outcomes, read_studies
+from analysis.runs.archive_history import archive_medians
+from analysis.runs.niches import load_niches
+from analysis.studies.comparison import of_whole
+from analysis.studies.noise import Reestimates
+from analysis.table import Table
+from analysis.tables.comparison import scores_table, verdicts_table
+from analysis.tables.noise import noise_table
+from analysis.tables.rendering import as_csv, as_markdown
+from tacevo.errors import RunError, StoreError
+from tacevo.records import Json, to_json, written
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.study_directory import FinishedStudy, studies_of
+from tacevo.results.study_lines import FailedLine, ScoreLine, StudyRecord
+from tacevo.storage.run_directory import RunDirectory
+from tacevo.tracking.entries import Point, config_params
+from tacevo.tracking.writer import SearchWriter
+
+#: What MLflow does not take in the name of a metric: that of an output may be any text.
+_FOREIGN = re.compile(r"[^\w.\- ]")
+
+#: The columns of a comparison that stand in the store by network.
+_STATISTICS = ("median", "p_holm", "a12", "difference")
+
+
+def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
+    """Write what the store lacks of a finished run: the median fitness of its archive by generation, and its studies.
+
+    There are no medians where the niches that the run was searched with are not at hand, as its stores have them.
+
+    Raises:
+        RunError: the run or a study is damaged, or the store holds another study of that name.
+    """
+    if writer.lacks_medians:
+        with contextlib.suppress(RunError, StoreError):
+            run = read_run(directory.path)
+            writer.write_medians(archive_medians(run, load_niches(run).networks))
+    known = {one.path.name: one.read().digest for one in studies_of(directory.path)}
+    missing = {name for name, digest in known.items() if digest is not None and writer.lacks(name, digest)}
+    if not missing:
+        return
+    run = read_run(directory.path)
+    found = read_studies(run)
+    told, compared = outcomes(run, found), {one.name: one for one in found.studies}
+    again = {one.name: one for one in found.reestimates}
+    for finished in found.finished:
+        name, scores = finished.path.name, finished.scores
+        if name not in missing:
+            continue
+        shown = _table(run, compared.get(name), again.get(name))
+        is_noise = finished.record.terms is None
+        writer.write_study(
+            name,
+            scores.digest,
+            study_params(finished.record) | _verdicts(compared.get(name)),
+            [*score_measures(finished), *_statistics(compared.get(name), again.get(name) if is_noise else None)],
+            command="tacevo noise" if is_noise else "tacevo study",
+            description=as_markdown(told[name]) if name in told else "",
+            files={} if shown is None else {f"{shown.name}.md": as_markdown(shown), f"{shown.name}.csv": as_csv(shown)},
+            whole=not any(isinstance(row, FailedLine) for row in scores.rows),
+        )
+
+
+def study_params(study: StudyRecord) -> dict[str, str]:
+    """Return what a study was to find out: its run, its design, its plan if it follows one, the id of each network."""
+    recorded = to_json(study) | {"recipe": written(study.recipe), "other_data": dict(study.other_data)}
+    names = ("seed", "seeds", "recipe", "numerics", "device", "terms", "chosen_by", "other_data", "plan", "rules")
+    networks: dict[str, Json] = {network.name: network.id for network in study.networks}
+    design = {name: recorded[name] for name in names if recorded.get(name) or name == "seed"}
+    return config_params({"digest": study.run, **design, "network": networks})
+
+
+def score_measures(study: FinishedStudy) -> Iterator[Point]:
+    """Yield each metric of each training, as `mse/variant 1`; the step is the seed's number."""
+    for row in study.scores.rows:
+        if isinstance(row, ScoreLine):
+            is_noise = study.record.terms is None
+            of_training = {"fitness" if is_noise else "validation_loss": row.validation_loss, "epoch": row.epoch}
+            yield from _named({**of_training, **row.metrics}, row.network, row.seed)
+
+
+def _statistics(compared: Compared | None, again: Reestimates | None) -> Iterator[Point]:
+    """Yield what the seeds of each network say together, as `median/variant 1`."""
+    if compared is not None and compared.comparisons is not None:
+        baseline = compared.study.values(compared.study.networks[0].name, compared.study.primary)
+        yield from _named({"median": float(np.median(baseline))}, compared.study.networks[0].name, 0)
+        for row in of_whole(compared.comparisons).to_dict("records"):
+            yield from _named({name: row[name] for name in _STATISTICS}, row["network"], 0)
+    if again is not None:
+        for row in again.noise.to_dict("records"):
+            yield from _named({"median": row["median"]}, row["network"], 0)
+
+
+def _named(figures: Mapping[str, Any], network: str, step: int) -> Iterator[Point]:
+    for name, value in figures.items():
+        if math.isfinite(value):
+            yield f"{_FOREIGN.sub('_', name)}/{network}", float(value), step
+
+
+def _verdicts(compared: Compared | None) -> dict[str, str]:
+    rows = of_whole(None if compared is None else compared.comparisons)
+    return {f"verdict.{row['network']}": row["verdict"] for row in rows.to_dict("records")}
+
+
+def _table(run: RecordedRun, compared: Compared | None, again: Reestimates | None) -> Table | None:
+    """Return the table of a study's verdicts, or of its scores where none can be given; of a noise run its own."""
+    if compared is not None:
+        found = compared.comparisons
+        return scores_table(compared.study) if found is None else verdicts_table(compared.study, found)
+    return None if again is None else noise_table(again, run.task, run.record.trivial)

@@ -1,0 +1,152 @@
+"""Promises: README is read in five minutes, and shows what its commands print and what the published tables say."""
+
+import io
+import re
+import shlex
+import zipfile
+from fnmatch import fnmatch
+
+import pytest
+from checkout import GOLDEN, PUBLISHED, ROOT
+from rich.console import Console
+
+import tacevo
+from analysis.report.collection import outcomes, read_studies
+from analysis.tables.rendering import as_markdown
+from tacevo.bundles.open import opened
+from tacevo.cli.app import main
+from tacevo.config.compose import compose
+from tacevo.config.identity import config_hash
+from tacevo.evolution.lines import GenerationLine
+from tacevo.reproduce.replay import replay
+from tacevo.results.run import read_run
+from tacevo.rules import CURRENT
+from tacevo.runs.progress import Progress
+from tacevo.studies.study import replay_studies
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+#: The finding; the bundle; its table; how the row begins; and figures of that row, as README writes them.
+FIGURES = [
+    (1, "grating-claude", "noise_*", "variant 1", ("0.0705", "0.544")),
+    (1, "grating-claude", "noise_*", "baseline", ("0.911",)),
+    (2, "grating-claude", "verdicts_*epochs6-*", "variant 1", ("87.4",)),
+    (2, "grating-claude", "verdicts_*epochs6-*", "variant 3", ("96.1",)),
+    (2, "grating-claude", "verdicts_*epochs6-*", "baseline", ("57.0",)),
+    (3, "grating-winners", "verdicts_*", "baseline", ("99.1",)),
+    (3, "grating-winners", "verdicts_*", "claude_g12s00", ("99.0",)),
+    (3, "grating-winners", "verdicts_*", "grammar_g15s00", ("98.5",)),
+    (4, "ablation-grating", "ablation_qd_score_*", "none", ("4.34",)),
+    (4, "ablation-grating", "ablation_qd_score_*", "random_parents_only_baseline", ("3.04",)),
+    (4, "ablation-grating", "ablation_qd_score_*", "curiosity_prompts", ("3.86",)),
+    (4, "ablation-grating", "ablation_test_accuracy_*", "no_qd", ("0.94",)),
+    (5, "grating-variants", "verdicts_*", "baseline", ("89.5",)),
+]
+
+
+def row_of(bundle: str, table: str, start: str) -> str:
+    """Read the row of a published table that begins with a name, as README writes it: hyphens for minus signs."""
+    with zipfile.ZipFile(PUBLISHED / f"{bundle}.zip") as opened:
+        (name,) = (name for name in opened.namelist() if fnmatch(name, f"tables/{table}.md"))
+        lines = opened.read(name).decode().replace("\N{MINUS SIGN}", "-").splitlines()
+    (row,) = (line for line in lines if re.match(rf"\| {re.escape(start)} +\|", line))
+    return row
+
+
+def stands(figure: str, text: str) -> bool:
+    """Return whether a figure stands in a text, whole: not as a part of a longer number."""
+    return re.search(rf"(?<![\d.]){re.escape(figure)}(?!\d)", text) is not None
+
+
+@pytest.mark.parametrize(("finding", "bundle", "table", "start", "figures"), FIGURES)
+def test_readme_says_what_the_tables_say(
+    finding: int, bundle: str, table: str, start: str, figures: tuple[str, ...]
+) -> None:
+    """Each figure stands in its row of README and in its row of the table."""
+    (told,) = (line for line in README.splitlines() if line.startswith(f"| {finding}. "))
+    row = row_of(bundle, table, start)
+    for figure in figures:
+        assert stands(figure, told)
+        assert stands(figure, row)
+
+
+@pytest.mark.parametrize(
+    ("section", "bundle", "table"),
+    [
+        ("Compare ablations", "ablation-grating", "ablation_test_accuracy_*"),
+        ("Tables for a paper", "grating-claude", "verdicts_*epochs6-*"),
+    ],
+)
+def test_readme_shows_rows_of_published_tables(section: str, bundle: str, table: str) -> None:
+    """Each value of each of its rows stands in that row of the table."""
+    _, _, *rows = re.findall(r"^\|.*\|$", section_of(section), flags=re.MULTILINE)
+    assert rows
+    for row in rows:
+        name, *values = (cell.strip().removesuffix(" %") for cell in row.strip("|").split("|"))
+        published = row_of(bundle, table, name).replace("\\", "").replace(" %", "")
+        assert [value for value in values if value.replace(" %", "") not in published] == []
+
+
+def test_readme_says_the_speed_that_was_measured() -> None:
+    """Each ratio stands in its row of the page of benchmarks."""
+    page = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    measured = [line for line in page.splitlines() if re.search(r"^\| (speed of a search|training at 64 px)", line)]
+    ratios = re.findall(r"\b0\.\d\d\b", README.split("- **Speed**")[1].split("\n\n")[0])
+    assert len(ratios) == 3
+    assert [ratio for ratio in ratios if not any(line.endswith(f"| {ratio} |") for line in measured)] == []
+
+
+def section_of(title: str) -> str:
+    """Return the text of a section of README."""
+    return README.split(f"## {title}\n")[1].split("\n## ")[0]
+
+
+def blocks_of(title: str) -> list[str]:
+    """Return the blocks of code in a section of README, without their indents."""
+    blocks = re.findall(r"(?:^    .*\n(?:\n(?=    ))?)+", section_of(title), flags=re.MULTILINE)
+    return [re.sub("^    ", "", block, flags=re.MULTILINE) for block in blocks]
+
+
+def test_readme_has_at_most_900_words() -> None:
+    """As `wc -w` counts them: the bars of tables are words, too."""
+    assert len(README.split()) <= 900
+
+
+def test_readme_shows_what_a_replay_ends_with(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command of its section is run, and the lines below it are the last ones of its output."""
+    monkeypatch.chdir(ROOT)
+    command, shown = (block for blocks in blocks_of("Replay a published run") for block in blocks.split("\n\n"))
+    assert main(shlex.split(command)[1:]) == 0
+    lines = shown.splitlines()
+    assert capsys.readouterr().out.splitlines()[-len(lines) :] == lines
+
+
+def test_readme_shows_what_the_demo_prints() -> None:
+    """The lines below `make demo` are those of its recorded run, which is what the demo is today.
+
+    Where it is another one: make demo, then tacevo publish runs/demo -o tests/golden/demo.zip.
+    """
+    run = read_run(opened(GOLDEN / "demo.zip").folder)
+    assert (config_hash(run.config), run.rules) == (config_hash(compose(["experiment=demo"])), CURRENT)
+    out = io.StringIO()
+    replay(run, Progress(Console(file=out)))
+    *_, last = (line for line in run.ledger.lines if isinstance(line, GenerationLine))
+    trained = f": {last.trained} of {last.candidates} candidates trained,"
+    (noise,) = replay_studies(run, Progress(Console(file=out))).values()
+    (outcome,) = outcomes(run, read_studies(run)).values()
+    assert f"elites={len(noise.record.networks) - 1} seeds={noise.record.seeds}" in (ROOT / "Makefile").read_text()
+    assert section_of("Start").split("\n\n")[2].split("\n    ") == [
+        f"    {out.getvalue().splitlines()[-1].replace(' replayed:', trained)}",
+        as_markdown(outcome).splitlines()[0],
+        f"digest: {noise.record.digest}",
+    ]
+
+
+def test_python_of_readme_runs() -> None:
+    """Each line but the search."""
+    (block,) = blocks_of("From Python")
+    *lines, search = block.splitlines()
+    assert "tacevo.search(" in search
+    exec("\n".join(lines).replace('"cache/', f'"{ROOT}/cache/'), {"tacevo": tacevo})
