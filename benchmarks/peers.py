@@ -42,6 +42,7 @@ import numpy as np
 import yaml
 from rich.console import Console
 
+from benchmarks.confinement import computable
 from benchmarks.timing import Cost, Figure, children_seconds
 from tacevo.bundles.open import opened
 from tacevo.choices import Numerics
@@ -96,7 +97,7 @@ class Search:
 
 def peers(
     *,
-    numerics: Sequence[Numerics] = tuple(Numerics),
+    numerics: Sequence[Numerics] = (),
     answers: int = GENERATION * (1 + GENERATIONS),
     epochs: int = 5,
     rounds: int = 3,
@@ -104,13 +105,13 @@ def peers(
     """Search with ours and with openevolve, in turn.
 
     Args:
-        numerics: of ours.
+        numerics: of ours; by default all that this machine can compute with.
         answers: candidates of a search besides the baseline; in the first round `WARM_UP` at most.
         epochs: of every training.
         rounds: how often to measure; with 0 the first round counts.
     """
     _, task = task_without_data("force", 32)
-    sources = published(answers)
+    sources, numerics = published(answers), numerics or computable()
     contenders: dict[str, Callable[[Work], Search]] = {
         **{choice: partial(ours, choice) for choice in numerics},
         "openevolve": openevolve,

@@ -1,5 +1,7 @@
 """How figures are taken on a noisy machine: interleaved, the median of several, compared by ratio."""
 
+import contextlib
+import os
 import resource
 import statistics
 import time
@@ -57,14 +59,16 @@ def number(value: float) -> str:
     return f"{value:,.0f}" if value >= 1000 else f"{value:.3g}"
 
 
-def medians(rivals: Mapping[Name, Callable[[], object]], *, rounds: int) -> dict[Name, float]:
-    """Time rivals in turn, round by round; return each one's median in seconds."""
+def medians(
+    rivals: Mapping[Name, Callable[[], object]], *, rounds: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[Name, float]:
+    """Time rivals in turn, round by round; return each one's median in seconds, by wall time or another clock."""
     seconds: dict[Name, list[float]] = {name: [] for name in rivals}
     for _ in range(rounds):
         for name, work in rivals.items():
-            began = time.perf_counter()
+            began = clock()
             work()
-            seconds[name].append(time.perf_counter() - began)
+            seconds[name].append(clock() - began)
     return {name: statistics.median(values) for name, values in seconds.items()}
 
 
@@ -95,6 +99,23 @@ def children_seconds() -> float:
     """Return the processor seconds of all processes that this one started, as far as they have ended."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+def descendants_seconds() -> float:
+    """Return the processor seconds of all processes below this one, those that still run included."""
+    time.sleep(0.2)  # what has just ended is counted by its parent only when that has noticed
+    known: dict[int, tuple[int, float]] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended
+            values = path.read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+            known[int(path.parent.name)] = int(values[1]), sum(map(int, values[11:15])) / os.sysconf("SC_CLK_TCK")
+    below, waiting = 0.0, [os.getpid()]
+    while waiting:
+        parent = waiting.pop()
+        children = [process for process, (above, _) in known.items() if above == parent]
+        below += sum(known[process][1] for process in children)
+        waiting += children
+    return below + children_seconds()
 
 
 def resident(name: str) -> float:

@@ -155,9 +155,13 @@ class OperatorScope(StrEnum):
 
 
 class Numerics(StrEnum):
-    """`portable`: equal training bits on any x86-64 CPU with AVX2; `fast`: on the recorded machine only."""
+    """Where training bits are equal: `portable` and `portable512` on any x86-64 CPU with AVX2 or with AVX-512.
+
+    `fast`: on the recorded machine only.
+    """
 
     portable = "portable"
+    portable512 = "portable512"
     fast = "fast"
 
 

@@ -5,7 +5,7 @@ recorded verdicts, profiles and trainings outlive the code that made them. Raise
 of its part that may give another answer; docs/publishing.md says what a raise costs the users.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from tacevo.errors import RunError
@@ -52,6 +52,9 @@ FIRST_STUDY = 2
 
 STUDY = 5
 
+#: The number of training whose bits the full trainings of each number have.
+TRAININGS_OF_STUDIES: Mapping[int, int] = {2: 1, 3: 2, 4: 3, 5: 4}
+
 #: The first number of studies that keep their test predictions.
 KEPT_SINCE = 5
 
@@ -62,8 +65,8 @@ FIRST_PAGES = 1
 PAGES = 7
 
 
-def check_known(part: str, number: int, known: frozenset[int], place: object) -> None:
-    """Check that this code can still compute what a run was made with, by a part: `core` or `training`.
+def check_known(part: str, number: int, known: Collection[int], place: object) -> None:
+    """Check that this code can still compute what a run was made with, by a part: `core`, `training` or `study`.
 
     Raises:
         RunError: it cannot; the message names the release that can, and how to get it.

@@ -56,7 +56,8 @@ def beside_costs(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> pd.D
         again: losses of a source, by its SHA-256, under seeds by which the search did not choose it. Their median is
             the fitness; any other is what the search knew at its end.
     """
-    losses, known = estimates_of((*run.candidates, *run.reevaluations), run.config.training.fitness).losses, run.fitness
+    lines, known = (*run.candidates, *run.reevaluations), run.fitness
+    losses = estimates_of(lines, run.config.training.fitness).losses
     rows = {}
     for line in run.trained:
         source = str(line.source)

@@ -22,7 +22,7 @@ def pareto_table(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> Tabl
         name="pareto",
         caption=f"The networks of {run.name} that no other one beats in both fitness and FLOPs.",
         notes=(
-            "Fitness: the validation loss, lower is better. FLOPs: of one image, forwards. Of equal networks the first "
+            "Fitness: a validation loss, lower is better. FLOPs: of one image, forwards. Of equal networks the first "
             "counts.",
             *_mixed(set(found.estimate), set(candidates.estimate)),
             *_volume(run),

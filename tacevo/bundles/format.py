@@ -168,7 +168,7 @@ def _check_layout(source: Path, names: Collection[str]) -> None:
 def _check_manifest(source: Path, manifest: str, digests: Mapping[str, str]) -> None:
     """Compare the members with the manifest."""
     listed: dict[str, str] = {}
-    for number, line in enumerate(manifest.splitlines(), start=1):
+    for number, line in enumerate(manifest.removesuffix("\n").split("\n"), start=1):
         match = _MANIFEST_LINE.fullmatch(line)
         if match is None or match[2] in listed:
             place = f"{source}, {MANIFEST}, line {number}"

@@ -26,7 +26,7 @@ GROUPS = {
     },
     "reproduce": {
         "replay": ("arguments", "run a recorded search again from its stores and compare"),
-        "export": ("export", "take a network away: its weights, ONNX, a model card"),
+        "export": ("arguments", "take a network away: its weights, ONNX, a model card"),
         "publish": ("arguments", "write one file with which anybody can replay a run or a sweep"),
         "cache": ("cache", "look into the stores of answers, move what a run needs, remove what none does"),
     },

@@ -269,6 +269,34 @@ def add_extend(parser: Parser) -> None:
     parser.set_defaults(command=_later("reproduce", "extend"))
 
 
+def add_export(parser: Parser) -> None:
+    """Describe `tacevo export`."""
+    parser.description = (
+        "Train a candidate again in the sandbox, and write it as a directory that needs no tacevo: the class, its "
+        "weights, ONNX, torch.export, a model card. Needs `pip install -e '.[export]'`."
+    )
+    parser.add_argument("run", metavar="RUN", type=named, help=RUN)
+    parser.add_argument("candidate", metavar="CANDIDATE", type=candidate, help="its id, e.g. g02s03")
+    parser.add_argument(
+        "overrides",
+        metavar="KEY=VALUE",
+        nargs="*",
+        help="seeds=K, an ensemble of K trainings; epochs=N; like=study, the default, or like=search; licence=ID",
+    )
+    parser.add_argument("-o", "--output", metavar="DIR", required=True, help="the directory, which must not exist")
+    parser.add_argument("--store", metavar="DIR", help="the directory of its stores, if they were moved")
+    parser.add_argument(
+        "--retrained",
+        action="store_true",
+        help="fail where a training is not recorded, or goes otherwise than recorded",
+    )
+    parser.add_argument("--register", metavar="NAME", help="register the ONNX model in MLflow, too")
+    parser.add_argument(
+        "--uri", default="", help="MLflow tracking URI (default: the run's own, else MLFLOW_TRACKING_URI)"
+    )
+    parser.set_defaults(command=_later("export", "export"), interrupted="the directory is whole or absent")
+
+
 def add_publish(parser: Parser) -> None:
     """Describe `tacevo publish`."""
     parser.description = (

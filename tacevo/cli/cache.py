@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed, existing_store
-from tacevo.reproduce.export import export, import_file
+from tacevo.reproduce.entry_files import import_file, write_entries
 from tacevo.reproduce.prune import unused
 from tacevo.runs.progress import Progress
 from tacevo.storage.listing import list_entries, list_stores, verify
@@ -72,7 +72,7 @@ def _prune(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     with Progress() as view:
-        entries = export(Path(options.run), Path(options.output), options.store, view)
+        entries = write_entries(Path(options.run), Path(options.output), options.store, view)
     print(f"{entries} entries are in {options.output}")
     return DONE
 

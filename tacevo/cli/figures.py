@@ -80,8 +80,9 @@ def run_ablations(options: argparse.Namespace) -> int:
         raise RunError("one run", place=options.runs[0], expected="a sweep", remedy=remedy)
     collected = sweep.collection(options.reference)
     directory = output_directory(place)
-    tables, _ = sweep.all_tables(options.reference)
-    write_tables(tables, directory)
+    with Progress():
+        tables, _ = sweep.all_tables(options.reference)
+        write_tables(tables, directory)
     pictures = sweep_pictures(collected)
     with progress_of("figures", len(pictures)) as on_drawn:
         write_pictures(pictures, directory, [".pdf"], on_drawn)

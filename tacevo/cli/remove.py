@@ -1,13 +1,11 @@
 """The command `tacevo rm`."""
 
 import argparse
-from functools import partial
 from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed
 from tacevo.storage.removal import removable
 from tacevo.text import table
-from tacevo.tracking.lock import alone
 
 
 def add_rm(parser: Parser) -> None:
@@ -24,7 +22,7 @@ def add_rm(parser: Parser) -> None:
 
 def _rm(options: argparse.Namespace) -> int:
     path = Path(options.run)
-    with removable(path, partial(alone, wait=False)) as remove:
+    with removable(path) as remove:
         rows = [[each.name, f"{_size(each) / 1e6:.2f} MB"] for each in sorted(path.iterdir()) if each.name != ".lock"]
         print(table(["goes", "size"], rows))
         if not agreed(f"remove {path}?", options.yes):

@@ -81,20 +81,19 @@ def _search(options: argparse.Namespace) -> int:
     if options.cfg or options.resolve or options.info:
         print(yaml.safe_dump(to_plain(compose(options.overrides)), sort_keys=False), end="")
         return DONE
-    if options.multirun and options.estimate:
-        planned = plan_unasked(options.overrides, _asked(options).vary or ())
-        print(describe_estimates([(job.name, config) for job, config in planned.items()]))
+    if options.into is not None and not options.multirun:
+        options.parser.error("--into names the directory of a sweep, so it needs -m; for one search, set run.dir=DIR")
+    if says_terms(options) and not options.multirun:
+        options.parser.error("--reference, --primary, --vary and --plan are terms of a sweep, so they need -m")
+    if options.estimate:
+        with Progress() as view:
+            view.say("measuring how fast this machine trains")
+            estimated = _estimated(options)
+        print(estimated)
         return DONE
     if options.multirun:
         check_experiment(options.overrides)
         return run_sweep(options)
-    if options.into is not None:
-        options.parser.error("--into names the directory of a sweep, so it needs -m; for one search, set run.dir=DIR")
-    if says_terms(options):
-        options.parser.error("--reference, --primary, --vary and --plan are terms of a sweep, so they need -m")
-    if options.estimate:
-        print(describe_estimate(compose_estimate(options.overrides)))
-        return DONE
     config = compose(options.overrides)
     check_experiment(options.overrides)
     check_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
@@ -107,6 +106,14 @@ def _search(options: argparse.Namespace) -> int:
         told.append(f"MLflow: {viewing(config.tracking.uri, as_typed('mlflow'))}")
     print_end(result, told)
     return DONE
+
+
+def _estimated(options: argparse.Namespace) -> str:
+    """Estimate a search, or every job of a sweep."""
+    if not options.multirun:
+        return describe_estimate(compose_estimate(options.overrides))
+    planned = plan_unasked(options.overrides, _asked(options).vary or ())
+    return describe_estimates([(job.name, config) for job, config in planned.items()])
 
 
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:

@@ -24,7 +24,7 @@ from tacevo.environment import as_typed
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study import RecordedStudy, load_study
-from tacevo.results.study_directory import studies_of
+from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.sweep import load_sweep
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
@@ -122,7 +122,11 @@ def run_noise(options: argparse.Namespace) -> int:
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
     if run.answered and not run.shortfall:
-        print(f"next:   {as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated")
+        usual = compose_study(["run=RUN"])
+        elites = min(len(StudyDirectory(studied.directory).read().networks) - 1, usual.elites)
+        trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"
+        command = f"{as_typed('tacevo')} study {shlex.quote(str(run.path))} choose=reestimated elites={elites}"
+        print(f"next:   {command}    # {trainings}")
     return _end(studied, "lower elites=")
 
 

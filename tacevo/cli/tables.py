@@ -24,6 +24,7 @@ from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of
 from tacevo.errors import ConfigError
+from tacevo.runs.progress import Progress
 from tacevo.text import nearest, printable
 
 _INDEXED = "index.md says which question each answers"
@@ -57,13 +58,15 @@ def _write(
     one: Run | Sweep, place: Path, show: Shown, *, latex: bool, beside: Sequence[Table] = (), prefix: str = ""
 ) -> None:
     """Write the tables of a run or a sweep, and print those that a paper needs; `beside` are the paper's own."""
-    say(remarks_of(one))
     directory = output_directory(place)
+    with Progress():
+        remarks = remarks_of(one)
+        own, missing = one.all_tables()
+        tables = [*own, *beside]
+        _check_columns(show, tables)
+        write_tables(tables, directory, prefix=prefix, show=show)
+    say(remarks)
     print(f"# {one.name}\n")
-    own, missing = one.all_tables()
-    tables = [*own, *beside]
-    _check_columns(show, tables)
-    write_tables(tables, directory, prefix=prefix, show=show)
     _print(tables, show, latex, prefix)
     say([*missing, *left_of_studies(directory, set(map(place_of, tables)), WRITERS)])
     print(f"tables: {directory} ({_INDEXED})")
@@ -95,10 +98,11 @@ def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:
         TacevoError: as `tacevo.open`.
     """
     known, opened = existing_store(store), []
-    for name in names:
-        if any(place.is_file() for place in (Path(name), Path(name).parent)):  # all of a bundle is compared first
-            say([f"reading {name}"])
-        opened.append(open_path(name, store=known))
+    with Progress() as view:
+        for name in names:
+            if any(place.is_file() for place in (Path(name), Path(name).parent)):  # all of a bundle is compared first
+                view.say(f"reading {name}")
+            opened.append(open_path(name, store=known))
     return opened
 
 

@@ -76,7 +76,7 @@ def left_of_others(task: TaskConfig) -> list[str]:
     others = "|".join(word for sensor, word in _WORDS.items() if sensor not in names)
     for key in ("system", "instructions", "baseline"):
         name = getattr(task, key)
-        lines = read_named(f"task.{key}", name).splitlines()
+        lines = read_named(f"task.{key}", name).split("\n")
         kept = [
             f"{match[0]!r} in line {number}"
             for number, line in enumerate(lines, start=1)

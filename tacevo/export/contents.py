@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
 from tacevo.data.dataset import Dataset
+from tacevo.data.labels import units_of
+from tacevo.data.source import Catalogue
 from tacevo.environment import checked_out, machine, versions
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.conversion import BOUND, OPSET, Converted
-from tacevo.export.trainings import Trained, TrainingPlan
+from tacevo.export.trainings import ExportSettings, Trained, TrainingPlan
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, to_json, written
 from tacevo.results.run import RecordedRun
 from tacevo.runs.wiring import recipe_of
 from tacevo.training.full import score
-from tacevo.training.weights import Weights, digest_of
+from tacevo.training.weights import Weights, weights_digest
 
 #: What the two forms are timed with.
 RUNTIMES = {"onnx": "onnxruntime", "pt2": "torch"}
@@ -37,13 +39,13 @@ class Exported:
     line: CandidateLine
     plan: TrainingPlan
     data: Dataset
-    #: Of each output, empty where it is not known; () for classification.
-    units: tuple[str, ...]
     #: One, or those of an ensemble.
     trained: Sequence[Trained]
     #: Why equal bits were not promised.
     doubts: tuple[str, ...]
-    licence: str
+    settings: ExportSettings
+    #: What the source of the data says of them.
+    catalogue: Catalogue
     #: Digest of its bundle, if it is in one.
     bundle: str | None
     #: By form; filled as they are made.
@@ -63,6 +65,11 @@ class Exported:
     def is_regression(self) -> bool:
         """Whether its outputs are values, and not classes."""
         return self.contract.kind is Kind.regression
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of each output, empty where it is not known; () for classification."""
+        return units_of(self.catalogue) if self.is_regression else ()
 
     @property
     def weights(self) -> list[Weights]:
@@ -112,8 +119,9 @@ class Exported:
 
 
 def config_of(model: Exported) -> dict[str, Json]:
-    """Return all that a program needs to use the files."""
+    """Return all that a program needs to use the files, and to make their input as `tacevo.data` does."""
     data, contract, onnx = model.data, model.contract, model.files["onnx"]
+    catalogue, white = model.catalogue, model.plan.config.data.white_point
     arguments = {name: contract.offered[name] for name in onnx.arguments}
     outputs: dict[str, Json] = {"kind": contract.kind.value, "names": list(data.facts.names)}
     if model.is_regression:
@@ -122,12 +130,16 @@ def config_of(model: Exported) -> dict[str, Json]:
         "class": contract.class_name,
         "arguments": arguments,
         "weights": model.weight_files,
-        "weights_sha256": [digest_of(weights) for weights in model.weights],
+        "weights_sha256": [weights_digest(weights) for weights in model.weights],
         "input": {
             "layout": "NCHW",
             "channels": "RGB",
             "size": contract.image_size,
             "range": [0, 255],
+            "resize": "bilinear",
+            "recorded_size": None if catalogue.recorded_size is None else list(catalogue.recorded_size),
+            "bits": sorted(set(catalogue.depths)),
+            "white_point": white,
             "mean": list(data.mean),
             "deviation": list(data.deviation),
         },
@@ -159,6 +171,13 @@ def spread_of(values: Sequence[float]) -> dict[str, Json]:
     return {"median": median, "lower_quartile": low, "upper_quartile": high, "count": len(values)}
 
 
+def _compared(one: Trained) -> dict[str, Json]:
+    """Return what differs from the record; or from the training beside it, where there is none."""
+    differing: Json = None if one.differing is None else list(one.differing)
+    of_record, of_other = (differing, None) if one.was_recorded else (None, differing)
+    return {"differs_from_record": of_record, "differs_from_other_training": of_other}
+
+
 def run_of(model: Exported) -> dict[str, Json]:
     """Return what names the run, the candidate and its trainings."""
     run, plan, study = model.run, model.plan, model.plan.study
@@ -169,7 +188,7 @@ def run_of(model: Exported) -> dict[str, Json]:
             "key": one.key,
             "weights_sha256_after_last_epoch": one.weighed.training.weights_sha256,
             "was_recorded": one.was_recorded,
-            "differs_from_record": list(one.differing),
+            **_compared(one),
         }
         for one in model.trained
     ]

@@ -4,10 +4,6 @@ This process never imports the class, and takes nothing of an answer on trust: a
 the training did, in a process that has not run the class.
 """
 
-import io
-import json
-import re
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -18,6 +14,7 @@ from numpy.typing import NDArray
 
 from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
+from tacevo.export.plain import check_onnx, check_pt2
 from tacevo.records import Contract, Json, Limits, Record, to_json
 from tacevo.sandbox.client import AnswerError, Died, Frame, Sandbox
 from tacevo.training.weights import Weights
@@ -38,25 +35,6 @@ _REMEDY = "report it with the name of the candidate; its source is there by `tac
 Form = Literal["onnx", "pt2"]
 
 FORMS: tuple[Form, ...] = ("onnx", "pt2")
-
-#: The members of what torch.export writes of a program that has plain tensors alone.
-_CONFIGS = ("archive/data/weights/model_weights_config.json", "archive/data/constants/model_constants_config.json")
-
-_MEMBER = re.compile(
-    "|".join(
-        [
-            r"archive/data/(weights/weight|constants/tensor)_\d+",
-            r"archive/(models/model\.json|data/sample_inputs/model\.pt|archive_format|archive_version|byteorder)",
-            r"archive/\.data/(version|serialization_id)",
-            *map(re.escape, _CONFIGS),
-        ]
-    )
-)
-
-_PATH = re.compile(r"(weight|tensor)_\d+")
-
-#: Torch unpickles what stands in these.
-_EMPTY = frozenset({"archive/data/sample_inputs/model.pt"})
 
 #: Of the ONNX operators.
 OPSET = 18
@@ -131,8 +109,7 @@ def convert(
         arguments = made.read(_Converted).arguments
         if not set(arguments) <= contract.offered.keys():
             raise AnswerError(str(list(arguments)), expected=f"some of the arguments {list(contract.offered)}")
-        if form == "pt2":
-            check_plain(made.payload)
+        (check_onnx if form == "onnx" else check_pt2)(made.payload)
         header = {"check": form, "rows": len(data.test)}
         answer = _answer(sandbox, "check", header, data.test.tobytes() + made.payload, f"model.{form}")
         milliseconds = answer.read(_Checked).milliseconds
@@ -147,32 +124,6 @@ def convert(
         difference=_difference(outputs, expected, data, f"model.{form}"),
         milliseconds={str(size): times for size, times in milliseconds.items()},
     )
-
-
-def check_plain(file: bytes) -> None:
-    """Check that a file of torch.export has only the members of a plain program, and nothing that torch would unpickle.
-
-    Whoever loads the file does so without a sandbox, so what is not known is refused: torch unpickles custom objects,
-    weights that say so, and whole archives of an older layout, and loads compiled libraries.
-
-    Raises:
-        ValueError: it has something else, or it is not such a file.
-    """
-    try:
-        with zipfile.ZipFile(io.BytesIO(file)) as archive:
-            members = {member.filename: member for member in archive.infolist()}
-            if len(members) != len(archive.infolist()):
-                raise ValueError("expected each member once; got one twice")
-            for name, member in members.items():
-                stored = member.compress_type == zipfile.ZIP_STORED and member.file_size == member.compress_size
-                if not _MEMBER.fullmatch(name) or not stored or (name in _EMPTY and member.file_size):
-                    raise ValueError(f"expected the members of a plain program; got {name[:100]!r}")
-            for config in _CONFIGS:
-                for one in json.loads(archive.read(config))["config"].values():
-                    if one["use_pickle"] is not False or not _PATH.fullmatch(one["path_name"]):
-                        raise ValueError(f"expected plain weights; got {str(one)[:100]}")
-    except (zipfile.BadZipFile, LookupError, TypeError, AttributeError, RuntimeError, EOFError) as error:
-        raise ValueError(f"expected the archive of a torch.export; got another: {error}") from error
 
 
 def _answer(sandbox: Sandbox, entry: str, header: Json, payload: bytes, place: str) -> Frame:

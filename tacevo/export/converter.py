@@ -17,6 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from tacevo.export.plain import parts
 from tacevo.records import Contract, Kind
 from tacevo.sandbox.candidate import build
 from tacevo.sandbox.child import Arrays, Send
@@ -136,22 +137,39 @@ def _write(whole: nn.Module, contract: Contract, form: str, opset: int) -> bytes
     size = contract.image_size
     images = torch.zeros(2, contract.in_channels, size, size)
     program = torch.export.export(whole, (images,), dynamic_shapes=({0: torch.export.Dim("batch")},))
-    for node in program.graph.nodes:
+    graphs = [module.graph for module in program.graph_module.modules() if isinstance(module, torch.fx.GraphModule)]
+    for node in (node for graph in graphs for node in graph.nodes):
         node.meta.pop("stack_trace", None)  # it names directories of this machine
     if form == "pt2":
         program._example_inputs = None  # they would be pickled
         file = io.BytesIO()
         torch.export.save(program, file)
         return file.getvalue()
-    made = torch.onnx.export(
-        program, dynamo=True, opset_version=opset, input_names=["images"], output_names=["outputs"], verbose=False
-    )
-    model = made.model_proto  # type: ignore[union-attr]
-    for part in (model, model.graph, *model.graph.node, *model.functions):
-        del part.metadata_props[:]
-        part.doc_string = ""
+    program = program.run_decompositions({torch.ops.aten.adaptive_max_pool2d.default: _adaptive_max_pool2d})
+    try:
+        made: Any = torch.onnx.export(
+            program, dynamo=True, opset_version=opset, input_names=["images"], output_names=["outputs"], verbose=False
+        )
+    except torch.onnx.errors.OnnxExporterError as error:
+        cause: BaseException = error
+        while cause.__cause__ is not None:  # the first names the operator, the last gives advice for torch's authors
+            cause = cause.__cause__
+        raise ValueError(str(cause)) from None
+    model = made.model_proto
+    for part in list(parts(model)):
+        for name in {"metadata_props", "doc_string"}.intersection(part.DESCRIPTOR.fields_by_name):
+            part.ClearField(name)
     data: bytes = model.SerializeToString(deterministic=True)
     return data
+
+
+def _adaptive_max_pool2d(images: torch.Tensor, size: list[int]) -> tuple[torch.Tensor, torch.Tensor]:
+    """Pool as torch does, whose export to ONNX has no such operator; places of the largest are not told."""
+    for axis, count in zip((-2, -1), size, strict=True):
+        length = images.shape[axis]
+        ends = [(place * length // count, -((place + 1) * -length // count)) for place in range(count)]
+        images = torch.stack([images.narrow(axis, begin, end - begin).amax(axis) for begin, end in ends], axis)
+    return images, torch.zeros_like(images, dtype=torch.int64)
 
 
 def _onnx(file: bytes) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
@@ -191,7 +209,8 @@ def _times(model: Callable[[NDArray[np.float32]], NDArray[Any]], images: NDArray
 
 def _warm_up() -> None:
     """Export a small network in both forms, and run one: much is imported or read only then."""
-    network = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.ReLU(), nn.Flatten(), nn.Linear(144, 2))
+    network = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.ReLU(), nn.AdaptiveMaxPool2d(4))
+    network.extend([nn.Flatten(), nn.Linear(64, 2)])
     kind = {"kind": Kind.classification.value}
     whole = _Whole([network], {"contract": kind, "mean": [0.0] * 3, "deviation": [1.0] * 3, "scale": [], "offset": []})
     switch(whole, training=False)

@@ -11,9 +11,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from tacevo.data.labels import units_of
 from tacevo.environment import install
-from tacevo.errors import ConfigError
+from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.card import card
 from tacevo.export.contents import Exported, config_of, latency_of, run_of
@@ -25,11 +24,15 @@ from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import check_means
 from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.protocol import CHILD
 from tacevo.storage.canonical import readable
 from tacevo.storage.files import sync
 from tacevo.text import listed
 from tacevo.training.numerics import environment
 from tacevo.training.weights import Weights
+
+#: Bytes of all weights of an ensemble; twice as many may come as a file.
+LARGEST = 512 * 2**20
 
 #: Of `tacevo[export]`.
 _PACKAGES = ("onnx", "onnxruntime", "onnxscript", "safetensors")
@@ -60,32 +63,37 @@ def export(
         ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
         DataError: the data set is missing, or is another one.
         DivergenceError: with `retrained`, a training is not as recorded.
-        RunError: with `retrained`, one is not recorded; or the source was edited, the network does not train to the
-            end, or it cannot be written in these forms.
+        RunError: with `retrained`, one is not recorded; or the source was edited, the network is too large, does not
+            train to the end, or cannot be written in these forms.
         SandboxError: the sandbox is broken.
     """
     _check_packages()
     _check_absent(target)
+    _check_size(line, settings.seeds)
     plan = design(run, line, settings)
     check_means(plan.config)
     source = run.directory.read_source(line.id, str(line.source))
-    data = load_same(plan.config, run.record.data, view)
-    units = units_of(source_of(plan.config).catalogue()) if data.scale else ()
     _make_parent(target)
+    catalogue = source_of(plan.config).catalogue()
+    data = load_same(plan.config, run.record.data, view, catalogue=catalogue)
     trained, doubts = train(run, plan, source, data, view, retrained=retrained)
     model = Exported(
         run=run,
         line=line,
         plan=plan,
         data=data,
-        units=units,
+        catalogue=catalogue,
         trained=trained,
         doubts=doubts,
-        licence=settings.licence,
+        settings=settings,
         bundle=bundle,
     )
     with Sandbox(
-        entries=ENTRIES, environment=environment(model.numerics), arrays={"images": data.images}, equip=EQUIP
+        entries=ENTRIES,
+        environment=environment(model.numerics),
+        arrays={"images": data.images},
+        equip=EQUIP,
+        answer_bytes=2 * LARGEST,
     ) as sandbox:
         for form in FORMS:
             view.say(f"model.{form}: checking {len(data.test)} test images")
@@ -123,6 +131,21 @@ def _check_packages() -> None:
             expected=f"the packages {listed(_PACKAGES)}",
             remedy=install("export"),
         )
+
+
+def _check_size(line: CandidateLine, networks: int) -> None:
+    """Refuse what is too large by its parameters alone, before hours of training; its buffers are not known yet.
+
+    Raises:
+        RunError: one network is; or its ensemble.
+    """
+    mib = 4 * (line.parameters or 0) / 2**20  # as float32
+    if mib > (most := CHILD.total_bytes / 2**20):
+        got, remedy = f"weights of {mib:.0f} MiB", "choose a smaller network"
+        raise RunError(got, place=line.id, expected=f"at most {most:.0f} MiB, as a sandbox may answer", remedy=remedy)
+    if networks * mib > (most := LARGEST / 2**20):
+        got, remedy = f"{networks} networks of {mib:.0f} MiB", f"seeds={int(most / mib)} is the most"
+        raise RunError(got, place="seeds", expected=f"at most {most:.0f} MiB of weights", remedy=remedy)
 
 
 def _check_absent(target: Path) -> None:

@@ -13,18 +13,18 @@ from tacevo.config.schema import OneToMillion, RunConfig, is_a
 from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
 from tacevo.errors import DivergenceError, RunError
-from tacevo.evolution.lines import CandidateLine
+from tacevo.evolution.lines import CandidateLine, TrainedLine
 from tacevo.randomness import derived_seed
 from tacevo.records import Limits, Mode, Record, Rejection, Training
 from tacevo.reproduce.retrain import doubts_of
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import ScoreLine
-from tacevo.rules import CURRENT, STUDY, TRAININGS, check_known
+from tacevo.rules import STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.storage.store import Stores
-from tacevo.text import listed
+from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
 from tacevo.training.weights import Weighed
@@ -73,6 +73,8 @@ class TrainingPlan:
     study: FinishedStudy | None
     #: What that study found, one for each of its seeds.
     scores: tuple[ScoreLine, ...]
+    #: Keys of the trainings that the run, or a finished study of it, recorded. The store may have others of its own.
+    recorded: frozenset[str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,34 +87,41 @@ class Trained:
     epoch: int
     #: Of the training in the store.
     key: str
-    #: Whether it was recorded before.
+    #: Whether the run or a study of it recorded this training.
     was_recorded: bool
-    #: What differs from the record: names of fields of `Training`.
-    differing: tuple[str, ...]
+    #: What differs from the record or, where there is none, from another training with this seed: names of fields of
+    #: `Training`; None where there is neither.
+    differing: tuple[str, ...] | None
 
 
 def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> TrainingPlan:
     """Work out how a candidate is trained: as the run's first study of it, else as a study by default."""
-    config, like = run.config, settings.like
+    config, like, studies = run.config, settings.like, _studies(run, line)
+    study, training = None, config.training
     if like is Like.search:
         seeds = tuple(training_seed(config.seed, number) for number in range(settings.seeds))
-        training, study, rules = config.training, None, run.rules.training
+        rules = run.rules.training
     else:
-        study = next(iter(_studies(run, line)), None)
         seeds = tuple(derived_seed(config.seed, "study", number) for number in range(settings.seeds))
+        study = next((one for one in studies if settings.epochs in {None, one.record.recipe.epochs}), None)
         if study is None:
             given, rules = compose_study(["run=RUN"]), STUDY
             limits, epochs = Limits(seconds=given.seconds, memory_mib=given.memory_mib), given.epochs
         else:
             limits, epochs, rules = study.record.recipe.limits, study.record.recipe.epochs, study.record.rules
-        training = replace(config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
-    if settings.epochs not in {None, training.epochs}:
-        training, study = replace(training, epochs=settings.epochs), None
-        rules = rules if like is Like.search else STUDY  # it is no training of that study
+        training = replace(training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
+    training = replace(training, epochs=settings.epochs or training.epochs)
     rows = () if study is None else study.scores.rows
-    scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
+    searched = [one for of in run.ledger.lines if isinstance(of, TrainedLine) for one in of.by_seed()]
+    recorded = {one.evaluation for one in searched} | {row.evaluation for one in studies for row in one.scores.rows}
     return TrainingPlan(
-        like=like, config=replace(config, training=training), seeds=seeds, rules=rules, study=study, scores=scores
+        like=like,
+        config=replace(config, training=training),
+        seeds=seeds,
+        rules=rules,
+        study=study,
+        scores=tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine)),
+        recorded=frozenset(key for key in recorded if key is not None),
     )
 
 
@@ -136,8 +145,8 @@ def train(
 ) -> tuple[list[Trained], tuple[str, ...]]:
     """Train a network with every seed of a plan and compare with what is recorded.
 
-    Where a study's training is not recorded, it is trained once more, before: only its end says which epoch is best.
-    The first of the two is stored, as a study stores it.
+    Where a study's training is not in the store, it is trained once more, before: only its end says which epoch is
+    best. The first of the two is stored as a study stores it, under today's rules alone, and stays no record.
 
     Args:
         run: of the candidate.
@@ -158,16 +167,21 @@ def train(
     config, record = plan.config, run.record
     if plan.like is Like.search:
         check_known("training", plan.rules, TRAININGS, run.path)
-    doubts = doubts_of(record, config.numerics.kind, config.training.device, versions(), machine())
+    else:
+        check_known("study", plan.rules, TRAININGS_OF_STUDIES, run.path)
+    doubts = doubts_of(
+        plan.study.record if plan.study else record, config.numerics.kind, config.training.device, versions(), machine()
+    )
     trained: list[Trained] = []
     with (
         Workbench(config, record.task, data.facts, Mode.replay, stores=Stores(run.stores)) as stored,
         Workbench(config, record.task, data.facts, Mode.record, data=data) as bench,
     ):
         known = _evaluator(stored, run, plan, data, predictions=run.has_predictions)
-        fresh = _evaluator(bench, run, plan, data, predictions=True)
+        fresh = _evaluator(bench, run, plan, data, predictions=plan.rules == STUDY)
         for seed in plan.seeds if retrained else ():
-            _check_recorded(known, source, seed)
+            _check_recorded(known, plan, source, seed)
+        view.say(f"training {counted(len(plan.seeds), 'network')} for {counted(config.training.epochs, 'epoch')}")
         for one in bench.executor.map(lambda seed: _train(bench, (known, fresh), plan, source, seed), plan.seeds):
             view.say(
                 f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"
@@ -183,14 +197,16 @@ def _train(
 ) -> Trained:
     """Train a network with one seed; of the evaluators, one reads what is recorded, the other trains and stores."""
     known, fresh = evaluators
-    was_recorded, told = known.is_recorded(source, seed), None
-    if was_recorded or plan.like is Like.study:
-        told = (known if was_recorded else fresh).evaluate(source, seed)
+    is_stored, told = known.is_recorded(source, seed), None
+    if is_stored:
+        told = known.evaluate(source, seed)
+    elif plan.like is Like.study:
+        told = (fresh.evaluate if plan.rules == STUDY else fresh.retrain)(source, seed)
     epoch = told.epoch if isinstance(told, FullTraining) else plan.config.training.epochs
-    rules = plan.rules if plan.like is Like.search else CURRENT.training
     if isinstance(told, Rejection):
         raise _failed(told)
-    weighed = bench.weigh(source, seed, epoch, rules)
+    training = plan.rules if plan.like is Like.search else TRAININGS_OF_STUDIES[plan.rules]
+    weighed = bench.weigh(source, seed, epoch, training)
     if isinstance(weighed, Rejection):
         raise _failed(weighed)
     return Trained(
@@ -198,17 +214,18 @@ def _train(
         seed=seed,
         epoch=epoch,
         key=known.key(source, seed),
-        was_recorded=was_recorded,
+        was_recorded=is_stored and known.key(source, seed) in plan.recorded,
         differing=_differing(told, weighed),
     )
 
 
-def _check_recorded(known: _Evaluator, source: str, seed: int) -> None:
-    if not known.is_recorded(source, seed):
+def _check_recorded(known: _Evaluator, plan: TrainingPlan, source: str, seed: int) -> None:
+    key = known.key(source, seed)
+    if not (key in plan.recorded and known.is_recorded(source, seed)):
         raise RunError(
             "no record of it",
-            place=f"training {known.key(source, seed)[:12]}",
-            expected="a training that the run or a study of it recorded",
+            place=f"training {key[:12]}",
+            expected="a training that the run or a finished study of it recorded",
             remedy="leave out --retrained",
         )
 
@@ -232,10 +249,10 @@ def _evaluator(
     return bench.studies(plan.rules, data.scale, predictions=predictions)
 
 
-def _differing(told: FullTraining | Training | None, weighed: Weighed) -> tuple[str, ...]:
-    """Name the fields in which a training differs from what is recorded of it."""
+def _differing(told: FullTraining | Training | None, weighed: Weighed) -> tuple[str, ...] | None:
+    """Name the fields in which a training differs from what is told of it; None where nothing is."""
     if told is None:
-        return ()
+        return None
     was, now = (told.training, weighed.tested) if isinstance(told, FullTraining) else (told, weighed.training)
     return tuple(field.name for field in fields(Training) if getattr(was, field.name) != getattr(now, field.name))
 

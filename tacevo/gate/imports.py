@@ -1,6 +1,7 @@
 """What the sandbox gives a candidate without an import, written out, so that its source runs anywhere."""
 
 import ast
+import re
 
 from tacevo.gate.names import names_of
 from tacevo.text import parse_python
@@ -29,6 +30,6 @@ def with_imports(source: str) -> str:
         if not (is_docstring or is_future):
             break
         first = statement.end_lineno or 0
-    lines = source.splitlines(keepends=True)
+    lines = re.split(r"(?<=\n)", source)  # as Python counts them; a form feed, say, ends none
     head, rest = "".join(lines[:first]), "".join(lines[first:])
     return "\n".join([head, *missing, rest] if head else [*missing, "", "", rest])

@@ -1,1 +1,1 @@
-"""Replay, retrain, compare and export runs."""
+"""Replay, retrain and compare runs; write what they need into one file."""

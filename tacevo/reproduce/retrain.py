@@ -17,6 +17,7 @@ from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import StudyDirectory, studies_of
+from tacevo.results.study_lines import StudyRecord
 from tacevo.rules import TRAININGS, check_known
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
@@ -184,20 +185,20 @@ def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
 
 
 def doubts_of(
-    run: RunRecord,
+    made: RunRecord | StudyRecord,
     numerics: Numerics,
     device: Device,
     packages: Mapping[str, str],
     hardware: Mapping[str, Json],
 ) -> tuple[str, ...]:
-    """Say why this machine is not promised to reproduce a run's training bits.
+    """Say why this machine is not promised to reproduce the training bits of a run or a study.
 
     `fast` numerics promise bits on the recorded hardware only, `cuda` on the recorded model of GPU only.
     """
-    doubts = deviations({name: run.versions.get(name) for name in _COMPUTING}, packages)
+    doubts = deviations({name: made.versions.get(name) for name in _COMPUTING}, packages)
     promised_by = ["cpu", "architecture"] if numerics is Numerics.fast else []
     promised_by += ["gpu"] if device is Device.cuda else []
-    return doubts + deviations({name: run.machine.get(name) for name in promised_by}, hardware)
+    return doubts + deviations({name: made.machine.get(name) for name in promised_by}, hardware)
 
 
 def _check_trivial(run: RecordedRun, trivial: float) -> None:

@@ -8,7 +8,7 @@ Both are written whole, so that several processes may end the same study at once
 
 import contextlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from tacevo.errors import RunError
 from tacevo.records import Json, to_json, written
 from tacevo.results.study_lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
 from tacevo.storage.canonical import content_hash, readable
-from tacevo.storage.files import flock, remove_leftovers, write_durably
+from tacevo.storage.files import is_in_use, remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.typed import parse
@@ -84,22 +84,10 @@ class StudyDirectory:
         """The path of the scores."""
         return self.path / "scores.jsonl"
 
-    @contextlib.contextmanager
-    def at_work(self) -> Iterator[None]:
-        """Let readers see that this process is at work on a study that has begun; others may be, too."""
-        with (self.path / ".lock").open("ab") as file:
-            with contextlib.suppress(OSError):  # a file system without locks
-                flock(file.fileno(), shared=True)
-            yield
-
     @property
     def is_busy(self) -> bool:
         """Whether a process is at work on the study at this moment."""
-        try:
-            with (self.path / ".lock").open("rb") as file:
-                return not flock(file.fileno())
-        except OSError:  # nobody ever was, or the file system has no locks
-            return False
+        return is_in_use(self.path)
 
     @property
     def _remedy(self) -> str:

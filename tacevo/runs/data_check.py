@@ -17,7 +17,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.figures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.labels import units_of
 from tacevo.data.scaling import input_statistics
-from tacevo.data.simulator.export import export, overrides_for
+from tacevo.data.simulator.files import overrides_for, write_files
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
 from tacevo.data.splitting import PARTS
@@ -144,7 +144,7 @@ def simulate(settings: Sequence[str], console: Console, tacevo: str) -> str:
     if not isinstance(source, Simulated):
         raise ConfigError(str(config.data.source), place="data", expected="simulated, which alone is written as files")
     with Progress(console) as view:
-        count = export(source, out, workers=config.executor.workers, progress=partial(view.advance, "images"))
+        count = write_files(source, out, workers=config.executor.workers, progress=partial(view.advance, "images"))
     command = shlex.join(overrides_for(source, out))
     return f"{count} images and their labels: {out}\nread them: {tacevo} data check {command}"
 

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import NoReturn, Self
 
@@ -25,7 +25,7 @@ from tacevo.evolution.state import Budget, Plan
 from tacevo.gate.admission import Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
-from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, Rules
+from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import examples_of, held_out_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Zygote
@@ -250,22 +250,22 @@ class Workbench:
         return Evaluator(
             run=self._sandbox(self.mode),
             store=self._store("evaluations", self._mode_under(rules)),
-            setting=replace(self._setting(), contiguous=rules.training in CONTIGUOUS),
+            setting=self._setting(rules.training),
             examples=None if self.data is None else examples_of(self.data),
             rules=rules.training,
         )
 
     def studies(self, rules: int, scale: Sequence[float], *, predictions: bool = True) -> FullEvaluator:
-        """Return what trains networks fully and tests them, under the rules of that number.
+        """Return what trains and tests networks fully, under the rules of that number; under older ones none is stored.
 
         `scale` is that of the labels, in units of the recording for one unit of training; empty of a classification.
         Without `predictions`, the stores have none.
         """
         mode = self.mode if rules == STUDY else Mode.replay
         return FullEvaluator(
-            run=self._sandbox(mode),
+            run=self._sandbox(self.mode),
             store=self._store("studies", mode),
-            setting=self._setting(),
+            setting=self._setting(TRAININGS_OF_STUDIES.get(rules, CURRENT.training)),
             examples=None if self.data is None else (examples_of(self.data), held_out_of(self.data)),
             rules=rules,
             arrays=ArrayStore(self._store(KIND, mode)) if predictions else None,
@@ -276,7 +276,7 @@ class Workbench:
     def weigh(self, source: str, seed: int, epoch: int, training: int) -> Weighed | Rejection:
         """Train a network under these rules of training, and keep its weights after an epoch; nothing is stored."""
         assert self.data is not None  # as whoever trains must have it
-        setting = replace(self._setting(), contiguous=training in CONTIGUOUS)
+        setting = self._setting(training)
         data = examples_of(self.data), held_out_of(self.data)
         return train_and_weigh(self._sandbox(self.mode), setting, source, seed, epoch=epoch, data=data)
 
@@ -339,13 +339,15 @@ class Workbench:
     def _store(self, kind: str, mode: Mode) -> Store:
         return (self.stores or stores_of(self.config)).of(kind, mode)
 
-    def _setting(self) -> Setting:
+    def _setting(self, training: int) -> Setting:
+        """Return the setting of trainings under the rules of that number."""
         return Setting(
             contract=self.task.contract,
             fingerprint=self.facts.fingerprint,
             recipe=recipe_of(self.config),
             numerics=self.config.numerics.kind,
             device=self.config.training.device,
+            contiguous=training in CONTIGUOUS,
         )
 
 

@@ -25,7 +25,7 @@ from tacevo.sandbox import boot
 from tacevo.sandbox.confinement import check_confinement
 from tacevo.sandbox.kernel import protect_memory
 from tacevo.sandbox.processes import end_tree
-from tacevo.sandbox.protocol import Channel, Header, Message, Sort, describe, one_line
+from tacevo.sandbox.protocol import CHILD, Channel, Header, Message, Sort, describe, one_line
 from tacevo.typed import convert
 
 #: Seconds that a zygote may take to import torch, and a supervisor to start on a busy machine.
@@ -122,6 +122,7 @@ class Sandbox:
         notice: called for every candidate before its answer is returned, by the thread that waits for it.
         zygote: one that was started with these entries, this environment and `equip`; the sandbox ends it.
         equip: `module:function` of what gets a device ready for each job; see `tacevo.sandbox.child.Equip`.
+        answer_bytes: the most that a job may answer.
     """
 
     def __init__(
@@ -134,12 +135,13 @@ class Sandbox:
         notice: Notice | None = None,
         zygote: Zygote | None = None,
         equip: str | None = None,
+        answer_bytes: int = CHILD.total_bytes,
     ) -> None:
         check_confinement(Confinement.process)
         protect_memory()  # labels and keys are in this process's memory, and candidates run under the same user
         self._entries, self._environment, self._arrays = entries, environment, arrays
         self._strongest, self._equip = strongest, equip
-        self._notice = notice
+        self._notice, self._answer_bytes = notice, answer_bytes
         self._lock = threading.Lock()
         #: By whether it is the one with all imports.
         self._zygotes: dict[bool, Zygote] = {} if zygote is None else {False: zygote}
@@ -162,7 +164,8 @@ class Sandbox:
         """
         if entry not in self._entries:
             raise KeyError(f"expected one of the entries {sorted(self._entries)}; got {entry!r}")
-        order = {"entry": entry, "header": header, "limits": to_json(limits), "strongest": self._strongest}
+        order: dict[str, Json] = {"entry": entry, "header": header, "limits": to_json(limits)}
+        order |= {"strongest": self._strongest, "answer_bytes": self._answer_bytes}
         try:
             return self._run(order, payload, limits, prepared=False)
         except _UnpreparedError:

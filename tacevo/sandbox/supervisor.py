@@ -11,12 +11,13 @@ import signal
 import socket
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 
 from tacevo.records import Json, Limits, Reason
 from tacevo.sandbox import child
 from tacevo.sandbox.kernel import become_subreaper
 from tacevo.sandbox.processes import cpu_seconds, descendants, end_own_descendants, is_ending, memory
-from tacevo.sandbox.protocol import CHILD, Channel, Message, Sort, Splitter, TooMuchError, describe, one_line
+from tacevo.sandbox.protocol import CHILD, Bounds, Channel, Message, Sort, Splitter, TooMuchError, describe, one_line
 
 _TICK = 0.025  # seconds between two checks of time and memory
 _PIPE_SIZE = 2**20  # bytes; the most that an unprivileged process can make a pipe hold
@@ -65,7 +66,8 @@ def _serve(
     os.close(theirs)
     os.set_blocking(pipe, False)
     limits = Limits(**job["limits"])
-    watch = _Watch(pid, pipe, channel, limits, prepared=job["prepared"], equips=equip is not None)
+    bounds = replace(CHILD, total_bytes=job["answer_bytes"])
+    watch = _Watch(pid, pipe, channel, limits, bounds, prepared=job["prepared"], equips=equip is not None)
     verdict = watch.until_the_end()
     # Measured here, where the candidate cannot reach. What is reaped already counts as this process's children.
     cpu = sum(map(cpu_seconds, (supervisor, *descendants(supervisor))))
@@ -79,7 +81,9 @@ class _Watch:
     `equips` itself first, that has the limits too; the candidate's time begins afterwards, and the search is told so.
     """
 
-    def __init__(self, pid: int, pipe: int, channel: Channel, limits: Limits, *, prepared: bool, equips: bool) -> None:
+    def __init__(
+        self, pid: int, pipe: int, channel: Channel, limits: Limits, bounds: Bounds, *, prepared: bool, equips: bool
+    ) -> None:
         self.frames: list[Message] = []
         #: What `confine` put in force; None before, when no code of the candidate has run.
         self.measures: Json = None
@@ -90,7 +94,7 @@ class _Watch:
         self._deadline = time.monotonic() + limits.seconds
         self._inherited_mib = memory(os.getpid()).anonymous
         self._files_mib: dict[int, float] = {}  # process id -> most memory of mapped files seen so far
-        self._splitter = Splitter(CHILD)
+        self._splitter = Splitter(bounds)
         self._poll = select.poll()
         for descriptor, event in ((pipe, select.POLLIN), (self._end, select.POLLIN), (self._search, select.POLLRDHUP)):
             self._poll.register(descriptor, event)

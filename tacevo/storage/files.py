@@ -47,16 +47,21 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
         got, expected = f"one that cannot ({error.strerror})", "a directory that can be written to"
         raise RunError(got, place=f"{setting}={folder}", expected=expected) from error
     try:
-        for _ in range(_PATIENCE):  # `RunDirectory.is_busy` locks it for a moment to see whether it is locked
-            if flock(handle):
-                break
-            time.sleep(_PAUSE)
-        else:
+        if not _flock_soon(handle):
             got, remedy = "another process in it", f"wait for it, or choose another {setting}"
             raise RunError(got, place=f"{setting}={folder}", expected="an idle directory", remedy=remedy)
         yield
     finally:
         os.close(handle)
+
+
+def _flock_soon(handle: int, *, shared: bool = False) -> bool:
+    """Lock as `flock` does, and wait for who holds it for a moment, as `is_in_use` does to see whether it is held."""
+    for _ in range(_PATIENCE):
+        if flock(handle, shared=shared):
+            return True
+        time.sleep(_PAUSE)
+    return False
 
 
 def flock(handle: int, *, wait: bool = False, shared: bool = False) -> bool:
@@ -77,6 +82,41 @@ def flock(handle: int, *, wait: bool = False, shared: bool = False) -> bool:
     except BlockingIOError:
         return False
     return True
+
+
+@contextlib.contextmanager
+def in_use(folder: Path, *, alone: bool = False) -> Iterator[None]:
+    """Share the lock of a directory that is worked in, or hold it `alone` so that nobody begins to.
+
+    A file system without locks keeps no process out.
+
+    Raises:
+        RunError: another process is at work there, in the way that does not go with this one.
+        OSError: the directory does not exist.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # no locks here
+            if not _flock_soon(handle, shared=not alone):
+                got, remedy = "one that another process is at work in", "wait for it, or stop it"
+                raise RunError(got, place=str(folder), expected="an idle directory", remedy=remedy)
+        yield
+    finally:
+        os.close(handle)
+
+
+def is_in_use(folder: Path) -> bool:
+    """Return whether a process works in a directory at this moment, by `in_use`; false where there are no locks."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        return not flock(handle)
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
 
 
 def write_durably(path: Path, content: str | bytes) -> None:

@@ -4,11 +4,11 @@ import contextlib
 import secrets
 import shutil
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from pathlib import Path
 
 from tacevo.errors import RunError
-from tacevo.storage.files import locked
+from tacevo.storage.files import in_use
 from tacevo.storage.run_directory import MANIFEST, RunDirectory, runs_below
 from tacevo.storage.store import KINDS
 from tacevo.storage.sweep_directory import SweepDirectory
@@ -18,10 +18,8 @@ _ENTRIES = "[0-9a-f][0-9a-f]/*.json"
 
 
 @contextlib.contextmanager
-def removable(path: Path, mirrored: Callable[[Path], AbstractContextManager[None]]) -> Iterator[Callable[[], None]]:
+def removable(path: Path) -> Iterator[Callable[[], None]]:
     """Hold a run or a sweep, with its studies, so that no process begins to work in it.
-
-    `mirrored` holds a directory so that no mirror reads it, or raises RunError where one does.
 
     Yields:
         What removes it. Its answers stay in the stores.
@@ -37,12 +35,10 @@ def removable(path: Path, mirrored: Callable[[Path], AbstractContextManager[None
     with ExitStack() as held:
         for run in (each for each in own if each.is_dir()):
             held.enter_context(RunDirectory(run).locked())
-            held.enter_context(mirrored(run))
-            for study in run.glob("studies/*/"):
-                held.enter_context(locked(study, "study"))
+            for folder in (run, *run.glob("studies/*/")):
+                held.enter_context(in_use(folder, alone=True))
         if sweep.is_one:
             held.enter_context(sweep.locked())
-            held.enter_context(mirrored(path))
         yield lambda: _remove(path)
 
 

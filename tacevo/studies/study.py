@@ -31,6 +31,7 @@ from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
+from tacevo.storage.files import in_use
 from tacevo.storage.plan import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
 from tacevo.studies.networks import given_networks, networks_of
@@ -155,8 +156,8 @@ def _carry_out(
     directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
     units = units_of(catalogue) if data.scale else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
-    bench_of_study = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
-    with directory.at_work(), bench_of_study as bench:
+    workbench = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
+    with in_use(directory.path), workbench as bench:
         evaluator = _evaluator(bench, plan.header, data.scale)
         recorded = {job.row for job in plan.jobs if evaluator.is_recorded(job.source, job.seed)}
         _introduce(directory, plan, wanted, len(recorded), view)

@@ -82,8 +82,8 @@ class FullTraining(Record):
 class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
     """The full trainings of studies, in a store of the kind `studies`; their rules are `tacevo.rules.STUDY`.
 
-    `arrays` keeps the test predictions, or is None where nothing is trained and they are not at hand. `facts` are those
-    of the data set, and `scale` is that of `HeldOut`.
+    `arrays` keeps the test predictions, or is None where no training is stored and they are not at hand. `facts` are
+    those of the data set, and `scale` is that of `HeldOut`.
     """
 
     _result, _name = FullTraining, "full"
@@ -125,9 +125,9 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
         if isinstance(verdict, Rejection):
             return verdict
         training, predictions = verdict
-        assert self._arrays is not None  # as whoever trains must have them
-        self._arrays.keep(held_out.targets)  # before the training is, so that it never names what is not there
-        self._arrays.keep(predictions)
+        if self._arrays is not None:  # it is where the training is not stored, either
+            self._arrays.keep(held_out.targets)  # before the training is, so that it never names what is not there
+            self._arrays.keep(predictions)
         return training
 
     def _check(self, verdict: FullTraining, place: str) -> None:

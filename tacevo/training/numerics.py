@@ -1,18 +1,33 @@
 """Environment variables of the sandbox that decide how results depend on the machine (docs/determinism.md)."""
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 from tacevo.choices import Device, Numerics
 from tacevo.environment import gpus
 from tacevo.errors import ConfigError
+from tacevo.sandbox.caches import VARIABLE
 
 #: One thread: sums depend on the number of threads, and a zygote with threads cannot fork safely.
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+#: Otherwise oneDNN sums by the CPU's caches. One core of many servers has these: 32 KiB, 1 MiB, 2 MiB.
+_ONE_CACHE = {VARIABLE: "32768,1048576,2097152"}
 #: Otherwise each of these libraries chooses its kernels by the CPU.
-_ONE_INSTRUCTION_SET = {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"}
+_INSTRUCTIONS: Mapping[Numerics, Mapping[str, str]] = {
+    Numerics.portable: {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"},
+    Numerics.portable512: {
+        "ATEN_CPU_CAPABILITY": "avx512",
+        "ONEDNN_MAX_CPU_ISA": "AVX512_CORE",
+        "MKL_CBWR": "COMPATIBLE",
+    },
+}
+#: What these kernels are compiled for; each library would run them without asking the CPU.
+_FLAGS: Mapping[Numerics, Sequence[str]] = {
+    Numerics.portable: ["avx2"],
+    Numerics.portable512: ["avx2", "fma", "avx512f", "avx512bw", "avx512dq", "avx512vl"],
+}
 #: In bytes: below these glibc's malloc keeps what is freed. Otherwise every step returns its tensors' pages, and the
 #: kernel zeroes them again, which took a tenth of a training's time (the baseline's, at 32 pixels).
 _KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 30), "MALLOC_TRIM_THRESHOLD_": str(1 << 30)}
@@ -22,16 +37,17 @@ _CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
 
 def environment(numerics: Numerics, device: Device = Device.cpu) -> dict[str, str]:
     """Return the variables that must be set before torch is imported."""
-    instructions = _ONE_INSTRUCTION_SET if numerics is Numerics.portable else {}
-    return _ONE_THREAD | _KEPT_MEMORY | instructions | (_CUBLAS if device is Device.cuda else {})
+    cublas = _CUBLAS if device is Device.cuda else {}
+    one_cpu = {} if numerics is Numerics.fast else {**_INSTRUCTIONS[numerics], **_ONE_CACHE}
+    return {**_ONE_THREAD, **_KEPT_MEMORY, **one_cpu, **cublas}
 
 
 def check_machine(numerics: Numerics, device: Device = Device.cpu, model: str | None = None) -> None:
     """Check that this machine can compute with these numerics on this device, a GPU of this model.
 
     Raises:
-        ConfigError: portable numerics without an x86-64 CPU with AVX2; or CUDA without such a GPU, or without a torch
-            that is built for it.
+        ConfigError: numerics for which its CPU lacks instructions; or CUDA without such a GPU, or without a torch that
+            is built for it.
     """
     table = Path("/proc/cpuinfo")
     check_cpu(numerics, platform.machine(), table.read_text(errors="replace") if table.exists() else "")
@@ -63,13 +79,18 @@ def check_cpu(numerics: Numerics, machine: str, cpuinfo: str) -> None:
     """Check that a machine, by what `platform.machine` and /proc/cpuinfo say of it, can compute with these numerics.
 
     Raises:
-        ConfigError: portable numerics on a machine that is not an x86-64 CPU with AVX2.
+        ConfigError: portable numerics on a machine that is not an x86-64 CPU with the instructions that they need.
     """
+    needed = _FLAGS.get(numerics, ())
     flags = {flag for line in cpuinfo.splitlines() if line.startswith("flags") for flag in line.split()}
-    if numerics is Numerics.portable and not (machine == "x86_64" and "avx2" in flags):
+    missing = [flag for flag in needed if flag not in flags]
+    if needed and (machine != "x86_64" or missing):
+        others = "fast; results are then reproduced on this machine only"
+        if numerics is Numerics.portable512:
+            others = f"portable for every CPU with avx2, or {others}"
         raise ConfigError(
-            "x86_64 without avx2 in /proc/cpuinfo" if machine == "x86_64" else machine,
-            place="numerics=portable",
-            expected="an x86_64 CPU with avx2",
-            remedy="set numerics=fast; results are then reproduced on this machine only",
+            f"x86_64 without {', '.join(missing)} in /proc/cpuinfo" if machine == "x86_64" else machine,
+            place=f"numerics={numerics}",
+            expected=f"an x86_64 CPU with {', '.join(needed)}",
+            remedy=f"set numerics={others}; what was recorded is replayed here without --retrain",
         )

@@ -78,7 +78,7 @@ def train_and_weigh(
     tested, of_epochs = verdict
     try:
         weights = read_weights(sent)
-        if epoch == setting.recipe.epochs and (came := digest_of(weights)) != tested.weights_sha256:
+        if epoch == setting.recipe.epochs and (came := weights_digest(weights)) != tested.weights_sha256:
             raise ValueError(f"expected weights of the digest {tested.weights_sha256[:12]}; got {came[:12]}")
     except (AnswerError, ValueError) as error:
         return Rejection(stage=Stage.train, reason=Reason.bad_output, detail=one_line(str(error)))
@@ -116,7 +116,7 @@ def read_weights(frames: Sequence[Frame]) -> Weights:
     return weights
 
 
-def digest_of(weights: Weights) -> str:
+def weights_digest(weights: Weights) -> str:
     """Hash weights as `tacevo.sandbox.candidate.digest` does: 64 hex digits of SHA-256."""
     total = hashlib.sha256()
     for name, value in sorted(weights.items()):

@@ -2,6 +2,8 @@
 
 import inspect
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ from checkout import ROOT
 
 from benchmarks.__main__ import BENCHMARKS, RESULTS
 from benchmarks.record import BEGIN, END, record, table, with_table, write
-from benchmarks.timing import Figure, medians, report
+from benchmarks.timing import Figure, descendants_seconds, medians, report
 
 LONELY = Figure(title="memory", name="ours", value=12.0, unit="MB")
 
@@ -29,6 +31,25 @@ def test_rivals_take_turns() -> None:
     order: list[str] = []
     medians({"ours": lambda: order.append("ours"), "theirs": lambda: order.append("theirs")}, rounds=2)
     assert order == ["ours", "theirs", "ours", "theirs"]
+
+
+def test_time_of_a_process_that_still_runs_is_counted() -> None:
+    """A zygote and a warm peer do not end between two measurements, nor do other users' processes count."""
+    burning = "import time\nwhile time.process_time() < 0.5: pass\nprint(flush=True)\ninput()"
+    before = descendants_seconds()
+    with subprocess.Popen([sys.executable, "-c", burning], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdout.readline()
+        assert descendants_seconds() - before > 0.4
+        process.stdin.close()
+    assert descendants_seconds() - before > 0.4
+
+
+def test_rivals_are_timed_by_the_clock_that_is_given() -> None:
+    """Wall time tells nothing of a busy machine."""
+    ticks = iter([0.0, 3.0, 10.0, 14.0])
+    assert medians({"ours": print, "theirs": print}, rounds=1, clock=lambda: next(ticks)) == {"ours": 3, "theirs": 4}
 
 
 def test_record_and_table_hold_what_was_found(tmp_path: Path) -> None:

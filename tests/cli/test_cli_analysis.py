@@ -15,6 +15,7 @@ from analysis.report.writing import FURTHER, PAPER
 from tacevo.cli.app import main
 from tacevo.results.run import read_run
 from tacevo.results.study_directory import StudyDirectory
+from tacevo.storage.files import in_use
 
 
 def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,7 +150,7 @@ def test_study_that_still_runs_is_left_out_as_such(run: Path) -> None:
     """And once no process is at work on it, as one that can be continued."""
     study = StudyDirectory(study_in(run))
     study.scores.unlink()
-    with study.at_work():
+    with in_use(study.path):
         (told,) = read_studies(read_run(run)).left_out
     assert "one that is still running; wait for it" in told
     (told,) = read_studies(read_run(run)).left_out

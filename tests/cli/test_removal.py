@@ -5,7 +5,6 @@ import io
 import json
 import shutil
 import zipfile
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,20 +14,16 @@ from tacevo.cli.app import main
 from tacevo.config.compose import compose_study
 from tacevo.errors import RunError
 from tacevo.runs.progress import Progress
+from tacevo.storage.files import in_use
 from tacevo.storage.removal import removable
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store
 from tacevo.studies.study import study
-from tacevo.tracking.lock import alone
 
 
 def entries(stores: Path) -> set[Path]:
     """List the entries of stores."""
     return set(stores.glob("*/*/*.json"))
-
-
-#: What `tacevo rm` holds, for as long as it asks.
-removing = partial(removable, mirrored=partial(alone, wait=False))
 
 
 @pytest.fixture
@@ -112,7 +107,7 @@ def test_rm_removes_a_run_after_a_yes(
 def test_rm_removes_a_sweep_but_no_job_of_it(sweep: Path) -> None:
     """Whose tables need each job."""
     job = next(sweep.glob("*/run.json")).parent
-    with refused(RunError, got="a job of the sweep", remedy="the whole sweep"), removing(job):
+    with refused(RunError, got="a job of the sweep", remedy="the whole sweep"), removable(job):
         pass
     assert main(["rm", str(sweep), "--yes"]) == 0
     assert not sweep.exists()
@@ -142,10 +137,10 @@ def test_rm_leaves_alone_what_is_no_run_or_is_needed(
     }
     before = sorted(folder.rglob("*"))
     for path, reason in reasons.items():
-        with refused(RunError, place=path, got=reason), removing(Path(path)):
+        with refused(RunError, place=path, got=reason), removable(Path(path)):
             pass
     monkeypatch.chdir("run")
-    with refused(RunError, got="this command was started in"), removing(Path("../run")):
+    with refused(RunError, got="this command was started in"), removable(Path("../run")):
         pass
     assert sorted(folder.rglob("*")) == before
 
@@ -153,9 +148,9 @@ def test_rm_leaves_alone_what_is_no_run_or_is_needed(
 def test_rm_leaves_alone_what_is_in_use(folder: Path) -> None:
     """By a search, by what mirrors it, or by a study."""
     run = Path("run")
-    with RunDirectory(run).locked(), refused(RunError, got="another process"), removing(run):
+    with RunDirectory(run).locked(), refused(RunError, got="another process"), removable(run):
         pass
-    with alone(run), refused(RunError, got="is mirroring"), removing(run):
+    with in_use(run, alone=True), refused(RunError, got="another process"), removable(run):
         pass
 
     class Trying(Progress):
@@ -165,12 +160,12 @@ def test_rm_leaves_alone_what_is_in_use(folder: Path) -> None:
 
         def say(self, text: str) -> None:
             """Try."""
-            with contextlib.suppress(RunError), removing(run):
+            with contextlib.suppress(RunError), removable(run):
                 return
             self.refusals += 1
 
     with Trying() as view:
         study(compose_study(["run=run", "elites=1", "seeds=4", "epochs=1"]), view)
     assert view.refusals
-    with removing(run):
+    with removable(run):
         pass

@@ -227,7 +227,8 @@ def _best(line: GenerationLine) -> float:
 
 def test_prompt_policies_are_other_searches_or_the_same() -> None:
     """Without A_P all networks stay as they are under uniform prompts, where it only records; the abstract's do not."""
-    uniform, curious, none = (run(fakes.plan(generations=6, prompts=policy)) for policy in PromptPolicy)
+    asked = (PromptPolicy.uniform, PromptPolicy.curiosity, PromptPolicy.none)
+    uniform, curious, none = (run(fakes.plan(generations=6, prompts=policy)) for policy in asked)
     assert none[1].states[-1].networks == uniform[1].states[-1].networks != curious[1].states[-1].networks
     assert not none[1].states[-1].prompts.trials
 

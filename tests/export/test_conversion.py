@@ -4,16 +4,21 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 import torch
 from canaries import SECRET, canaries
 from gate_cases import examples as shared
 from gate_cases import needs_shared
+from hostile_sources import ENDLESS_AFTERWARDS, FORGED_ANSWER, NO_PREDICTIONS, PATCHES, SEEDS
+from onnx import helper
 from refusals import refused
 from training_jobs import CONTRACT, SOURCE
 from waiting import eventually
@@ -22,8 +27,9 @@ from tacevo.api.network import build
 from tacevo.choices import Numerics
 from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
-from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, check_plain, convert
-from tacevo.records import DataFacts
+from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, convert
+from tacevo.export.plain import check_onnx, check_pt2
+from tacevo.records import DataFacts, Kind, Loss
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.processes import descendants
 from tacevo.training.numerics import environment
@@ -100,6 +106,32 @@ def test_file_is_the_mean_of_its_networks(form: Form, sandbox: Sandbox, data: Da
         convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, one], expected=expected)
 
 
+def test_file_of_classes_gives_probabilities(sandbox: Sandbox, data: Dataset) -> None:
+    """The mean of those of its networks, not of their logits."""
+    contract, bare = (
+        replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy),
+        replace(data, scale=(), offset=()),
+    )
+    (one, first), (other, second) = example(data), example(data, seed=2)
+    logits = (np.array([first, second]) - data.offset) / data.scale
+    powers = np.exp(20 * logits - (20 * logits).max(axis=2, keepdims=True))
+    sharp = SOURCE.replace("return ", "return 20 * ")
+    expected = (powers / powers.sum(axis=2, keepdims=True)).mean(axis=0)
+    made = convert(sandbox, "onnx", sharp, contract=contract, data=bare, weights=[one, other], expected=expected)
+    assert made.difference < 1e-5
+
+
+def test_largest_of_uneven_parts_are_written(sandbox: Sandbox, data: Dataset) -> None:
+    """Torch's export has no operator of ONNX for them; one that is not known is named."""
+    pooled = SOURCE.replace("self.body(x)", "self.body(F.interpolate(F.adaptive_max_pool2d(x, (3, 2)), (4, 4)))")
+    weights, expected = example(data, pooled)
+    made = convert(sandbox, "onnx", pooled, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+    assert made.difference < 1e-6
+    other = SOURCE.replace("return ", "return x.flatten(1).kthvalue(1)[0][:, None] + ")
+    with pytest.raises(RunError, match=r"aten\.kthvalue"):
+        convert(sandbox, "onnx", other, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+
+
 def test_draws_beside_the_weights_are_refused(sandbox: Sandbox, data: Dataset) -> None:
     """What the files hold would not be what was trained."""
     weights, expected = example(data, DRAWS)
@@ -120,18 +152,55 @@ def test_weights_of_another_class_are_refused(sandbox: Sandbox, data: Dataset) -
 PROGRAMS = shared("hostile")
 
 
+#: They have the weights of `SOURCE`, so that they are called, too; those without an end take all of the limit.
+OWN = {
+    **{f"patches {name}": source for name, source in PATCHES.items()},
+    **{f"predicts {name}": source for name, source in NO_PREDICTIONS.items()},
+    **{f"endless {name}": source for name, source in ENDLESS_AFTERWARDS.items()},
+    "seeds": SEEDS,
+    "forged answer": FORGED_ANSWER,
+}
+
+
+@pytest.fixture(scope="module")
+def started(sandbox: Sandbox, data: Dataset) -> set[int]:
+    """Return the processes of the sandbox once a candidate was in it."""
+    weights, expected = example(data)
+    for form in FORMS:
+        convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+    return set(descendants(os.getpid()))
+
+
 @pytest.mark.long
 @needs_shared
 @pytest.mark.parametrize("program", PROGRAMS, ids=[program["id"] for program in PROGRAMS])
-def test_hostile_program_gets_no_file_out(program: Any, sandbox: Sandbox, data: Dataset, place: Path) -> None:
+def test_hostile_program_gets_no_file_out(
+    program: Any, sandbox: Sandbox, started: set[int], data: Dataset, place: Path
+) -> None:
     """Whatever it does as it is built, no trap is sprung, and no file comes of weights that are not its own."""
     _, expected = example(data)
-    before = set(descendants(os.getpid()))
     with canaries() as traps:
         with pytest.raises(RunError):
             convert(sandbox, "pt2", program["source"], contract=CONTRACT, data=data, weights=[{}], expected=expected)
         assert traps.sprung() == []
-    assert eventually(lambda: before.issuperset(descendants(os.getpid())))
+    assert eventually(lambda: started.issuperset(descendants(os.getpid())))
+    assert not [*place.iterdir()]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", OWN)
+def test_hostile_network_writes_what_was_trained_or_nothing(
+    name: str, sandbox: Sandbox, started: set[int], data: Dataset, place: Path
+) -> None:
+    """Called as it is written, too; a file that comes predicts as the training did, for it was tried without it."""
+    weights, expected = example(data)
+    with canaries() as traps:
+        for form in FORMS:
+            with suppress(RunError):
+                source = OWN[name]
+                convert(sandbox, form, source, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+        assert traps.sprung() == []
+    assert eventually(lambda: started.issuperset(descendants(os.getpid())))
     assert not [*place.iterdir()]
 
 
@@ -177,9 +246,70 @@ def compressed(content: bytes) -> bytes:
 def test_pickle_in_a_file_is_refused(file: bytes) -> None:
     """Torch would run it as it loads the file."""
     with pytest.raises(ValueError, match=r"expected|Expecting"):
-        check_plain(file)
+        check_pt2(file)
 
 
 def test_plain_file_is_accepted() -> None:
     """Of sample inputs, too, where there are none."""
-    check_plain(archive(**{"data/sample_inputs/model.pt": b""}))
+    check_pt2(archive(**{"data/sample_inputs/model.pt": b""}))
+
+
+def in_another_file(name: str) -> onnx.TensorProto:
+    """Make a tensor whose values lie in another file."""
+    tensor = helper.make_tensor(name, onnx.TensorProto.FLOAT, [1], [0.0])
+    tensor.ClearField("float_data")
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="../../etc/passwd")
+    return tensor
+
+
+def nested(*nodes: onnx.NodeProto, initial: Sequence[onnx.TensorProto] = (), depth: int = 2) -> onnx.GraphProto:
+    """Make a graph whose nodes lie below so many others, in their branches."""
+    value = helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
+    graph = helper.make_graph(list(nodes), "inner", [], [value], initializer=list(initial))
+    for _ in range(depth):
+        graph = helper.make_graph([helper.make_node("If", ["c"], ["y"], then_branch=graph)], "outer", [], [value])
+    return graph
+
+
+def as_function(node: onnx.NodeProto) -> onnx.ModelProto:
+    """Make a model that has a node in the body of a function."""
+    function = helper.make_function("own", "f", ["x"], ["y"], [node], [helper.make_opsetid("", 18)])
+    model = helper.make_model(nested(helper.make_node("f", ["x"], ["y"], domain="own")))
+    model.functions.append(function)
+    return model
+
+
+FOREIGN, RELU = (
+    helper.make_node("EPContext", ["x"], ["y"], domain="com.microsoft"),
+    helper.make_node("Relu", ["x"], ["y"]),
+)
+CONSTANT = helper.make_node("Constant", [], ["y"], value=in_another_file("w"))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        helper.make_model(nested(initial=[in_another_file("w")], depth=0)),
+        helper.make_model(nested(initial=[in_another_file("w")])),
+        helper.make_model(nested(CONSTANT)),
+        helper.make_model(nested(FOREIGN)),
+        as_function(CONSTANT),
+        as_function(FOREIGN),
+    ],
+)
+def test_other_files_and_foreign_operators_are_refused_wherever_they_are(model: onnx.ModelProto) -> None:
+    """In branches, in attributes and in functions: whoever runs the file would read what they name."""
+    with pytest.raises(ValueError, match="expected"):
+        check_onnx(model.SerializeToString())
+
+
+def test_notes_are_found_wherever_they_are() -> None:
+    """They name directories of this machine; a model without them, with functions of its own, is accepted."""
+    model = as_function(RELU)
+    check_onnx(model.SerializeToString())
+    model.functions[0].node[0].metadata_props.add(key="stack_trace", value="/home/me/net.py")
+    with pytest.raises(ValueError, match="no notes"):
+        check_onnx(model.SerializeToString())
+    with pytest.raises(ValueError, match="expected an ONNX model"):
+        check_onnx(b"\xff")

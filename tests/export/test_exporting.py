@@ -3,9 +3,11 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import venv
+from dataclasses import replace
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,16 +26,19 @@ from smallest import Once
 
 import tacevo
 from tacevo.cli.app import main
+from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.source import Catalogue
 from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
 from tacevo.export import directory
 from tacevo.export.trainings import ExportSettings, Like, design, train
 from tacevo.results.study_lines import ScoreLine
+from tacevo.rules import STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.storage.arrays import ArrayStore
 from tacevo.storage.store import Entry, Store
 from tacevo.training.full import read_kept
-from tacevo.training.weights import digest_of
+from tacevo.training.weights import weights_digest
 
 #: Of one run each.
 BUNDLES = [path for path in sorted((ROOT / "cache" / "published").glob("*.zip")) if "ablation" not in path.name]
@@ -106,9 +111,9 @@ def test_weights_are_the_recorded_ones(exported: Path, published: Path) -> None:
     """By the digest that the scores of the study have, where the best epoch is the last."""
     run, name = studied(published)
     rows = scores(run, name)
-    digests = [digest_of(load_file(exported / "model" / f"weights-{number}.safetensors")) for number in (1, 2)]
+    digests = [weights_digest(load_file(exported / "model" / f"weights-{number}.safetensors")) for number in (1, 2)]
     assert digests == [row.weights for row in rows[:2]] == read(exported, "config.json")["weights_sha256"]
-    assert "is the recorded one" in (exported / "model" / "README.md").read_text()
+    assert "the recorded ones, bit for bit" in (exported / "model" / "README.md").read_text()
 
 
 def test_onnx_takes_raw_images_and_gives_newtons(exported: Path) -> None:
@@ -169,7 +174,7 @@ def test_trainings_repeat_bit_for_bit(published: Path) -> None:
             assert one.differing == ()
             files.append(save(dict(one.weighed.weights)))
         assert files[0] == files[1]
-        assert like is Like.study or digest_of(one.weighed.weights) == line.weights
+        assert like is Like.study or weights_digest(one.weighed.weights) == line.weights
 
 
 def test_missing_record_is_an_error_if_nothing_is_believed(published: Path, place: Path) -> None:
@@ -192,6 +197,101 @@ def test_other_record_is_an_error_if_nothing_is_believed(folder: Path) -> None:
     with refused(DivergenceError, got="other weights_sha256"):
         run.export(line.id, "model", like="search", retrained=True, quiet=True)
     assert not Path("model").exists()
+
+
+def test_what_no_record_names_is_no_record(folder: Path) -> None:
+    """The store alone may hold what an export trained; here what a study did, which is deleted."""
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    name, rows = str(run.studies[0].networks["id"].iloc[1]), run.studies[0]._finished.scores.rows
+    line = next(line for line in run.recorded.candidates if line.id == name)
+    keys = {row.evaluation for row in rows}
+    assert keys <= design(run.recorded, line, ExportSettings()).recorded
+    shutil.rmtree("run/studies")
+    run.forget()
+    plan = design(run.recorded, line, ExportSettings(epochs=1))
+    assert not keys & plan.recorded
+    assert all(Path("cache/studies", key[:2], f"{key}.json").exists() for key in keys)
+    with refused(RunError, got="no record of it"):
+        run.export(name, "model", epochs=1, retrained=True, quiet=True)
+
+
+def test_epochs_choose_among_studies(published: Path) -> None:
+    """A study of as many epochs is repeated; without one it is a study by default of so many."""
+    run, name = studied(published)
+    line = next(line for line in run.recorded.candidates if line.id == name)
+    one, other = (design(run.recorded, line, ExportSettings(epochs=epochs)) for epochs in (1, 7))
+    assert one == design(run.recorded, line, ExportSettings())
+    assert (other.study, other.scores, other.config.training.epochs) == (None, (), 7)
+
+
+@pytest.mark.slow
+def test_seeds_that_an_older_study_lacks_are_trained(folder: Path) -> None:
+    """By its rules, and twice; under these nothing is stored."""
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    name = str(run.studies[0].networks["id"].iloc[1])
+    recorded, view = run.recorded, Progress(Console(quiet=True))
+    line = next(line for line in recorded.candidates if line.id == name)
+    source, data = recorded.directory.read_source(name, str(line.source)), load_same(run.config, recorded.facts, view)
+    stored = sorted(Path("cache/studies").rglob("*.json"))
+    for rules in TRAININGS_OF_STUDIES.keys() - {STUDY}:
+        plan = replace(design(recorded, line, ExportSettings()), rules=rules)
+        (one,), _ = train(recorded, plan, source, data, view, retrained=False)
+        assert (one.was_recorded, one.differing) == (False, ())
+    assert sorted(Path("cache/studies").rglob("*.json")) == stored
+
+
+@pytest.mark.parametrize(("parameters", "seeds", "place"), [(17_000_000, 1, "g00s02"), (3_000_000, 60, "seeds")])
+def test_too_large_is_refused_before_it_is_trained(parameters: int, seeds: int, place: str, published: Path) -> None:
+    """A network by the parameters that the ledger has of it; an ensemble by its number of them."""
+    run, _ = studied(published)
+    line = next(line for line in run.recorded.candidates if line.id == "g00s02")
+    with refused(RunError, place=place):
+        directory.export(
+            run.recorded,
+            replace(line, parameters=parameters),
+            Path("never"),
+            ExportSettings(seeds=seeds),
+            bundle=None,
+            retrained=False,
+            view=Progress(Console(quiet=True)),
+        )
+
+
+def test_images_are_listed_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A recording is large, and every header of it is read each time."""
+    listed: list[Simulated] = []
+
+    def list_it(source: Simulated) -> Catalogue:
+        listed.append(source)
+        return catalogue(source)
+
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    catalogue = Simulated.catalogue
+    monkeypatch.setattr(Simulated, "catalogue", list_it)
+    monkeypatch.setattr(directory, "train", stop)
+    shutil.rmtree("cache/data")
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    with pytest.raises(KeyboardInterrupt):
+        run.export(str(run.elites["id"].iloc[0]), "model", quiet=True)
+    assert len(listed) == 1
+
+
+def test_interruption_says_what_is_left(published: Path, place: Path, capfd: Any, monkeypatch: Any) -> None:
+    """No part of a directory, which the command says."""
+
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(directory, "train", stop)
+    run, name = studied(published)
+    assert main(["export", str(run.path), name, "-o", "model"]) == 130
+    assert "interrupted; the directory is whole or absent" in capfd.readouterr().err
+    assert not [*place.iterdir()]
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,10 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect
 from rich.console import Console
 
 from analysis.report.page.html import as_html
+from analysis.report.page.sources import source_contents
 from analysis.report.page.whole import PageContents
 from benchmarks.synthetic import record_synthetic
+from tacevo.gate.imports import with_imports
 from tacevo.runs.progress import Progress
 
 #: What `open_page` takes, and what it found wrong until now: errors, and requests that left the page.
@@ -114,6 +116,26 @@ def test_click_on_an_elite_opens_its_source(shipped: PageContents, open_page: Op
     lines = page.locator("#candidate pre.source .line-of-code").all_text_contents()
     assert "\n".join(lines) == shipped.sources[wanted["source"]]["text"]
     assert wrong == []
+
+
+def test_copied_source_is_a_file_that_runs(shipped: PageContents, open_page: Opener) -> None:
+    """Also where letters of two units stand before its imports; a browser without a clipboard says so."""
+    run = shipped.runs[0]
+    one = next(one for one in run["candidates"] if one["source"] in shipped.sources and not one["changes"])
+    code = shipped.sources[one["source"]]["text"]
+    for text in (code, '"""A network. \N{WAVING HAND SIGN}\N{WAVING HAND SIGN}"""\nclass Net(nn.Module):\n    pass\n'):
+        contents = replace(shipped, sources={**shipped.sources, one["source"]: source_contents(text)})
+        page, wrong = open_page(contents, address=address_of(run, one["id"]))
+        page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        page.locator("#source-copy").click()
+        expect(page.locator("#source-copy")).to_have_text("Copied")
+        copied = page.evaluate("navigator.clipboard.readText()")
+        assert copied == with_imports(text)
+        exec(compile(copied, "copied.py", "exec"), {"__name__": "copied"})
+        assert wrong == []
+    page.evaluate("Object.defineProperty(navigator, 'clipboard', {value: undefined})")
+    page.locator("#source-copy").click()
+    expect(page.locator("#source-copy")).to_contain_text(f"tacevo show RUN {one['id']} --source")
 
 
 def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: Opener) -> None:

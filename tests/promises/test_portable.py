@@ -1,6 +1,7 @@
 """Promise: under portable numerics the same bits on every CPU, and what cannot keep it is known and flagged.
 
-What runs under an emulator carries the marker `portable`; what proves that enough is computed there runs always.
+What runs under an emulator carries the marker `portable`; what proves that enough is computed there runs always, as do
+comparisons with recorded bits. No emulator has AVX-512, so these are all that there is for `portable512`.
 """
 
 import json
@@ -9,23 +10,27 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import pytest
 import torch
-from checkout import ROOT
+from checkout import GOLDEN, ROOT
 from forms import forms, forms_of_answers, forms_of_grammar
 from gate_cases import needs_shared
 from operations import expressions, names
-from portable_jobs import NETWORKS, candidates
 from portable_operations import computed
+from portable_trainings import NETWORKS, candidates
 from torch import nn
 
 from tacevo.choices import Numerics
+from tacevo.environment import machine
+from tacevo.errors import ConfigError
 from tacevo.gate.kernels import KernelWatcher
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy import allowed
 from tacevo.gate.policy.check import rejection_of
-from tacevo.training.numerics import environment
+from tacevo.sandbox.caches import VARIABLE
+from tacevo.training.numerics import check_machine, environment
 
 CPUS = ("Haswell", "EPYC-Milan", "Skylake-Server")
 
@@ -52,6 +57,17 @@ LESSER = {
 #: What qemu 7.2 computes wrongly, by far more than a last bit: its gather instruction, so this says nothing of CPUs.
 MISCOMPUTED = {"F.grid_sample(i, g)"}
 
+#: What the portable levels compute, in files of their names.
+BITS = GOLDEN / "bits"
+
+LEVELS = (Numerics.portable, Numerics.portable512)
+
+#: Digests of `portable_trainings.steps` on an Intel Xeon (family 6, model 167), with 32, 64 and 128 pixels.
+XEON = {
+    Numerics.portable: ["dec0867701199139", "08ff64a234ec4dc0", "240b16a177c3ed20"],
+    Numerics.portable512: ["c2211a064d7f1b29", "803d705e9b929bf3", "41820f2d9feb07ed"],
+}
+
 DOCUMENT = ROOT / "docs" / "determinism.md"
 
 portable = pytest.mark.portable
@@ -70,14 +86,20 @@ def _refusing() -> Iterator[None]:
     torch.set_deterministic_debug_mode(before)
 
 
-def printed(job: str, *emulator: str, variables: Mapping[str, str] | None = None, check: bool = True) -> dict[str, str]:
+def printed(
+    job: str,
+    *emulator: str,
+    numerics: Numerics = Numerics.portable,
+    variables: Mapping[str, str] | None = None,
+    check: bool = True,
+) -> dict[str, str]:
     """Do a job in a process of its own under portable numerics; return the digest of each thing that it computed."""
     module = job.partition(".")[0]
     command = [*emulator, sys.executable, "-W", "ignore", "-c", f"import {module}; {job}()"]
     fixed = {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONHASHSEED": "0"}
     process = subprocess.run(
         command,
-        env={**fixed, **environment(Numerics.portable), **(variables or {})},
+        env={**fixed, **environment(numerics), **(variables or {})},
         stdout=subprocess.PIPE,
         text=True,
         check=check,
@@ -104,6 +126,31 @@ def survived(*emulator: str) -> dict[str, str]:
         further = printed("portable_operations.operations", *emulator, check=False, variables={"SKIP": str(len(found))})
         found |= further or {waiting[len(found)]: "crashed"}
     return found
+
+
+def able(numerics: Numerics) -> None:
+    """Skip a test on a machine without the instructions that these numerics need."""
+    try:
+        check_machine(numerics)
+    except ConfigError as error:
+        pytest.skip(str(error))
+
+
+def recorded_bits(numerics: Numerics) -> dict[str, str]:
+    """Read the golden bits of a level: 16 hex digits of each digest, by what was computed."""
+    recorded: dict[str, str] = json.loads((BITS / f"{numerics}.json").read_text(encoding="utf-8"))
+    return recorded
+
+
+def flagged(what: str) -> bool:
+    """Tell whether this is an expression that runs a kernel whose bits may depend on the CPU."""
+    with KernelWatcher() as watcher:
+        return what in set(expressions()) and bool((computed(what), watcher.not_portable)[1])
+
+
+def cpu() -> str:
+    """Name this machine's CPU."""
+    return str(machine()["cpu"])
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +210,69 @@ def test_operations_that_differ_are_flagged_and_documented() -> None:
     for kernel in NOT_PORTABLE:
         assert f"| `{kernel}` |" in found, found
         assert f"| `{kernel}` |" in documented, f"put this table into docs/determinism.md:\n{found}"
+
+
+@deprecated
+@pytest.mark.usefixtures("_refusing")
+@pytest.mark.parametrize("numerics", LEVELS)
+def test_this_cpu_gives_the_recorded_bits(numerics: Numerics, tmp_path: Path) -> None:
+    """Trainings, convolutions and all operations, as recorded on another CPU; flagged operations may differ.
+
+    What another torch computes is written beside, to become the golden file.
+    """
+    able(numerics)
+    computed_here = {what: bits[:16] for what, bits in printed("portable_trainings.bits", numerics=numerics).items()}
+    (tmp_path / f"{numerics}.json").write_text(json.dumps(computed_here, indent=1) + "\n")
+    recorded = recorded_bits(numerics)
+    assert computed_here.keys() == recorded.keys(), f"compare {BITS} and {tmp_path}"
+    differing = [what for what in recorded if computed_here[what] != recorded[what] and not flagged(what)]
+    assert not differing, f"{cpu()} differs; its bits are in {tmp_path}"
+
+
+def test_levels_compute_with_kernels_of_their_own() -> None:
+    """So one level's bits do not stand for the other's, and both are recorded for the same things."""
+    lesser, greater = map(recorded_bits, LEVELS)
+    assert lesser.keys() == greater.keys()
+    assert (lesser["kernels of ATen"], greater["kernels of ATen"]) == ("AVX2", "AVX512")
+    trainings = [what for what in lesser if what.endswith(": training")]
+    assert len(trainings) == 15
+    assert sum(lesser[what] != greater[what] for what in trainings) > 10
+
+
+@pytest.mark.parametrize(
+    ("numerics", "other"),
+    [
+        (Numerics.portable512, "49152,524288,2097152"),  # Intel's Ice Lake for clients
+        pytest.param(Numerics.portable512, "49152,2097152,1966080", marks=pytest.mark.slow),  # its Sapphire Rapids
+        pytest.param(Numerics.portable, "32768,262144,2097152", marks=pytest.mark.slow),  # its Haswell
+    ],
+)
+def test_caches_of_the_cpu_decide_nothing(numerics: Numerics, other: str) -> None:
+    """On a CPU with other caches the convolutions have the recorded bits, which they do not have by themselves."""
+    able(numerics)
+    recorded = {what: bits for what, bits in recorded_bits(numerics).items() if what.startswith("convolution")}
+
+    def convolved(job: str, variables: Mapping[str, str]) -> dict[str, str]:
+        return {what: bits[:16] for what, bits in printed(job, numerics=numerics, variables=variables).items()}
+
+    assert convolved("portable_printing.elsewhere", {"OTHER": other}) == recorded
+    assert convolved("portable_trainings.convolutions", {VARIABLE: other}) != recorded
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("numerics", LEVELS)
+def test_another_cpu_with_avx512_gave_the_same_bits(numerics: Numerics) -> None:
+    """An Intel Xeon computed these steps at both levels, as well as an AMD EPYC."""
+    able(numerics)
+    assert [bits[:16] for bits in printed("portable_trainings.steps", numerics=numerics).values()] == XEON[numerics]
+
+
+def test_caches_are_not_set_in_an_unknown_process() -> None:
+    """Where torch's library is not found, the user is told, and nothing is computed with other bits."""
+    command = [sys.executable, "-c", "from tacevo.sandbox.caches import pin; pin([32768, 1048576, 2097152])"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "install the torch of torch.lock, or set numerics=fast" in done.stderr
 
 
 def test_every_allowed_name_is_computed() -> None:

@@ -12,7 +12,7 @@ from smallest import Once
 
 from tacevo.cli.app import main
 from tacevo.errors import StoreError
-from tacevo.reproduce.export import import_file
+from tacevo.reproduce.entry_files import import_file
 from tacevo.storage.entries import Budget, pack, unpack
 from tacevo.storage.store import SEARCHED, Entry, Store
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from tacevo.choices import Device, ExecutorKind
+from tacevo.choices import Device, ExecutorKind, Numerics
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_estimate
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import NumericsConfig, RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
@@ -34,6 +34,8 @@ SMALL = [
     "search.candidates=10",
     "search.initial=4",
 ]
+
+AVX512 = NumericsConfig(kind=Numerics.portable512)
 
 Estimating = Callable[..., list[str]]
 
@@ -249,6 +251,32 @@ def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp
     own = ["data=numpy", f"data.root={tmp_path}/own.npz"]
     assert training_images(compose(overrides(*own))) == 19
     assert "19 images" in described(compose(overrides(*own)))
+
+
+def test_long_search_is_told_what_avx512_would_save(overrides: Estimating) -> None:
+    """As measured; not a search of minutes, nor one with other numerics, nor where it saves nothing or cannot run."""
+
+    def measured(images_per_second: float, config: RunConfig) -> Pace:
+        is_faster = config.numerics.kind is Numerics.portable512
+        return replace(paced(config), images_per_second=images_per_second if is_faster else 100.0)
+
+    def lacking(config: RunConfig) -> Pace:
+        if config.numerics.kind is Numerics.portable512:
+            raise ConfigError("x86_64 without avx512f")
+        return paced(config)
+
+    long, short = compose(overrides("training.seeds=3")), compose(overrides("training.epochs=1"))
+    saved = paced(long).seconds(long, 480) - measured(150.0, replace(long, numerics=AVX512)).seconds(long, 480)
+    told = describe_estimate(long, partial(measured, 150.0))
+    assert told.splitlines()[-1].startswith(f"numerics=portable512 would save about {saved / 3600:.2g} of these hours")
+    for config, measuring in (
+        (long, partial(measured, 99.0)),
+        (long, lacking),
+        (short, partial(measured, 150.0)),
+        (replace(long, numerics=AVX512), partial(measured, 150.0)),
+        (compose(overrides("training.seeds=3", "numerics=fast")), partial(measured, 150.0)),
+    ):
+        assert "would save" not in describe_estimate(config, measuring)
 
 
 def test_hours_that_cannot_be_measured_are_said_to_be_so(overrides: Estimating) -> None:

@@ -18,13 +18,14 @@ from tacevo.data.dataset import Dataset
 from tacevo.environment import gpus
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.llm.recording import RecordingLLM
-from tacevo.records import Completion, Mode, Request, to_json
-from tacevo.rules import CURRENT
+from tacevo.records import Completion, Mode, Reason, Request, to_json
+from tacevo.rules import CURRENT, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, source_of
 from tacevo.runs.pace import noise
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature, provider_settings
 from tacevo.runs.wiring import Workbench
+from tacevo.sandbox.client import Died
 from tacevo.storage.store import Store
 
 
@@ -200,3 +201,22 @@ def test_refusal_of_a_temperature_is_of_one_choice_of_model(tmp_path: Path, othe
     with refused(ConfigError, got="refuses temperatures"):
         check_temperature(arm, config)
     check_temperature(arm, compose([*chosen, other]))
+
+
+def test_layout_of_images_follows_the_rules_of_a_training(tmp_path: Path) -> None:
+    """Those of a search, and those of a study, whose numbers stand for numbers of training."""
+    save_arrays(tmp_path / "recording", labels=np.arange(36.0).reshape(12, 3))
+    settings = [f"data.root={tmp_path / 'recording.npz'}", f"store.root={tmp_path / 'cache'}", "data.image_size=16"]
+    config = compose([*settings, "data=numpy", "task=force"])
+    data, sent = load_data(config, Progress()), []
+
+    def run(entry: str, header: Any, payload: bytes, limits: object) -> Died:
+        sent.append(header.get("contiguous", False))
+        return Died(Reason.crashed, "a fake")
+
+    with Workbench(config, load_task(config, data.facts), data.facts, Mode.record, data=data, run=run) as bench:
+        for rules, training in TRAININGS_OF_STUDIES.items():
+            bench.studies(rules, data.scale).retrain("source", 1)
+            bench.weigh("source", 1, 1, training)
+    assert sent == [True] * 4 + [False] * 4
+    assert STUDY in TRAININGS_OF_STUDIES

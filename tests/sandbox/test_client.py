@@ -213,6 +213,15 @@ def test_answer_without_an_end_is_not_waited_for(
     assert death(sandbox, entry, limits, payload).reason is reason
 
 
+def test_sandbox_may_bound_its_answers_otherwise(tmp_path: Path) -> None:
+    """A file of several networks is larger than any other answer."""
+    with open_sandbox(tmp_path, answer_bytes=100_000) as narrow:
+        assert narrow.run("echo", 0, b"0" * 50_000, LIMITS) == Finished((Frame(0, b"0" * 50_000),))
+        too_much = narrow.run("echo", 0, b"0" * 110_000, LIMITS)
+    assert isinstance(too_much, Died)
+    assert too_much.reason is Reason.too_much_output
+
+
 @pytest.mark.parametrize(
     ("entry", "detail"),
     [

@@ -18,6 +18,7 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
 from tacevo.records import Contract, Gpu, Limits, Loss, Mode, Reason, Rejection, Stage, Training
+from tacevo.sandbox.caches import VARIABLE
 from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.storage.store import Store
@@ -138,9 +139,13 @@ def test_portable_child_computes_with_avx2_in_one_thread(sandbox: Sandbox) -> No
     """The variables reach torch before it chooses its kernels; oneDNN and MKL, which do not say it, get theirs."""
     seen = look(sandbox)
     assert (seen["capability"], seen["threads"]) == ("AVX2", 1)
-    portable, fast = environment(Numerics.portable), environment(Numerics.fast)
-    others = {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2", "MKL_CBWR": "COMPATIBLE"}
-    assert portable == fast | others != fast
+    fast = environment(Numerics.fast)
+    for numerics, aten, onednn in (
+        (Numerics.portable, "avx2", "AVX2"),
+        (Numerics.portable512, "avx512", "AVX512_CORE"),
+    ):
+        others = {"ATEN_CPU_CAPABILITY": aten, "ONEDNN_MAX_CPU_ISA": onednn, "MKL_CBWR": "COMPATIBLE"}
+        assert environment(numerics) == fast | others | {VARIABLE: "32768,1048576,2097152"} != fast
     assert environment(Numerics.fast, Device.cuda) == fast | {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"} != fast
 
 
@@ -367,6 +372,22 @@ def test_portable_numerics_are_refused_where_they_cannot_hold(machine: str, cpui
     with refused(ConfigError, expected="an x86_64 CPU with avx2", got=machine, remedy="set numerics=fast"):
         check_cpu(Numerics.portable, machine, cpuinfo)
     check_cpu(Numerics.fast, machine, cpuinfo)
+
+
+AVX512 = ["avx2", "fma", "avx512f", "avx512bw", "avx512dq", "avx512vl"]
+
+
+@pytest.mark.parametrize("missing", AVX512)
+def test_portable512_is_refused_without_any_of_its_instructions(missing: str) -> None:
+    """The error names what is missing, and what else can be done, also of a run that was recorded elsewhere."""
+    held = " ".join(flag for flag in AVX512 if flag != missing)
+    with refused(
+        ConfigError, place="numerics=portable512", got=f"x86_64 without {missing}", remedy="without --retrain"
+    ):
+        check_cpu(Numerics.portable512, "x86_64", f"flags\t\t: fpu {held}\n")
+    with refused(ConfigError, got="aarch64", remedy="set numerics=portable"):
+        check_cpu(Numerics.portable512, "aarch64", f"flags\t\t: {' '.join(AVX512)}\n")
+    check_cpu(Numerics.portable512, "x86_64", f"flags\t\t: {' '.join(AVX512)}\n")
 
 
 def test_portable_numerics_are_granted_with_avx2() -> None:

@@ -18,7 +18,7 @@ from tacevo.sandbox.candidate import digest, send_weights
 from tacevo.sandbox.client import AnswerError, Finished, Frame
 from tacevo.training.evaluation import Examples, Setting
 from tacevo.training.full import HeldOut
-from tacevo.training.weights import Weighed, digest_of, read_weights, train_and_weigh
+from tacevo.training.weights import Weighed, read_weights, train_and_weigh, weights_digest
 
 VALUES = np.arange(6, dtype=np.float32)
 
@@ -46,7 +46,7 @@ def test_weights_come_as_they_were_sent() -> None:
     came = read_weights([sent(model)])
     assert came.keys() == model.state_dict().keys()
     assert all(torch.equal(torch.tensor(came[name]), value) for name, value in model.state_dict().items())
-    assert digest_of(came) == digest(model)
+    assert weights_digest(came) == digest(model)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_weights_are_those_of_the_digest() -> None:
     """Of the last epoch they are compared with the digest that the record has."""
     honest = trained(lambda frames: frames)
     assert isinstance(honest, Weighed)
-    assert digest_of(honest.weights) == honest.training.weights_sha256
+    assert weights_digest(honest.weights) == honest.training.weights_sha256
     assert honest.predictions.shape == (2, CONTRACT.outputs)
     assert honest.training.predictions_sha256 != honest.tested.predictions_sha256
     other = sent(network())

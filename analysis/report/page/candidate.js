@@ -157,8 +157,13 @@ function sourceOf(run, one) {
     show(one.changes[choice.value]);
     const copy = h("button", { id: "source-copy" }, "Copy it as a file");
     copy.onclick = async () => {
-        await navigator.clipboard.writeText(withImports(source));
-        copy.textContent = "Copied";
+        try {
+            await navigator.clipboard.writeText(withImports(source));
+            copy.textContent = "Copied";
+        } catch {
+            // A page over plain HTTP has no clipboard.
+            copy.textContent = `Not copied; tacevo show RUN ${one.id} --source prints it`;
+        }
     };
     return h(
         "div",

@@ -14,13 +14,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
-from analysis.report.page.sources import kept_lines, marked
+from analysis.report.page.sources import kept_lines, source_contents
 from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
 from analysis.runs.dynamics import by_prompt, by_temperature, progress
 from analysis.runs.niches import cells
-from analysis.runs.pareto import beside_costs, on_front
+from analysis.runs.pareto import REESTIMATED, beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
@@ -33,7 +33,6 @@ from tacevo.config.identity import identity
 from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
-from tacevo.gate.imports import with_imports
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
@@ -115,18 +114,9 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
 
 
 def run_sources(run: RecordedRun, texts: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Return the sources of a run's candidates by their hash: the text, and what its parts are (`marked`).
-
-    `given` is where the imports go that make it a file that runs, and their text.
-    """
+    """Return the sources of a run's candidates by their hash, as `source_contents` does."""
     known = {line.source: texts[line.id] for line in run.candidates if line.source and line.id in texts}
-    return {source: {"text": text, "marks": marked(text), "given": _given(text)} for source, text in known.items()}
-
-
-def _given(text: str) -> tuple[int, str]:
-    whole = with_imports(text)
-    at = next((at for at, letter in enumerate(text) if letter != whole[at]), len(text))
-    return at, whole[at : at + len(whole) - len(text)]
+    return {source: source_contents(text) for source, text in known.items()}
 
 
 def table_contents(table: Table) -> dict[str, Any]:
@@ -254,13 +244,10 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
 
 
 def _pareto(found: Collection) -> dict[str, Any]:
-    """Return loss and FLOPs of the trained candidates (`analysis.runs.pareto.PARETO`), and the ids of the front."""
+    """Return the fitnesses that are re-estimates, by id, and the ids of the front in loss and FLOPs."""
     candidates = beside_costs(found.run, losses_by_source(found.reestimates))
-    front = on_front(candidates, ["fitness", "flops"])
-    return {
-        "candidates": _rows(candidates[["fitness", "estimate", "flops"]].reset_index()),
-        "front": front.index.tolist(),
-    }
+    again = candidates.fitness[candidates.estimate == REESTIMATED]
+    return {"again": again.to_dict(), "front": on_front(candidates, ["fitness", "flops"]).index.tolist()}
 
 
 def _extents(points: NDArray[np.float64]) -> list[tuple[float, float]]:

@@ -24,7 +24,10 @@ function logScale(values, range) {
 // Loss against FLOPs, both logarithmic; a point of the front is a link to its candidate.
 function frontChart(run) {
     const caption = "Validation loss and FLOPs of one image; the line joins the networks that no other one beats in both.";
-    const { candidates, front } = run.pareto;
+    const { again, front } = run.pareto;
+    const candidates = run.candidates
+        .map((one) => ({ id: one.id, flops: one.flops, fitness: again[one.id] ?? one.loss, isAgain: one.id in again }))
+        .filter((one) => one.fitness !== null);
     const byName = new Map(candidates.map((one) => [one.id, one]));
     const edge = d3.sort(
         front.map((id) => byName.get(id)),
@@ -45,7 +48,8 @@ function frontChart(run) {
         xTicks: ticksOf(x, 4, d3.format("~s")),
         yTicks: ticksOf(y, 5, shortly),
     });
-    const words = (one) => `${one.id}: loss ${number(one.fitness)} (${one.estimate}), ${number(one.flops)} FLOPs`;
+    const words = (one) =>
+        `${one.id}: loss ${number(one.fitness)}${one.isAgain ? ", re-estimated" : ""}, ${number(one.flops)} FLOPs`;
     const others = candidates.filter((one) => !front.includes(one.id));
     svg.append("g")
         .selectAll("circle")
@@ -69,7 +73,7 @@ function frontChart(run) {
         .attr("href", (one) => addressOf(run, one.id))
         .attr("aria-label", words)
         .attr("transform", (one) => `translate(${x(one.flops)},${y(one.fitness)})`);
-    const shapeOf = (one) => (one.estimate === "re-estimated" ? d3.symbolDiamond : d3.symbolSquare);
+    const shapeOf = (one) => (one.isAgain ? d3.symbolDiamond : d3.symbolSquare);
     links
         .append("path")
         .attr("class", "dot hue0")

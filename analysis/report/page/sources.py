@@ -3,9 +3,12 @@
 from difflib import SequenceMatcher
 from functools import cache, lru_cache
 from itertools import groupby
+from typing import Any
 
 from pygments.lexers.python import PythonLexer
 from pygments.token import Comment, Keyword, Name, Number, Operator, String, _TokenType
+
+from tacevo.gate.imports import with_imports
 
 #: What the page colours, by the letter of its class; the rest is `t`.
 CLASSES: dict[str, tuple[_TokenType, ...]] = {
@@ -22,6 +25,17 @@ CLASSES: dict[str, tuple[_TokenType, ...]] = {
 _COMPARED = 1_000_000
 
 _LEXER = PythonLexer()
+
+
+def source_contents(text: str) -> dict[str, Any]:
+    """Return the text of an admitted source, what its parts are (`marked`), and what makes it a file that runs.
+
+    `given` is where imports go, in UTF-16 units, and their text.
+    """
+    whole = with_imports(text)
+    at = next((at for at, letter in enumerate(text) if letter != whole[at]), len(text))
+    given = _units(text[:at]), whole[at : at + len(whole) - len(text)]
+    return {"text": text, "marks": marked(text), "given": given}
 
 
 @lru_cache(maxsize=4096)  # a page of a running search is made again after every generation

@@ -5,23 +5,17 @@ Each job prints a JSON list a line: what was computed, and the digest of the bit
 
 import json
 import math
-import re
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any
 
 import fakes
 import numpy as np
-from checkout import LIBRARY, ROOT
-from gate_cases import contract
 from hand_runs import of_lines
 from kept import forces, gratings
 from ledger_lines import header
-from numpy.typing import NDArray
 from portable_printing import digest, digest_of_json, show
+from portable_trainings import RECIPE, candidates, probed, targets, trained
 from studies import FOUR, study_of
 from threadpoolctl import threadpool_info
-from training_jobs import CONTRACT
 
 from analysis.studies.comparison import compare
 from analysis.studies.images import image_findings
@@ -32,27 +26,15 @@ from analysis.tables.rendering import as_csv
 from tacevo.choices import LightScene, SensorTask
 from tacevo.config.compose import compose
 from tacevo.data.simulator.tasks import Simulated, draw
-from tacevo.errors import StoreError
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import find_centroids
 from tacevo.evolution.descriptors import describe
-from tacevo.gate import probe
-from tacevo.profile import Profile
-from tacevo.randomness import stream
-from tacevo.records import Contract, Limits, Loss, Recipe, Rejection, to_json
+from tacevo.records import Rejection, to_json
 from tacevo.results.summary import summarise
 from tacevo.runs.search_files import archive_files
-from tacevo.sandbox.client import Finished, Frame
+from tacevo.sandbox.client import Finished
 from tacevo.storage.ledger import Ledger
-from tacevo.training import trainer
 from tacevo.training.answers import judge
-from tacevo.typed import convert
-
-NETWORKS = ROOT / "tests" / "portable"
-
-RECIPE = Recipe(
-    epochs=1, batch_size=8, learning_rate=1e-3, optimiser="adam", limits=Limits(seconds=60, memory_mib=1_000)
-)
 
 
 def surroundings() -> None:
@@ -66,12 +48,12 @@ def surroundings() -> None:
 def networks() -> None:
     """Probe and train the three baselines and the networks of `tests/portable`; then compute what else a run holds."""
     for name, source, task in candidates():
-        profile = _probed(source, task)
-        frames = _trained(source, task)
+        profile = probed(source, task)
+        frames = trained(source, task)
         show(f"{name}: probe", digest_of_json(to_json(profile)))
         show(f"{name}: descriptors", digest_of_json(to_json(describe(profile))))
         show(f"{name}: training", digest([json.dumps(frame.header).encode() + frame.payload for frame in frames]))
-        verdict = judge(Finished(frames), task, _targets(task)[16:], epochs=RECIPE.epochs, steps=2, rows=8)
+        verdict = judge(Finished(frames), task, targets(task)[16:], epochs=RECIPE.epochs, steps=2, rows=8)
         if isinstance(verdict, Rejection):
             raise ValueError(f"{name} should train; got {verdict}")
         show(f"{name}: losses", digest_of_json(to_json(verdict[0])))
@@ -81,51 +63,6 @@ def networks() -> None:
     show("centroids", digest_of_json(find_centroids(**shape)))
     _search()
     _study()
-
-
-def candidates() -> Iterator[tuple[str, str, Contract]]:
-    """Return what is trained: name, source and contract."""
-    for task in ("force", "grating", "hardness"):
-        source = (LIBRARY / task / "baseline.py").read_text(encoding="utf-8")
-        yield f"baseline of {task}", source, _contract(source, "grating" if task == "grating" else "force")
-    for path in sorted(NETWORKS.glob("*.py.txt")):
-        yield path.name.partition(".")[0], path.read_text(encoding="utf-8"), replace(CONTRACT, image_size=32, outputs=3)
-
-
-def _contract(source: str, kind: str) -> Contract:
-    """Return a baseline's contract, with its own class name."""
-    (name,) = re.findall(r"^class (\w+)", source, re.MULTILINE)
-    (argument,) = re.findall(r"in_channels=3, (\w+)=", source)
-    return replace(contract(kind), class_name=name, output_argument=argument)
-
-
-def _probed(source: str, task: Contract) -> Profile:
-    frames: list[Any] = []
-    limits = {"parameters": 50_000_000, "flops": 10**10, "modules": 2_000}
-    header = {"source": source, "contract": to_json(task), "limits": limits}
-    probe.run(header, b"", {}, lambda frame, _: frames.append(frame))
-    return convert(Profile, frames[0]["profile"], place="frame", error=StoreError)
-
-
-def _trained(source: str, task: Contract) -> tuple[Frame, ...]:
-    """Train for one epoch of two steps at 32 pixels."""
-    frames: list[Frame] = []
-    images = stream(0, "images").integers(0, 256, (24, 3, 32, 32), dtype=np.uint8)
-    rows = np.arange(24)
-    header = {
-        **{"source": source, "contract": to_json(task), "recipe": to_json(RECIPE), "seed": 0},
-        **{"mean": [127.5] * 3, "deviation": [74.0] * 3, "train": 16, "validation": 8},
-    }
-    payload = rows.tobytes() + _targets(task)[:16].tobytes()
-    trainer.run(header, payload, {"images": images}, lambda head, data: frames.append(Frame(head, data)))
-    return tuple(frames)
-
-
-def _targets(task: Contract) -> NDArray[Any]:
-    draws = stream(0, "targets")
-    if task.loss is Loss.mse:
-        return draws.random((24, task.outputs)).astype(np.float32)
-    return draws.integers(0, task.outputs, 24)
 
 
 def _simulated(task: SensorTask) -> Iterator[bytes]:

@@ -25,7 +25,7 @@ _MANY = (20, 1000)
 def operations() -> None:
     """Compute the operations of `operations.py`, forward and backward, but for the first `SKIP` of them."""
     torch.set_deterministic_debug_mode("error")
-    for expression in list(expressions())[int(os.environ["SKIP"]) :]:
+    for expression in list(expressions())[int(os.environ.get("SKIP", "0")) :]:
         show(expression, computed(expression))
 
 

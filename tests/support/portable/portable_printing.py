@@ -2,9 +2,11 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Sequence
 
 from tacevo.records import Json
+from tacevo.sandbox import caches
 
 
 def show(what: str, digest: str) -> None:
@@ -20,3 +22,13 @@ def digest(parts: Sequence[bytes]) -> str:
 def digest_of_json(value: Json) -> str:
     """Hash plain JSON values."""
     return digest([json.dumps(value).encode()])
+
+
+def elsewhere() -> None:
+    """Compute the convolutions on a CPU whose caches have other sizes, `OTHER`, as far as oneDNN can tell."""
+    import torch  # noqa: F401  # before the numerics' own sizes are set, which importing the trainings does
+
+    caches.pin([int(size) for size in os.environ["OTHER"].split(",")])
+    from portable_trainings import convolutions
+
+    convolutions()

@@ -23,7 +23,7 @@ ENTRIES = {
 }
 
 
-def open_sandbox(folder: Path, strongest: Confinement = Confinement.process) -> Sandbox:
+def open_sandbox(folder: Path, strongest: Confinement = Confinement.process, **settings: Any) -> Sandbox:
     """Open a sandbox with every attack and 12 bytes of images; by default with measures that need no special kernel."""
     images = folder / "images.npy"
     np.save(images, np.ones((12,), np.uint8))
@@ -32,6 +32,7 @@ def open_sandbox(folder: Path, strongest: Confinement = Confinement.process) -> 
         environment=environment(Numerics.portable),
         arrays={"images": images},
         strongest=strongest,
+        **settings,
     )
 
 

@@ -24,7 +24,7 @@ from tacevo.text import as_override
 COMPRESSION = 1
 
 
-def export(source: Simulated, out: Path, *, workers: int, progress: Progress | None = None) -> int:
+def write_files(source: Simulated, out: Path, *, workers: int, progress: Progress | None = None) -> int:
     """Write a simulated data set into a new directory; return how many images.
 
     It holds `images/00001.png` and so on, `labels.csv`, and every parameter and the units in `simulation.json`.
@@ -59,7 +59,7 @@ def export(source: Simulated, out: Path, *, workers: int, progress: Progress | N
 
 
 def overrides_for(source: Simulated, out: Path) -> list[str]:
-    """Name the settings with which `tacevo search` reads an exported directory."""
+    """Name the settings with which `tacevo search` reads such a directory."""
     return [
         f"task={source.task}",
         "data=csv",

@@ -11,7 +11,7 @@ from refusals import refused
 from small_recordings import loaded, simulated
 
 from tacevo.choices import SensorTask
-from tacevo.data.simulator.export import export
+from tacevo.data.simulator.files import write_files
 from tacevo.data.sources.table import Table
 from tacevo.errors import ConfigError, DataError
 
@@ -20,7 +20,7 @@ from tacevo.errors import ConfigError, DataError
 def test_loading_an_export_gives_the_same_tensors(task: SensorTask, tmp_path: Path) -> None:
     """Images, targets, split, names and statistics are equal; parameters and units lie beside them."""
     source = simulated(task)
-    export(source, tmp_path / "out", workers=1)
+    write_files(source, tmp_path / "out", workers=1)
     table = Table(
         root=tmp_path / "out", table="labels.csv", image_column="image", target_columns=source.names, image_size=16
     )
@@ -34,7 +34,7 @@ def test_loading_an_export_gives_the_same_tensors(task: SensorTask, tmp_path: Pa
 def test_classes_are_refused(tmp_path: Path) -> None:
     """A table of classes would not be read back."""
     with refused(ConfigError, place="task", expected="force or hardness", got="grating"):
-        export(simulated(SensorTask.grating), tmp_path / "out", workers=1)
+        write_files(simulated(SensorTask.grating), tmp_path / "out", workers=1)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -42,7 +42,7 @@ def test_workers_change_no_byte(tmp_path: Path) -> None:
     """Three threads write the files of one, and tell how far they are."""
     seen: list[tuple[int, int]] = []
     for workers in (1, 3):
-        made = export(
+        made = write_files(
             simulated(images=40), tmp_path / str(workers), workers=workers, progress=lambda *told: seen.append(told)
         )
         assert made == 40
@@ -59,7 +59,7 @@ def stop(done: int, total: int) -> NoReturn:
 def test_interrupted_export_leaves_nothing(tmp_path: Path) -> None:
     """Neither the directory nor a hidden part of it."""
     with pytest.raises(KeyboardInterrupt):
-        export(simulated(), tmp_path / "out", workers=1, progress=stop)
+        write_files(simulated(), tmp_path / "out", workers=1, progress=stop)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -75,7 +75,7 @@ def test_what_exists_is_refused_and_kept(occupy: Callable[[Path], object], tmp_p
     occupy(tmp_path / "out")
     before = sorted(tmp_path.rglob("*"))
     with refused(DataError, place="out", expected="a new directory", got="out, which exists"):
-        export(simulated(), tmp_path / "out", workers=1)
+        write_files(simulated(), tmp_path / "out", workers=1)
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -84,6 +84,6 @@ def test_folder_that_is_filled_meanwhile_is_kept(tmp_path: Path) -> None:
     out = tmp_path / "out"
     source = simulated()
     with pytest.raises(OSError, match="not empty"):
-        export(source, out, workers=1, progress=lambda done, total: fill(out) if done == total else None)
+        write_files(source, out, workers=1, progress=lambda done, total: fill(out) if done == total else None)
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
     assert [path.name for path in out.iterdir()] == ["mine.txt"]

@@ -17,7 +17,7 @@ from tacevo.storage.store import read_entry
 from tacevo.studies.study import replay_studies
 
 
-def export(run: Path, target: Path, store: str | None, view: Progress) -> int:
+def write_entries(run: Path, target: Path, store: str | None, view: Progress) -> int:
     """Write the entries that a replay of a run and its finished studies reads into one file; return their number.
 
     A file that stands at `target` is replaced. `store` is where the stores lie, if not where the run had them.

@@ -1,0 +1,207 @@
+"""Promise: the card and config.json say what the files are, in YAML, Markdown and programs that hold for any name."""
+
+import json
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from checkout import ROOT
+from PIL import Image
+from rich.console import Console
+
+import tacevo
+from tacevo.data.dataset import Dataset
+from tacevo.data.source import Catalogue
+from tacevo.data.sources.images import decode
+from tacevo.export.card import agreement, card
+from tacevo.export.contents import Exported, config_of, run_of
+from tacevo.export.conversion import FORMS, Converted
+from tacevo.export.trainings import ExportSettings, Like, Trained, design
+from tacevo.records import Kind, Training
+from tacevo.runs.datasets import load_same, source_of
+from tacevo.runs.progress import Progress
+from tacevo.training.weights import Weighed
+
+#: Of a run, a task and an output.
+ODD = 'a: "b" | c`<d>\n- e: [f'
+
+CLASSES = ("0.35 mm", ODD, "3: [")
+
+
+def trained(predictions: Any, *, was_recorded: bool = True, differing: Sequence[str] | None = ()) -> Trained:
+    """Make a training that predicts so."""
+    digest = "0" * 64
+    training = Training(train_losses=(1.0,), validation_losses=(1.0,), predictions_sha256=digest, weights_sha256=digest)
+    weighed = Weighed(training=training, tested=training, weights={}, predictions=predictions)
+    told = None if differing is None else tuple(differing)
+    return Trained(weighed=weighed, seed=1, epoch=1, key=digest, was_recorded=was_recorded, differing=told)
+
+
+def exported(run: tacevo.Run, data: Dataset, catalogue: Catalogue, **settings: Any) -> Exported:
+    """Make a network on its way out, without a training: its predictions are drawn."""
+    recorded = run.recorded
+    line = next(line for line in recorded.candidates if line.id == run.elites["id"].iloc[0])
+    given = ExportSettings(**settings)
+    predictions = np.random.default_rng(0).normal(size=(len(data.test), data.facts.outputs)).astype(np.float32)
+    times = {"1": [1.0, 2.0], "32": [3.0, 4.0]}
+    made = Converted(file=b"", arguments=("in_channels",), difference=1e-7, milliseconds=times)
+    return Exported(
+        run=recorded,
+        line=line,
+        plan=design(recorded, line, given),
+        data=data,
+        catalogue=catalogue,
+        trained=[trained(predictions)],
+        doubts=(),
+        settings=given,
+        bundle=None,
+        files=dict.fromkeys(FORMS, made),
+    )
+
+
+@pytest.fixture(scope="module")
+def of_forces(published: Path, tmp_path_factory: pytest.TempPathFactory) -> Exported:
+    """Return a network of the session's run, in a directory of an odd name, with an odd output and no default."""
+    path = shutil.copytree(published / "run", tmp_path_factory.mktemp("odd") / ODD)
+    run = tacevo.open(path)
+    assert isinstance(run, tacevo.Run)
+    data = load_same(run.config, run.recorded.facts, Progress(Console(quiet=True)))
+    facts = replace(data.facts, names=(ODD, *data.facts.names[1:]))
+    catalogue = replace(source_of(run.config).catalogue(), names=facts.names)
+    return exported(run, replace(data, facts=facts), catalogue, seeds=1, licence="no")
+
+
+@pytest.fixture(scope="module")
+def of_classes() -> Exported:
+    """Return a network of a published run on gratings, with data of three classes and two test images."""
+    run = tacevo.open(ROOT / "cache" / "published" / "grating-winners.zip")
+    assert isinstance(run, tacevo.Run)
+    facts = replace(run.recorded.facts, names=CLASSES, outputs=3, counts=(3, 3, 2))
+    rows, classes = np.arange(8), np.arange(8) % 3
+    data = Dataset(
+        facts=facts,
+        images=Path("never"),
+        targets=classes,
+        train=rows[:3],
+        validation=rows[3:6],
+        test=rows[6:],
+        mean=(1.0,) * 3,
+        deviation=(1.0,) * 3,
+        offset=(),
+        scale=(),
+    )
+    catalogue = Catalogue(kind=Kind.classification, names=CLASSES, labels=classes, image_size=64, pictures=())
+    return exported(run, data, catalogue, like=Like.search)
+
+
+def head_of(text: str) -> Any:
+    """Read what Hugging Face reads."""
+    begin, head, _ = text.split("---\n", 2)
+    assert begin == ""
+    return yaml.safe_load(head)
+
+
+def test_head_of_the_card_is_yaml_whatever_names_are(of_forces: Exported) -> None:
+    """A licence that YAML would read as false stays a text; numbers are numbers."""
+    head = head_of(card(of_forces))
+    (model,) = head["model-index"]
+    (result,) = model["results"]
+    assert head["license"] == "no"
+    assert model["name"] == f"{ODD}-{of_forces.line.id}"
+    assert result["dataset"]["name"] == "force"
+    values = {each["type"]: each["value"] for each in result["metrics"]}
+    assert values[f"recorded_mae_{ODD}"] == of_forces.metrics[f"recorded_mae_{ODD}"][0]
+
+
+def test_names_break_no_line_and_no_cell_of_the_card(of_forces: Exported) -> None:
+    """Each row of the metrics has three cells; what is no row holds no text of a name alone."""
+    body = card(of_forces).split("---\n", 2)[2]
+    table = body.partition("| metric | value")[2].partition("\n\n")[0].splitlines()
+    assert {len(re.findall(r"(?<!\\)\|", row)) for row in table[1:]} == {4}
+    assert not [line for line in body.splitlines() if line.startswith(("- e:", "<d>"))]
+    assert "<d>" not in re.sub(r"\\<", "", body)
+
+
+def test_command_of_the_card_has_every_setting(of_forces: Exported) -> None:
+    """Those that were given, and those that hold by default."""
+    (command,) = re.findall(r"`tacevo export RUN (.*?)`", card(of_forces))
+    assert command == f"{of_forces.line.id} -o DIR seeds=1 epochs=1 like=study licence=no"
+
+
+def test_classes_have_names_probabilities_and_metrics(of_classes: Exported) -> None:
+    """The outputs are probabilities in the order of the names; no unit and no scale is told."""
+    assert of_classes.outputs.sum(axis=1) == pytest.approx([1, 1])
+    assert config_of(of_classes)["outputs"] == {"kind": "classification", "names": list(CLASSES)}
+    text = card(of_classes)
+    (result,) = head_of(text)["model-index"][0]["results"]
+    assert result["task"] == {"type": "image-classification"}
+    assert {each["type"] for each in result["metrics"]} == {"accuracy", "macro_f1", "cross_entropy"}
+    assert "the probability of each class: 0.35 mm, " in text
+    assert "output.argmax()" in text
+    assert "recorded_" not in text
+
+
+NOT_OF_RECORD = "not those of the record"
+
+
+@pytest.mark.parametrize(
+    ("trainings", "said", "unsaid"),
+    [
+        ([(True, ())], "bit for bit", "differ"),
+        ([(True, ["weights_sha256"])], NOT_OF_RECORD, "bit for bit"),
+        ([(False, ())], "not recorded before; trained twice, with equal bits", NOT_OF_RECORD),
+        ([(False, ["weights_sha256"])], "not recorded before; **two trainings differ**: weights", NOT_OF_RECORD),
+        ([(False, None)], "nothing to compare", "differ"),
+        ([(True, ()), (False, ())], "1 of 2: not recorded before", NOT_OF_RECORD),
+    ],
+)
+def test_agreement_tells_records_from_other_trainings(
+    trainings: Any, said: str, unsaid: str, of_classes: Exported
+) -> None:
+    """What an export made itself is no record; of several trainings it is said how many each holds for."""
+    predictions = of_classes.trained[0].weighed.predictions
+    made = [trained(predictions, was_recorded=recorded, differing=differing) for recorded, differing in trainings]
+    model = replace(of_classes, trained=made)
+    assert said in agreement(model)
+    assert unsaid not in agreement(model)
+    for (recorded, differing), told in zip(trainings, json.loads(json.dumps(run_of(model)))["trainings"], strict=True):
+        expected = None if differing is None else list(differing)
+        assert told["differs_from_record"] == (expected if recorded else None)
+        assert told["differs_from_other_training"] == (None if recorded else expected)
+
+
+@pytest.mark.parametrize(("bits", "white"), [(8, None), (8, 200), (16, None), (16, 4095)])
+def test_program_makes_the_input_as_the_data_did(
+    bits: int, white: int | None, of_classes: Exported, place: Path
+) -> None:
+    """Of a photograph that lies on its side, of 8 bits or more, with and without a white point."""
+    pixels = (
+        np.random.default_rng(0)
+        .integers(0, white or 2**bits - 1, (90, 50))
+        .astype(np.uint8 if bits == 8 else np.uint16)
+    )
+    image = Image.fromarray(pixels)
+    notes = Image.Exif()
+    notes[0x0112] = 6
+    image.save(place / "image.png", exif=notes)
+    config = of_classes.plan.config
+    config = replace(config, data=replace(config.data, white_point=white))
+    model = replace(
+        of_classes,
+        plan=replace(of_classes.plan, config=config),
+        catalogue=replace(of_classes.catalogue, depths=(bits,), recorded_size=(50, 90)),
+    )
+    told: Any = config_of(model)["input"]
+    assert (told["white_point"], told["bits"], told["recorded_size"]) == (white, [bits], [50, 90])
+    (place / "config.json").write_text(json.dumps(config_of(model)))
+    program = re.findall(r"```python\n(.*?)```", card(model), re.DOTALL)[1].partition("[output]")[0]
+    names: dict[str, Any] = {}
+    exec(compile(program, "README.md", "exec"), names)
+    assert names["pixels"].dtype == np.float32
+    assert (names["pixels"][0] == decode(place / "image.png", told["size"], white)).all()
