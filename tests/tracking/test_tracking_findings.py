@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from mirrored import everything, mirror_once
 from refusals import refused
+from waiting import eventually
 
 import tacevo
 from tacevo.cli.app import main
@@ -25,7 +26,10 @@ def study_of(run: Path) -> tuple[tacevo.Run, Any]:
 
 def nested(uri: str) -> dict[str, Any]:
     """Return what MLflow says of the studies, by name."""
-    return {path[-1]: said for path, said in everything(uri).items() if "tacevo.study" in said[3]}
+    from mlflow import MlflowClient
+
+    is_begun = MlflowClient(uri).get_experiment_by_name("tacevo") is not None
+    return {path[-1]: said for path, said in everything(uri).items() if "tacevo.study" in said[3]} if is_begun else {}
 
 
 def test_study_is_a_nested_run_with_scores_and_verdicts(run: Path, uri: str, tmp_path: Path) -> None:
@@ -129,6 +133,8 @@ def test_study_of_a_tracked_run_arrives_and_a_broken_store_is_a_warning(
     assert studied(kind="mlflow", uri="sqlite:////proc/nowhere/x.db") == untracked
     assert studied(kind="mlflow", uri=uri) == untracked
     assert main(["noise", "run=run", "elites=1", "seeds=2"]) == 0
+    # a slow mirror may still be at work
+    assert eventually(lambda: [said[1] for said in nested(uri).values()] == ["FINISHED"] * 2, seconds=300)
     told = nested(uri)
     assert {said[3]["mlflow.source.name"] for said in told.values()} == {"tacevo study", "tacevo noise"}
     noise = next(said for name, said in told.items() if name.startswith("noise"))

@@ -30,7 +30,7 @@ function frontChart(run) {
         .filter((one) => one.fitness !== null);
     const byName = new Map(candidates.map((one) => [one.id, one]));
     const edge = d3.sort(
-        front.map((id) => byName.get(id)),
+        candidates.filter((one) => front.includes(one.id)),
         (one) => one.flops,
     );
     const x = logScale(
