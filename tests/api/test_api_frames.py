@@ -30,7 +30,11 @@ def test_every_column_is_listed() -> None:
     """In order, with its dtype; and nothing else is."""
     _, *parts = re.split(r"^### `([^`]+)`.*$", (ROOT / "docs/python.md").read_text(), flags=re.MULTILINE)
     listed = {
-        name: dict(re.findall(r"^\| `(\w+)` \| `(\w+)` \| ", table, flags=re.MULTILINE))
+        name: {
+            column: dtype
+            for columns, dtype in re.findall(r"^\| (`.+?`) \| `(\w+)` \| ", table, flags=re.MULTILINE)
+            for column in re.findall(r"`(\w+)`", columns)
+        }
         for name, table in zip(parts[::2], parts[1::2], strict=True)
     }
     assert listed == LISTED
