@@ -19,7 +19,6 @@ from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.evolution.lines import GenerationLine
 from tacevo.reproduce.replay import replay
-from tacevo.results.run import read_run
 from tacevo.rules import CURRENT
 from tacevo.runs.progress import Progress
 from tacevo.studies.study import replay_studies
@@ -128,7 +127,8 @@ def test_readme_shows_what_the_demo_prints() -> None:
 
     Where it is another one: make demo, then tacevo publish runs/demo -o tests/golden/demo.zip.
     """
-    run = read_run(opened(GOLDEN / "demo.zip").folder)
+    bundle = opened(GOLDEN / "demo.zip")
+    run = bundle.read(bundle.folder)
     assert (config_hash(run.config), run.rules) == (config_hash(compose(["experiment=demo"])), CURRENT)
     out = io.StringIO()
     replay(run, Progress(Console(file=out)))
