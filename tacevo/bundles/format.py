@@ -66,7 +66,7 @@ _OF_A_JOB = re.compile(rf"{SWEEP}/(?P<job>{_WORD})/candidates/(?P<name>{_CANDIDA
 #: What to do about a miss.
 _INCOMPLETE = "fetch the bundle again: an entry that its replay reads was removed, or this version asks otherwise"
 
-_MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  (.+)")
+_MANIFEST_LINE = re.compile(r"([0-9a-f]{64})  ([^\x00-\x1f\x7f]+)")
 
 
 def sealed(members: Mapping[str, bytes]) -> tuple[bytes, str]:

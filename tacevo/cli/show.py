@@ -131,7 +131,7 @@ def show_candidate(path: Path, name: str) -> str:
     if line.repairs:
         reasons = ", ".join(f"{sent.stage}: {sent.reason}" for sent in line.repairs)
         parts.append(f"Answers that were sent back before this one: {len(line.repairs)} ({reasons})")
-    losses = estimates_of(ledger.lines, read_config(path, run).training.fitness).losses.get(str(line.source), ())
+    losses = estimates_of(ledger.lines, run.fitness_rule).losses.get(str(line.source), ())
     if len(losses) > 1:
         told = ", ".join(f"{loss:.6g}" if math.isfinite(loss) else "failed" for loss in losses)
         parts.append(f"Losses of this source in the search, one for each training seed: {told}")

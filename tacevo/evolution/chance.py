@@ -11,10 +11,7 @@ from tacevo.rounding import significant
 MARGIN = 0.05
 
 #: What to raise where no network learned, and where none beat the baseline.
-_LEARN = (
-    "Raise training.epochs or the number of images, or try another training.learning_rate; then search.candidates or "
-    "llm.model."
-)
+_LEARN = "Raise training.epochs or data.images, or change training.learning_rate; then search.candidates or llm.model."
 _FIND = (
     "Raise search.candidates or search.generations, or try another llm.model; then training.epochs, the number of "
     "images or training.learning_rate."

@@ -84,9 +84,9 @@ def tell(run: RecordedRun) -> Told:
 
 #: What a fitness is of one training, and of several.
 _LOSSES = {
-    FitnessRule.last: ("loss", "losses"),
-    FitnessRule.lowest: ("lowest loss", "lowest losses"),
-    FitnessRule.mean_of_3: ("mean of the last 3 losses", "means of the last 3 losses"),
+    FitnessRule.last: ("loss of one training seed", "losses of as many training seeds"),
+    FitnessRule.lowest: ("lowest loss of one seed", "lowest losses of as many seeds"),
+    FitnessRule.mean_of_3: ("mean of 3 losses of one seed", "means of 3 losses of as many seeds"),
 }
 
 
@@ -94,7 +94,7 @@ def worth(config: RunConfig) -> str:
     """Say what a fitness is, and what the best is not, as `one draw, the loss of one training seed, and ...`."""
     seeds, or_more = config.training.seeds, config.archive.kind is ArchiveKind.extract
     one, several = _LOSSES[config.training.fitness]
-    losses = f"{one} of one training seed" if seeds == 1 and not or_more else f"{several} of as many training seeds"
+    losses = one if seeds == 1 and not or_more else several
     return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 
@@ -149,9 +149,7 @@ def _found(run: RecordedRun) -> tuple[str, str, str]:
         f"fitness {_number(ranked[0].fitness)} by {ranked[0].id}; the best of generation 0 has {_number(first)}, "
         f"the baseline {_number(baseline.fitness)}{trivial}."
     )
-    best = (
-        f"Best {words} Fitness is the validation loss after the short training; lower wins. Each is {worth(run.config)}"
-    )
+    best = f"Best {words} Fitness is a validation loss of the short training; lower wins. Each is {worth(run.config)}"
     header = ["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"]
     return run.shortfall, f"Lowest {words}" if run.shortfall else best, table(header, rows)
 

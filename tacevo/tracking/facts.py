@@ -7,7 +7,6 @@ from typing import Annotated
 
 from pydantic import AliasPath, Field
 
-from tacevo.choices import FitnessRule
 from tacevo.environment import Code
 from tacevo.errors import RunError
 from tacevo.records import STRICT, Json
@@ -59,16 +58,6 @@ def shown_config(run: RunRecord) -> dict[str, Json]:
     if isinstance(llm, Mapping) and llm.get("label"):
         config["llm"] = {**llm, "model": llm["label"]}
     return config
-
-
-def fitness_rule(run: RunRecord) -> FitnessRule:
-    """Return what a run's fitness is of the losses of a training."""
-    training = run.config.get("training", {})
-    return (
-        FitnessRule(str(training.get("fitness", FitnessRule.last)))
-        if isinstance(training, Mapping)
-        else FitnessRule.last
-    )
 
 
 def search_tags(run: RunRecord) -> dict[str, str]:

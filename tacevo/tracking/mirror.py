@@ -23,7 +23,7 @@ from tacevo.tracking.entries import (
     cost_measures,
     generation_measures,
 )
-from tacevo.tracking.facts import data_set, fitness_rule, search_tags, shown_config, source_tags
+from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
 from tacevo.tracking.lock import alone
 from tacevo.tracking.sweeps import SWEEP_TAG, find_sweep, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter, search_key
@@ -90,7 +90,7 @@ def _write_lines(
 ) -> str:
     """Write candidates and generations as their lines come; return the hash of the last line, empty without any."""
     last, totals, baseline = "", Totals(), None
-    rule = fitness_rule(record)
+    rule = record.fitness_rule
     known: dict[str, Spending] = {}
     generation: list[Spending] = []
     for last, line in lines:

@@ -101,7 +101,7 @@ def test_sweep_without_test_scores_says_what_to_type(sweep: Path, capsys: pytest
     edit_sweep(sweep, terms={"primary": "test_score"})
     assert main(["ablations", "sweep"]) == 0
     (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("next:"))
-    assert shlex.split(line)[-2:] == ["study", "sweep=sweep"]
+    assert shlex.split(line)[-3:] == ["study", "sweep=sweep", "seeds=5"]
 
 
 def test_best_fitness_is_that_of_the_ledgers(sweep: Path) -> None:

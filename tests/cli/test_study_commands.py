@@ -64,7 +64,7 @@ def test_told_defaults_are_the_shipped_ones(capsys: pytest.CaptureFixture[str]) 
         ("alpha=1", "alpha", "a number below 1"),
         ("margins.regression.value=0", "margins.regression.value", "a number above 0"),
         ("margins.classification.value=inf", "margins.classification.value", "a finite number"),
-        ("margins.regression.kind=both", "margins.regression.kind", "'relative' or 'absolute'"),
+        ("margins.regression.kind=both", "margins.regression.kind", "'relative', 'errors' or 'absolute'"),
         ("store.root=''", "store.root", "text that is not empty"),
         ("executor.workers=0", "executor.workers", "an integer of at least 1"),
         ("executor=slurm", "executor", "one of local"),

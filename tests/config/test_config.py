@@ -224,7 +224,7 @@ DECIDES: dict[str, Any] = {
     **{f"{group}.{name}": half(CONFIG, group, name) for group, names in NUMBERS.items() for name in names},
     "seed": 1,
     "llm.provider": "anthropic",
-    "llm.model": "grammar-2",
+    "llm.model": "grammar-1",
     "archive.seed": 1,
     "archive.kind": "best",
     "archive.axes": ["eff_ratio"],

@@ -7,7 +7,7 @@ import pytest
 from tacevo.evolution.chance import MARGIN, chance_in_words, is_at_chance, shortfall
 
 LN10 = math.log(10)
-SETTINGS = ("training.epochs", "number of images", "training.learning_rate", "search.candidates", "llm.model")
+SETTINGS = ("training.epochs", "data.images", "training.learning_rate", "search.candidates", "llm.model")
 
 
 @pytest.mark.parametrize(

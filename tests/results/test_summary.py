@@ -209,7 +209,7 @@ def test_end_of_a_search_fits_one_screen() -> None:
     told = tell(run).in_short
     assert told.rstrip() in summarise(run)
     assert "Best fitness 0.100 by g01s00; the best of generation 0 has 0.400, the baseline 0.500." in told
-    assert "Each is one draw, the loss of one training seed, and the best is the lowest of many." in told
+    assert "Each is one draw, the lowest loss of one seed, and the best is the lowest of many." in told
     assert [row.split("|")[1].strip() for row in told.splitlines() if row.startswith("| g")] == [*names[:5], "g00s00"]
     assert told.endswith("Gate: 9 of 10 first answers trained (90.0 %); rejected: extract 1 (truncated 1).\n")
     assert sum(max(1, math.ceil(len(line) / 80)) for line in told.splitlines()) <= 19

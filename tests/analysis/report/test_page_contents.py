@@ -100,7 +100,7 @@ def test_first_lines_name_task_model_provider_data_and_digest(whole: tuple[Colle
     """Whoever reads a figure must know that no language model answered, and that no sensor was touched."""
     found, shown = whole
     searched, _, data, _, digest = shown["headlines"]
-    assert searched.startswith("Task force, seed 0, requests answered by grammar-1, portable numerics. ")
+    assert searched.startswith("Task force, seed 0, requests answered by grammar-2, portable numerics. ")
     assert data.endswith(" Data source: simulated; provider of the model: grammar.")
     assert digest.startswith(f"Digest: {found.run.digest}. Rules: ")
 
