@@ -13,8 +13,8 @@ MARGIN = 0.05
 #: What to raise where no network learned, and where none beat the baseline.
 _LEARN = "Raise training.epochs or data.images, or change training.learning_rate; then search.candidates or llm.model."
 _FIND = (
-    "Raise search.candidates or search.generations, or try another llm.model; then training.epochs, the number of "
-    "images or training.learning_rate."
+    "Raise search.candidates or search.generations, or try another llm.model; then training.epochs, data.images "
+    "or training.learning_rate."
 )
 
 _USE = "No answer could be used: see the reasons of the gate, then try another llm.model or a larger llm.max_tokens."
