@@ -111,15 +111,17 @@ def _effects(children: pd.DataFrame, instructions: int) -> dict[int, dict[str, f
     variance = float(((y - x @ fitted) ** 2).sum()) / free * (inverse @ inverse.T)
     contrasts = np.zeros((len(tried), len(fitted)))
     contrasts[:, : len(tried)] = np.eye(len(tried)) - 1 / len(tried)
-    found = {index: _effect(row, fitted, variance, free) for index, row in zip(tried, contrasts, strict=True)}
-    if is_sent and x[:, -1].any():
-        found[instructions] = _effect(np.eye(len(fitted))[-1], fitted, variance, free)
-    return found
+    asked = dict(zip(tried, contrasts, strict=True))
+    if is_sent:
+        asked[instructions] = np.eye(len(fitted))[-1]
+    # What the children do not tell apart, say two instructions that no generation asked for both, is no effect.
+    known = {place: row for place, row in asked.items() if np.allclose(row @ inverse @ x, row, atol=1e-9)}
+    return {place: _effect(row, fitted, variance, free) for place, row in known.items()}
 
 
 def _effect(contrast: _Values, fitted: _Values, variance: _Values, free: int) -> dict[str, float]:
     """Return the factor of a contrast of logarithms with its interval, and p of a factor of 1."""
-    value, error = float(contrast @ fitted), math.sqrt(float(contrast @ variance @ contrast))
+    value, error = float(contrast @ fitted), math.sqrt(max(0.0, float(contrast @ variance @ contrast)))
     reach = float(student.ppf((1 + LEVEL) / 2, free)) * error
     p = 2 * float(student.sf(abs(value) / error, free)) if error else float(value == 0)
     ends = {"effect": value, "effect_low": value - reach, "effect_high": value + reach}

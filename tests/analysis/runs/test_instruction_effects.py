@@ -106,6 +106,20 @@ def test_little_gives_an_empty_cell_and_no_error(kind: str) -> None:
         assert found.effect.notna().tolist() == [True, True, True, False]
 
 
+def test_instructions_that_are_not_told_apart_have_no_effect() -> None:
+    """One was asked for in the first generations only, so it and these are one; losses may all be equal, too."""
+    full = searched(0)
+    early = [
+        line if line.prompt is None else replace(line, prompt=2 * (line.generation > 4)) for line in full.candidates
+    ]
+    apart = instruction_effects([altered(full, candidates=tuple(early))])
+    assert apart.requests.tolist()[:3] == [48, 0, 48]
+    assert apart.effect.notna().tolist() == [False, False, False, True]
+    equal = [replace(line, fitness=0.5) for line in full.candidates]
+    found = instruction_effects([altered(full, candidates=tuple(equal))])
+    assert found.effect.dropna().tolist() == pytest.approx([1.0] * 4)
+
+
 def test_tables_show_them_and_say_what_a_grammars_temperature_is() -> None:
     """One row an instruction; an arm has the shares of its later half."""
     runs = [searched(0), searched(1)]
