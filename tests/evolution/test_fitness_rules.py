@@ -95,7 +95,7 @@ def test_a_run_by_another_rule(rule: FitnessRule, tmp_path: Path, monkeypatch: p
         "store.root=cache",
     ]
     assert main(["search", *sizes, "run.dir=other", f"training.fitness={rule}"]) == 0
-    assert main(["search", *sizes, "run.dir=paper"]) == 0
+    assert main(["search", *sizes, "run.dir=paper", "training.fitness=last"]) == 0
     assert main(["noise", "other", "elites=1", "seeds=2"]) == 0
     assert main(["study", "run=other", "elites=1", "seeds=4", "epochs=5"]) == 0
     assert main(["replay", "other"]) == 0
