@@ -315,7 +315,8 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
         several = f", the largest of {len(names)}" if len(names) > 1 else ""
         view.say(f"elites chosen by the noise run {names[plan.header.chosen_by]}{several}")
     if len(networks) <= wanted:
-        view.say(f"the archive has {len(networks) - 1} elites with a source of their own, fewer than elites={wanted}")
+        own = counted(len(networks) - 1, "elite")
+        view.say(f"the archive has {own} with a source of its own, fewer than elites={wanted}")
     if terms is not None and seeds < (needed := fewest_seeds(terms.alpha)):
         view.say(
             f"no comparison with the baseline will be possible: at alpha {terms.alpha} no outcome of seeds={seeds} is "

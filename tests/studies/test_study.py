@@ -130,7 +130,7 @@ def test_fewer_elites_than_asked_for_are_told(folder: Path, capsys: pytest.Captu
     """Where the archive has no more, it is the study of those there are, and that is said."""
     study, before = only(folder), files(folder)
     assert main(["study", "run=run", "elites=9", *STUDY[2:]]) == 0
-    assert "the archive has 2 elites with a source of their own, fewer than elites=9" in capsys.readouterr().err
+    assert "the archive has 1 elite with a source of its own, fewer than elites=9" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in study.iterdir()} == before
 
 
