@@ -49,12 +49,11 @@ def instruction_effects(runs: Sequence[RecordedRun]) -> pd.DataFrame:
     Args:
         runs: one or more of one library, each a search of its own; their mutations from generation 1 on are counted.
     """
-    names = runs[0].instructions
-    asked = pd.concat([_asked(run).assign(run=place) for place, run in enumerate(runs)])
+    names, asked = runs[0].instructions, _asked_of(runs)
     rows: list[dict[str, Any]] = []
     for index, name in enumerate(names):
         own = asked[asked.prompt == index]
-        shares = {part: _share(own, asked, late) for part, late in (("early", False), ("late", True))}
+        shares = {part: _share(asked, index, late) for part, late in (("early", False), ("late", True))}
         rows.append({"name": name, "requests": len(own), **shares, "children": int(own.child.count())})
     rows.append({"name": TEMPERATURE, "requests": len(asked), "children": int(asked.child.count())})
     found = pd.DataFrame(rows, columns=list(INSTRUCTIONS)).astype(INSTRUCTIONS)
@@ -64,6 +63,17 @@ def instruction_effects(runs: Sequence[RecordedRun]) -> pd.DataFrame:
     if len(tested):
         found.loc[tested, "p_holm"] = holm(found.p[tested].tolist())
     return found
+
+
+def late_shares(runs: Sequence[RecordedRun]) -> "pd.Series[float]":
+    """Return each instruction's share of the requests of the later half of the generations, by its name."""
+    names, asked = runs[0].instructions, _asked_of(runs)
+    return pd.Series({name: _share(asked, index, late=True) for index, name in enumerate(names)}, dtype="float64")
+
+
+def _asked_of(runs: Sequence[RecordedRun]) -> pd.DataFrame:
+    """Return the mutations of some runs (`_asked`), with the place of each run."""
+    return pd.concat([_asked(run).assign(run=place) for place, run in enumerate(runs)])
 
 
 def _asked(run: RecordedRun) -> pd.DataFrame:
@@ -86,9 +96,9 @@ def _asked(run: RecordedRun) -> pd.DataFrame:
     ).astype(dict.fromkeys(_NUMBERS, "float64"))
 
 
-def _share(own: pd.DataFrame, asked: pd.DataFrame, late: bool) -> float | None:
-    of = int((asked.is_late == late).sum())
-    return rounded(int((own.is_late == late).sum()) / of) if of else None
+def _share(asked: pd.DataFrame, index: int, late: bool) -> float | None:
+    half = asked[asked.is_late == late]
+    return rounded(int((half.prompt == index).sum()) / len(half)) if len(half) else None
 
 
 def _effects(children: pd.DataFrame, instructions: int) -> dict[int, dict[str, float]]:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from analysis.runs.dynamics import LEVEL
-from analysis.runs.instruction_effects import instruction_effects
+from analysis.runs.instruction_effects import instruction_effects, late_shares
 from analysis.table import Between, Percent, PValue, Table
 from tacevo.choices import Provider
 from tacevo.results.run import RecordedRun
@@ -50,9 +50,9 @@ def instructions_table(runs: Sequence[RecordedRun], of: str) -> Table:
 
 def mix_table(arms: Mapping[str, Sequence[RecordedRun]], of: str) -> Table:
     """Show the share of each instruction in the later half of the generations, arm by arm."""
-    shares = pd.DataFrame({arm: instruction_effects(runs).set_index("name").late for arm, runs in arms.items()})
+    shares = pd.DataFrame({arm: late_shares(runs) for arm, runs in arms.items()}).rename_axis("name")
     return Table.of(
-        shares.iloc[:-1].reset_index(),
+        shares.reset_index(),
         {"instruction": "name"} | {arm: (Percent, arm) for arm in arms},
         name="instruction_mix",
         caption=f"How often each instruction was asked for in the later half of the generations ({of}).",

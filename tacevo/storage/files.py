@@ -105,14 +105,17 @@ def in_use(folder: Path, *, alone: bool = False) -> Iterator[None]:
         os.close(handle)
 
 
-def is_in_use(folder: Path) -> bool:
-    """Return whether a process works in a directory at this moment, by `in_use`; false where there are no locks."""
+def is_in_use(place: Path, *, shared: bool = False) -> bool:
+    """Return whether a process holds a file or directory at this moment; false where there are no locks.
+
+    `shared` is whether others that share it, such as those that ask this, do not count.
+    """
     try:
-        handle = os.open(folder, os.O_RDONLY)
+        handle = os.open(place, os.O_RDONLY)
     except OSError:
         return False
     try:
-        return not flock(handle)
+        return not flock(handle, shared=shared)
     except OSError:
         return False
     finally:

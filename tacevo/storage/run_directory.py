@@ -30,7 +30,7 @@ from tacevo.errors import RunError
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json, written
 from tacevo.rules import FIRST_PAGES
 from tacevo.storage.canonical import canonical, readable
-from tacevo.storage.files import flock, locked, remove_leftovers, write_durably
+from tacevo.storage.files import is_in_use, locked, remove_leftovers, write_durably
 from tacevo.typed import FreeJson, parse
 
 #: A candidate's file holds its source, or the answer that was rejected.
@@ -144,11 +144,7 @@ class RunDirectory:
     @property
     def is_busy(self) -> bool:
         """Whether a process holds the directory at this moment."""
-        try:
-            with (self.path / ".lock").open("rb") as file:
-                return not flock(file.fileno(), shared=True)
-        except OSError:  # nobody ever held it, or the file system has no locks
-            return False
+        return is_in_use(self.path / ".lock", shared=True)
 
     def remove_leftovers(self) -> None:
         """Remove what killed writers left here."""
