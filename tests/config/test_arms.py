@@ -35,6 +35,9 @@ from tacevo.storage.ledger import Ledger
 
 ARMS = [arm for arm in groups()["ablation"] if arm != "none"]
 
+#: Arms that ask with another temperature from the first request on.
+OTHER_START = ("fixed_temperature_0", "fixed_temperature_1")
+
 #: A search that a model answers, so that every arm is another one.
 ASKED = "llm=anthropic"
 
@@ -177,11 +180,12 @@ def test_arm_is_taken_out_of_overrides() -> None:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_arm_begins_with_the_generation_0_of_none(name: str) -> None:
-    """Request for request; only the model that is asked differs, where the arm is about that."""
+    """Request for request; only the model that is asked, or the first temperature, differs where the arm is about it."""
 
     def asked(config: RunConfig) -> tuple[Proposal, ...]:
         settings = replace(build_settings(config), model="m", llm=())
-        return plan_initial(fakes.TASK, settings, mutations=10, temperature=config.temperature.start)
+        start = 0.6 if name in OTHER_START else config.temperature.start
+        return plan_initial(fakes.TASK, settings, mutations=10, temperature=start)
 
     assert asked(arm(name)) == asked(arm("none"))
 
@@ -200,7 +204,7 @@ def test_three_seeds_train_the_same_generation_0_by_other_seeds_too(folder: Path
         assert "fitness" not in one or one["seeds"][0]["evaluation"] == other["evaluation"]
 
 
-@pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar", "three_seeds"}))
+@pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar", "three_seeds", *OTHER_START}))
 def test_generation_0_is_answered_alike_and_then_the_search_is_another(name: str, folder: Path) -> None:
     """Arms share every answer and fitness of generation 0, and then part, but for the one that only stops recording."""
     lines, recorder = searched(name, folder)
@@ -231,6 +235,19 @@ def test_mutation_only_differs_from_the_first_crossover_on(folder: Path) -> None
     assert first > 1
     assert all(common(lines, plain, number) for number in range(first))
     assert not common(lines, plain, first)
+
+
+@pytest.mark.parametrize("name", OTHER_START)
+def test_another_first_temperature_is_all_that_differs_in_generation_0(name: str, folder: Path) -> None:
+    """Operators, parents and prompts are those of `none`; the temperature stays, but for its jitter."""
+    lines, recorder = searched(name, folder)
+    plain, _ = searched("none", folder)
+    fields = ("id", "operator", "parents", "prompt")
+    first, other = ([[line[key] for key in fields] for line in run if line["generation"] == 0] for run in (lines, plain))
+    assert first == other
+    (held,) = {line.temperature for line in recorder.lines if isinstance(line, GenerationLine)}
+    assert held == float(name[-1])
+    assert all(abs(line["temperature"] - held) <= 0.1 for line in lines[1:])
 
 
 @pytest.mark.parametrize("name", ["fixed_temperature", "stall_temperature"])

@@ -44,6 +44,8 @@ ARMS = {
     "curiosity_prompts": {"prompts.policy"},
     "effect_prompts": {"prompts.policy"},
     "fixed_temperature": {"temperature.rule"},
+    "fixed_temperature_0": {"temperature.rule", "temperature.start"},
+    "fixed_temperature_1": {"temperature.rule", "temperature.start"},
     "stall_temperature": {"temperature.rule"},
     "no_qd": {"archive.kind"},
     "random_parents_only_baseline": {"proposals.parents", "proposals.mutation_probability"},
@@ -121,7 +123,7 @@ def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: st
     assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
 
 
-@pytest.mark.parametrize("experiment", [None, "demo", "published_force", "published_grating"])
+@pytest.mark.parametrize("experiment", [None, "demo", "published_ablation", "published_force", "published_grating"])
 def test_efficiency_ratio_is_logarithmic_unless_an_experiment_is_the_papers(experiment: str | None) -> None:
     """What docs/descriptors.md decides by measurement holds for every other search, with bounds that adapt."""
     archive = composed(*([] if experiment is None else [f"experiment={experiment}"])).archive
@@ -180,7 +182,7 @@ def test_each_source_has_its_own_split() -> None:
         ("data.skip_missing=maybe", "data.skip_missing", "true or false", '"maybe"'),
         ("data={seed:x}", "data.seed", "an integer", '"x"'),
         ("task=forse", "task", "one of force, grating, hardness", "forse"),
-        ("experiment=dem", "experiment", "one of demo, paper_force, paper_grating, published_force", "dem"),
+        ("experiment=dem", "experiment", "one of demo, paper_force, paper_grating, published_ablation, published_force", "dem"),
         ("+search.extra=1", "", "KEY=VALUE", "'+search.extra=1'"),
         ("seed", "", "KEY=VALUE", "'seed'"),
         ("hydra.job.name=x", "", "KEY=VALUE", "'hydra.job.name=x'"),
