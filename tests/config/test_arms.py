@@ -243,7 +243,9 @@ def test_another_first_temperature_is_all_that_differs_in_generation_0(name: str
     lines, recorder = searched(name, folder)
     plain, _ = searched("none", folder)
     fields = ("id", "operator", "parents", "prompt")
-    first, other = ([[line[key] for key in fields] for line in run if line["generation"] == 0] for run in (lines, plain))
+    first, other = (
+        [[line[key] for key in fields] for line in run if line["generation"] == 0] for run in (lines, plain)
+    )
     assert first == other
     (held,) = {line.temperature for line in recorder.lines if isinstance(line, GenerationLine)}
     assert held == float(name[-1])

@@ -182,7 +182,12 @@ def test_each_source_has_its_own_split() -> None:
         ("data.skip_missing=maybe", "data.skip_missing", "true or false", '"maybe"'),
         ("data={seed:x}", "data.seed", "an integer", '"x"'),
         ("task=forse", "task", "one of force, grating, hardness", "forse"),
-        ("experiment=dem", "experiment", "one of demo, paper_force, paper_grating, published_ablation, published_force", "dem"),
+        (
+            "experiment=dem",
+            "experiment",
+            "one of demo, paper_force, paper_grating, published_ablation, published_force",
+            "dem",
+        ),
         ("+search.extra=1", "", "KEY=VALUE", "'+search.extra=1'"),
         ("seed", "", "KEY=VALUE", "'seed'"),
         ("hydra.job.name=x", "", "KEY=VALUE", "'hydra.job.name=x'"),
