@@ -180,7 +180,7 @@ def test_arm_is_taken_out_of_overrides() -> None:
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_arm_begins_with_the_generation_0_of_none(name: str) -> None:
-    """Request for request; only the model that is asked, or the first temperature, differs where the arm is about it."""
+    """Request for request; all but the model that is asked, or the first temperature, where an arm is about it."""
 
     def asked(config: RunConfig) -> tuple[Proposal, ...]:
         settings = replace(build_settings(config), model="m", llm=())
