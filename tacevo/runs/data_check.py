@@ -65,6 +65,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         names=facts.names,
         images={"all": sum(facts.counts), **dict(zip(PARTS, facts.counts, strict=True))},
         skipped=catalogue.skipped,
+        selected=facts.selected,
         ignored=tuple(map(str, catalogue.ignored)),
         recorded_size=catalogue.recorded_size,
         image_size=facts.image_size,
