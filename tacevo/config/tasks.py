@@ -55,7 +55,7 @@ _WORDS = {
     RecordedTask.force: r"forces?",
     RecordedTask.grating: r"gratings?|grooves?",
     RecordedTask.hardness: r"hard|hardness",
-    RecordedTask.shape: r"shapes?",
+    RecordedTask.shape: r"shapes",
 }
 
 
