@@ -18,11 +18,28 @@ class DataSource(StrEnum):
 
 
 class SensorTask(StrEnum):
-    """What is pressed onto a ViTacTip, and what the network must read from the image."""
+    """What is pressed onto the simulated sensor, and what the network must read from the image."""
 
     force = "force"
     grating = "grating"
     hardness = "hardness"
+
+
+class RecordedTask(StrEnum):
+    """What recordings of the release's sensors are for: the tasks that come with the project."""
+
+    force = "force"
+    grating = "grating"
+    hardness = "hardness"
+    shape = "shape"
+
+
+class GratingClasses(StrEnum):
+    """What the classes of recorded gratings are: their sizes, the families dot and line of patterns, or both."""
+
+    size = "size"
+    pattern = "pattern"
+    joint = "joint"
 
 
 class SplitRule(StrEnum):

@@ -34,7 +34,7 @@ def contents(conf: Path) -> dict[str, bytes | None]:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("like", ["force", "grating", "hardness"])
+@pytest.mark.parametrize("like", ["force", "grating", "hardness", "shape"])
 def test_new_task_is_the_other_under_its_own_name(like: str, conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It has all that the other has, in files of its own; the gate admits its baseline; every printed command works."""
     before = contents(conf)
@@ -98,7 +98,7 @@ def test_unknown_task_to_copy_is_refused(conf: Path, capsys: pytest.CaptureFixtu
     """The message lists those that there are."""
     before = contents(conf)
     assert main(["init", "shear", "--like", "forse"]) == 2
-    assert "--like: expected one of force, grating, hardness; got 'forse'; " in capsys.readouterr().err
+    assert "--like: expected one of force, grating, hardness, shape; got 'forse'; " in capsys.readouterr().err
     assert contents(conf) == before
 
 
