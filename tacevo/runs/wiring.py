@@ -223,7 +223,7 @@ class Workbench:
             evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
             evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
             executor=self.executor,
-            cpu_seconds=self._cpu_seconds,
+            cpu_seconds=self.cpu_seconds,
         )
 
     def gate(self, rules: Rules) -> Gate:
@@ -284,7 +284,7 @@ class Workbench:
         """Keep what this code computes from being stored under the numbers of other rules."""
         return self.mode if rules == CURRENT else Mode.replay
 
-    def _cpu_seconds(self) -> float:
+    def cpu_seconds(self) -> float:
         """Return the processor time of all candidates that this thread has waited for."""
         return getattr(self._waited, "seconds", 0.0)
 
@@ -298,7 +298,7 @@ class Workbench:
             entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
         ) -> Finished | Died:
             outcome = run(entry, header, payload, limits, score)
-            self._waited.seconds = self._cpu_seconds() + outcome.cpu_seconds
+            self._waited.seconds = self.cpu_seconds() + outcome.cpu_seconds
             return outcome
 
         return noting
