@@ -17,7 +17,7 @@ from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
-from tacevo.results.sweep import Finished, RecordedSweep
+from tacevo.results.sweep import REFERENCE, Finished, RecordedSweep
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
@@ -154,12 +154,19 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
         within=deviation,
         tested=_noise(metric, deviation, seeds, elites),
         elites=elites,
-        comparisons=max(1, *(len({one.job.arm for one in sweep.finished}) - 1 for sweep in pilots)),
+        comparisons=max(1, *(len(_tested_arms(sweep)) for sweep in pilots)),
         epochs=stated[0].epochs if stated[0] is not None else None,
         search_epochs=max(map(_epochs, runs)),
         seconds=_seconds(runs),
         runs=tuple(sorted({run.digest for run in runs})),
     )
+
+
+def _tested_arms(sweep: RecordedSweep) -> set[str]:
+    """Return the arms that are tested against the reference."""
+    reference = sweep.terms.reference or REFERENCE
+    arms = {one.job.arm for one in sweep.finished}
+    return arms - set(sweep.twins_of(reference)) - {reference if reference in arms else min(arms)}
 
 
 def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:

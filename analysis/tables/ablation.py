@@ -13,6 +13,7 @@ from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
 from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, Metric
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
+from analysis.tables.instruction_tables import grammar_note
 from analysis.tables.plan import plan_notes
 from tacevo.choices import ChosenBy
 from tacevo.evolution.chance import is_at_chance
@@ -78,18 +79,22 @@ def arms_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
     first = next(iter(found.arms))
     trivial = [_trivial(sweep, metric) for metric in found.arms]
+    twins = _twin_notes(found, first)
     return Table.of(
         pd.concat({metric.name: frame.reset_index() for metric, frame in found.arms.items()}, axis=1),
         {
             "arm": (str, (first.name, "arm")),
             "seeds": (int, (first.name, "runs")),
+            **({"equal to": (lambda kind: _equal_to(found, kind), (first.name, "comparability"))} if twins else {}),
             **{metric.value: (_shape(metric), *((metric.name, end) for end in _ENDS)) for metric in found.arms},
         },
         name="ablation",
         caption=f"The arms ({sweep.task}).",
-        last=[("trivial", None, *trivial)] if trivial[0] is not None else [],
+        last=[("trivial", None, *([None] if twins else []), *trivial)] if trivial[0] is not None else [],
         notes=(
             *_primary_note(sweep, found),
+            *twins,
+            *temperature_notes(sweep),
             *_tested_notes(sweep),
             *plan_notes(sweep.terms.plan),
             *_trivial_note(sweep, first),
@@ -131,7 +136,10 @@ def settings_table(sweep: RecordedSweep) -> Table:
             (key, *(value if isinstance(value := arms[name].get(key), str) else json.dumps(value) for name in names))
             for key in differing
         ),
-        notes=("As the runs recorded them; all other settings that may change a result are equal.",),
+        notes=(
+            "As the runs recorded them; all other settings that may change a result are equal.",
+            *temperature_notes(sweep),
+        ),
     )
 
 
@@ -153,6 +161,7 @@ def metric_table(sweep: RecordedSweep, found: Ablation, metric: Metric, archive:
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
             *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
+            *temperature_notes(sweep),
             _median_note(list(frame.n), list(frame[["better", "equal", "worse"]].sum(axis=1)[frame.better.notna()])),
             *_test_notes(found, metric),
             *_reference_note(sweep, found),
@@ -239,7 +248,8 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     kinds = frame.comparability.dropna()
     if kinds.empty:
         return []
-    reference, family = found.wanted, int((kinds != Comparability.too_few_seeds).sum())
+    outside = {Comparability.too_few_seeds, Comparability.by_construction}
+    reference, family = found.wanted, int((~kinds.isin(outside)).sum())
     same, few = (
         kinds.index[kinds == kind].tolist() for kind in (Comparability.identical, Comparability.too_few_differ)
     )
@@ -247,13 +257,20 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         f"Runs that differ: those that are not the run of {reference} of the same seed, candidate by candidate. All "
         "further columns are of these runs, as far as their values are known: what is one and the same run in both "
         "arms shows nothing of the arm.",
-        f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
-        f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
+        *(
+            [
+                f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
+                f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}."
+            ]
+            if family
+            else []
+        ),
         f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
         f"percentiles of {RESAMPLES:,} bootstrap resamples of the difference of medians.",
         f"A12: the chance that a run of the arm has more than one of {reference}. Differences are arm less "
         f"{reference}; by seed: of the runs that share a seed, and so their streams.",
     ]
+    notes += _twin_notes(found, metric)
     if same:
         notes.append(
             f"Identical: {listed(same)}. No run of such an arm differs from that of {reference} of the same seed, or "
@@ -272,6 +289,29 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         for ours, theirs in dict.fromkeys(zip(tested.n_arm.tolist(), tested.n_reference.tolist(), strict=True))
     ]
     return [*notes, *caution_notes(tested.cautions.items())]
+
+
+def _twin_notes(found: Ablation, metric: Metric) -> list[str]:
+    """Name the arms that are the reference by construction, with the reason."""
+    frame = found.arms[metric]
+    twins = frame.index[frame.comparability == Comparability.by_construction].tolist()
+    if not twins:
+        return []
+    return [
+        f"Identical by construction: {listed(twins)}. With prompts=uniform nothing is drawn by the record of prompts, "
+        f"which is all that differs from {found.wanted}, so these are the same searches under another name: known "
+        "before they ran, not tested, and not counted in Holm's correction."
+    ]
+
+
+def _equal_to(found: Ablation, kind: str | None) -> str | None:
+    return found.wanted if kind == Comparability.by_construction else None
+
+
+def temperature_notes(sweep: RecordedSweep) -> tuple[str, ...]:
+    """Say what a temperature of the grammar is where arms differ in it."""
+    differ = len({one.run.config.temperature for one in sweep.finished}) > 1
+    return grammar_note([one.run for one in sweep.finished]) if differ else ()
 
 
 def _rank_note(sweep: RecordedSweep, found: Ablation, metric: Metric) -> list[str]:

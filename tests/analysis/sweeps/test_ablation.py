@@ -109,6 +109,18 @@ def test_identical_values_are_not_mann_whitney_of() -> None:
     assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
 
 
+def test_arm_that_is_the_reference_by_construction_leaves_the_family() -> None:
+    """Nothing is tested, and another arm is corrected as if it were not there; with one seed, too."""
+    runs = jobs({"none": NONE, "same": NONE, "better": BETTER}, {"none": range(5), "same": range(5)})
+    found = compare_arms(runs, twins=["same"])
+    same = contrast(found, "same")
+    assert (same.comparability, same.differing, is_untested(same)) == (Comparability.by_construction, 0, True)
+    assert contrast(found, "better").p_holm == pytest.approx(2 / 252)
+    single = compare_arms(jobs({"none": {0: 0.5}, "same": {0: 0.5}, "other": {0: 0.4}}, {"none": [0], "same": [0]}))
+    assert contrast(single, "same").comparability == Comparability.identical
+    assert contrast(single, "other").comparability == Comparability.too_few_seeds
+
+
 #: The runs of three seeds are those of `none`.
 HALF = {0: 0.50, 1: 0.42, 2: 0.54, 3: 0.47, 4: 0.58}
 ALIKE = {"none": (0, 2, 4), "half": (0, 2, 4)}

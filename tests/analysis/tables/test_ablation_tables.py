@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from hand_runs import altered
 from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
@@ -62,6 +63,44 @@ def test_identical_arm_shows_the_word() -> None:
     assert any(
         note.startswith("Identical: same. No run of such an arm differs from that of none") for note in best().notes
     )
+
+
+def configured(arm: str, seed: int, bests: Sequence[float] = NONE, **settings: Any) -> Finished:
+    """Make a job of `none`'s search, or of another, under other settings."""
+    (job,) = jobs_of(arm, bests[seed : seed + 1])
+    return finished(arm, seed, job.run, settings=settings)
+
+
+def test_arm_without_a_record_of_prompts_is_named_the_reference() -> None:
+    """Its settings alone say so, where prompts are drawn uniformly; where they are not, it is an arm as any other."""
+    jobs = [configured("none", seed) for seed in range(5)]
+    jobs += [configured("worse", seed, WORSE, archive={"kind": "best"}) for seed in range(5)]
+    without = [configured("without", seed, prompts={"policy": "none"}) for seed in range(5)]
+    sweep = sweep_of([*jobs, *without])
+    assert sweep.twins_of("none") == ["without"]
+    found = compare_arms(compared(*jobs, *without)[1].jobs, twins=["without"])
+    table = best(sweep, found)
+    told = next(note for note in table.notes if note.startswith("Identical by construction: without."))
+    assert "prompts=uniform" in told
+    assert any("corrected over 1 arm after Holm" in note for note in table.notes)
+    overview = arms_table(sweep, found, "n")
+    assert told in overview.notes
+    marks = {row[0]: row[2] for row in overview.rows}
+    assert (overview.columns[2], marks) == ("equal to", {"none": None, "worse": None, "without": "none"})
+    curious = [configured(one.job.arm, one.job.seed, prompts={"policy": "curiosity"}) for one in jobs[:5]]
+    assert sweep_of([*curious, *without]).twins_of("none") == []
+    assert "equal to" not in arms_table(SWEEP, FOUND, "n").columns
+
+
+def test_temperature_of_the_grammar_is_explained_where_arms_differ_in_it() -> None:
+    """In the overview, in each metric, and beside the settings; nowhere else."""
+    cold = [configured("cold", seed, temperature={"start": 0.0}) for seed in range(5)]
+    sweep, found = compared(*(configured("none", seed) for seed in range(5)), *cold)
+    for table in ablation_tables(sweep, found, ARCHIVE):
+        told = any("mutation strength" in note for note in table.notes)
+        assert told == (table.name != "ablation_runs"), table.name
+    others = [note for table in ablation_tables(SWEEP, FOUND, ARCHIVE) for note in table.notes]
+    assert not any("mutation strength" in note for note in others)
 
 
 def test_one_run_that_differs_is_no_sample() -> None:
