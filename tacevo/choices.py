@@ -253,8 +253,10 @@ class ChosenBy(StrEnum):
 class Primary(StrEnum):
     """What the arms of a sweep are compared by first; all other metrics are secondary."""
 
-    #: Of each job's best network, trained again with fresh seeds.
+    #: Of the best networks of each job, trained again with fresh seeds: accuracy or MSE.
     test_score = "test_score"
+    #: Of these trainings, the geometric mean of cross-entropy or MSE.
+    test_loss = "test_loss"
     best_fitness = "best_fitness"
     #: Of the fitness of the new candidates in the later half of the generations, in which no luck piles up.
     new_quartile = "new_quartile"

@@ -21,11 +21,12 @@ from analysis.statistics.effects import EFFECTS, effects, median
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.warnings import cautions
 from analysis.sweeps.common_archive import CommonArchive, filled
-from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTS, Metric
+from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
 from tacevo.results.sweep import ALPHA, REFERENCE, Finished
+from tacevo.results.tested import JobScore
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
 
@@ -106,7 +107,7 @@ def jobs_frame(finished: Sequence[Finished], curves: pd.DataFrame) -> pd.DataFra
         {"job": one.job.name, "arm": one.job.arm, "seed": one.job.seed, "search": slots_of(one.run)}
         | {metric.name: value for metric, value in _values(one.run).items()}
         | {name: ends.at[one.job.name, name] for name in ("qd_score", "coverage")}
-        | ({} if one.tested is None else {TESTS[one.tested.metric].name: one.tested.value})
+        | ({} if one.tested is None else _tests(one.tested))
         for one in finished
     )
 
@@ -166,7 +167,7 @@ def compare_arms(
     """
     names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
     reference = wanted if wanted in set(jobs.arm) else None
-    shown = [metric for metric in Metric if metric not in TESTS.values() or jobs[metric.name].notna().any()]
+    shown = [metric for metric in Metric if metric not in TESTED or jobs[metric.name].notna().any()]
     arms = {metric: _arms(jobs, metric, names, reference=reference, failed=failed, seed=seed) for metric in shown}
     return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, arms=arms)
 
@@ -186,6 +187,10 @@ def _values(run: RecordedRun) -> dict[Metric, float | None]:
         Metric.tokens: None if spent is None else spent.tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }
+
+
+def _tests(tested: JobScore) -> dict[str, float]:
+    return {TESTS[tested.metric].name: tested.value, Metric.test_loss.name: tested.loss}
 
 
 def _rounded(value: float | None) -> float | None:
@@ -250,7 +255,7 @@ def _arms(
         searches = {arm: dict(zip(found.seed, found.search, strict=True)) for arm, found in jobs.groupby("arm")}
         # One whose search ended failed its test, and what a search used is no worse for a failure.
         lost = {(job.arm, job.seed) for job in failed} if metric not in SPENT else set()
-        if metric not in TESTS.values():
+        if metric not in TESTED:
             lost -= set(zip(jobs.arm, jobs.seed, strict=True))
         for arm, at in lost:
             searches.setdefault(arm, {}).setdefault(at, math.nan)  # equal to no other's

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ExecutorKind, Tracking
+from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import length
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
@@ -72,7 +73,7 @@ def search(config: RunConfig, view: Progress) -> Result:
     with start_zygote(config) as zygote:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        for doubt in doubts_of(config, task, data):
+        for doubt in (*doubts_of_settings(config), *doubts_of(config, task, data)):
             view.say(f"warning: {doubt}")
         return record(config, task, data, view, zygote=zygote, llm=llm)
 

@@ -1,10 +1,11 @@
-"""What a sweep cannot show, known before it runs: arms that are equal by construction, and seeds that are too few."""
+"""What a sweep cannot show, known before it runs: arms that are equal by construction, seeds that are too few."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from tacevo.choices import PromptPolicy
+from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.results.study_lines import fewest_seeds
@@ -14,7 +15,7 @@ from tacevo.text import counted
 
 
 def shortcomings(planned: Mapping[Job, RunConfig], jobs: Sequence[Job], reference: str | None) -> list[str]:
-    """Say in a sentence each which arms cannot differ, and that there are too few seeds for any test.
+    """Say in a sentence each which arms cannot differ, or do not act, and that there are too few seeds for any test.
 
     Args:
         planned: the jobs that were asked for now, with their configurations.
@@ -26,6 +27,8 @@ def shortcomings(planned: Mapping[Job, RunConfig], jobs: Sequence[Job], referenc
         "which one of them lacks; prompts=curiosity uses it"
         for one, other in _twins(planned)
     ]
+    arms = {job.arm: config for job, config in planned.items()}
+    told += [f"{arm}: {doubt}" for arm, config in arms.items() for doubt in doubts_of_settings(config)]
     seeds = {arm: len({job.seed for job in jobs if job.arm == arm}) for arm in (job.arm for job in jobs)}
     others = len(seeds) - 1
     if reference in seeds and others and (least := min(seeds.values())) < (needed := fewest_seeds(ALPHA / others)):

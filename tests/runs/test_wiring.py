@@ -227,7 +227,7 @@ def test_layout_of_images_follows_the_rules_of_a_training(tmp_path: Path) -> Non
     config = compose([*settings, "data=numpy", "task=force"])
     data, sent = load_data(config, Progress()), []
 
-    def run(entry: str, header: Any, payload: bytes, limits: object) -> Died:
+    def run(entry: str, header: Any, payload: bytes, *_: object) -> Died:
         sent.append(header.get("contiguous", False))
         return Died(Reason.crashed, "a fake")
 
@@ -235,5 +235,5 @@ def test_layout_of_images_follows_the_rules_of_a_training(tmp_path: Path) -> Non
         for rules, training in TRAININGS_OF_STUDIES.items():
             bench.studies(rules, data.scale).retrain("source", 1)
             bench.weigh("source", 1, 1, training)
-    assert sent == [True] * 4 + [False] * 4
+    assert sent == [True] * 4 + [False] * 6
     assert STUDY in TRAININGS_OF_STUDIES

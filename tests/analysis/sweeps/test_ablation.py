@@ -23,7 +23,7 @@ from analysis.sweeps.ablation import (
     jobs_frame,
     slots_of,
 )
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.metrics import TESTED, Metric
 from tacevo.costs import Spending
 from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job
@@ -216,7 +216,7 @@ def test_any_arm_can_be_the_reference() -> None:
 def test_score_on_test_images_is_shown_where_a_run_has_one() -> None:
     """Of the task's own metric only; an accuracy is better where it is more."""
     runs = jobs({"none": NONE, "better": BETTER})
-    assert {Metric.test_mse, Metric.test_accuracy}.isdisjoint(compare_arms(runs).arms)
+    assert TESTED.isdisjoint(compare_arms(runs).arms)
     found = compare_arms(runs.assign(test_accuracy=1 - runs.best_fitness))
     assert list(found.arms)[:2] == [Metric.test_accuracy, Metric.best_fitness]
     better = contrast(found, "better", Metric.test_accuracy)
@@ -304,7 +304,7 @@ def test_run_is_measured_by_hand() -> None:
     ]
     paid = dict.fromkeys(("g00s01", "g01s00", "g01s01"), spent)
     values = values_of(run(slots, [closed(0, 0.4), closed(1, 0.1, candidates=4, trained=2)], spent=paid))
-    assert pd.isna([values.pop("test_mse"), values.pop("test_accuracy")]).all()
+    assert pd.isna([values.pop(metric.name) for metric in TESTED]).all()
     assert values == {
         "best_fitness": 0.1,
         "new_quartile": 0.1,

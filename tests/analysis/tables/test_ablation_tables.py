@@ -7,7 +7,7 @@ from hand_runs import altered
 from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms
-from analysis.sweeps.metrics import TESTS, Metric
+from analysis.sweeps.metrics import TESTED, Metric
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
@@ -28,7 +28,7 @@ def best(sweep: RecordedSweep = SWEEP, found: Ablation = FOUND) -> Table:
 def test_every_metric_has_a_table() -> None:
     """Named after it, beside that of all arms and that of all runs."""
     names = [table.name for table in ablation_tables(SWEEP, FOUND, ARCHIVE)]
-    metrics = [f"ablation_{metric.name}" for metric in Metric if metric not in TESTS.values()]
+    metrics = [f"ablation_{metric.name}" for metric in Metric if metric not in TESTED]
     assert names == ["ablation", "ablation_settings", *metrics, "ablation_runs"]
 
 
@@ -105,7 +105,12 @@ STATED = SweepTerms(
 def scored(bests: Sequence[float], arm: str) -> list[Finished]:
     """Make an arm's jobs, whose networks score a tenth of their fitness on the test images."""
     return [
-        replace(one, tested=JobScore(metric="mse", values=(best / 10,), network="g01s00"))
+        replace(
+            one,
+            tested=JobScore(
+                metric="mse", networks=("g01s00",), values=((best / 10,),), losses=((best / 10,),), late=1, trivial={}
+            ),
+        )
         for one, best in zip(jobs_of(arm, bests), bests, strict=True)
     ]
 
@@ -121,7 +126,12 @@ def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
     assert "trained for 9 epochs with 5 fresh seeds." in table.notes[1]
     assert best(sweep, found).notes[0].startswith("Secondary metric; the primary one is test MSE.")
     assert "noisy minimum" in best(sweep, found).notes[0]
-    assert arms_table(sweep, found, "n").columns[2:4] == ("test MSE", "best fitness")
+    assert arms_table(sweep, found, "n").columns[2:5] == ("test MSE", "test loss", "best fitness")
+    assert "10 of 50 trainings had the best epoch in the last tenth" in " ".join(table.notes)
+    several = replace(STATED, retraining=Retraining(elites=2, seeds=5, epochs=9, choose=ChosenBy.reestimated))
+    told = " ".join(metric_table(replace(sweep, terms=several), found, Metric.test_loss, ARCHIVE).notes)
+    assert "the 2 networks with the best median fitness in a noise run" in told
+    assert "Fewer networks of different sources were there, and all were tested: none-seed0 (1)" in told
     late = replace(sweep, terms=replace(STATED, primary=None))
     assert "after their searches" in metric_table(late, found, Metric.test_mse, ARCHIVE).notes[0]
 
