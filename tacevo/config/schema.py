@@ -161,7 +161,7 @@ class DataConfig(Record):
     select: bool = False
     #: TacVerse: what the classes of gratings are.
     classes: GratingClasses = GratingClasses.size
-    #: TacVerse: the sensor that is tested, if not the one that trains.
+    #: TacVerse: the sensor that is tested, which then does not train.
     test_sensor: Text | None = None
     #: How much of its training part trains, too: presses of each grating, images of each shape or with forces.
     shots: AtLeast0 = 0

@@ -102,7 +102,7 @@ class TacVerse:
     images: int | None = None
     #: Gratings: what the classes are.
     classes: GratingClasses = GratingClasses.size
-    #: The sensor that is tested, if not the one that trains; with the release's split only.
+    #: The sensor that is tested, which then does not train; with the release's split only.
     test_sensor: str | None = None
     #: How much of the tested sensor's training part trains, too: presses of each grating, images of each shape, or
     #: images with forces, drawn by `seed`.
@@ -244,10 +244,10 @@ class TacVerse:
         """Find the images of all sensors that train or are tested."""
         named = self.sensor.split(AND)
         _check_named("data.sensor", named)
-        if self.test_sensor in named:
+        sensors = {name: "data.sensor" for name in named if name != self.test_sensor}
+        if not sensors:
             expected = f"another sensor than data.sensor={self.sensor}, or null"
             raise DataError(str(self.test_sensor), place="data.test_sensor", expected=expected)
-        sensors = {name: "data.sensor" for name in named}
         if self.test_sensor is not None:
             sensors[self.test_sensor] = "data.test_sensor"
         find: Callable[[str, str], _Listing] = self._rows if self.task in COLUMNS else self._presses
