@@ -9,6 +9,7 @@ import pandas as pd
 
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
+from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
 from analysis.studies.images import ImageFindings, image_findings
@@ -138,6 +139,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
         if one.record.terms is not None:
             try:
                 study = as_study(one)
+                study = replace(study, ceiling=ceiling_of(study, run.config))
             except RunError as error:
                 left_out.append(_reason(error, run))
                 continue
