@@ -6,6 +6,7 @@ their bytes are the same on every CPU. What it does not promise: that a network 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -27,12 +28,13 @@ from tacevo.data.simulator.contact import (
     tangential_force,
 )
 from tacevo.data.simulator.optics import DOME_RADIUS
-from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_number, sine
+from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_density, normal_number, sine
 from tacevo.data.simulator.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
 from tacevo.data.source import Catalogue, Picture
 from tacevo.data.sources.tacverse import OUTPUTS
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
+from tacevo.rounding import rounded
 
 #: Changes whenever an image or a label would change; part of the cache key.
 SIMULATOR_VERSION = 4
@@ -236,6 +238,19 @@ def _grating(rng: np.random.Generator, spacing: float) -> Press:
         fading=0.5,
         grating=grating,
     )
+
+
+def ideal_accuracy(spacings_mm: Sequence[float]) -> float:
+    """Return the accuracy that no network can expect to exceed on gratings of these spacings, in (0, 1].
+
+    The class enters a picture by the width of the ridges alone, and that errs. So it is that of an observer who sees
+    every width, and names the likeliest of classes that are equally frequent: the integral of their largest density.
+    """
+    means = np.array(sorted(spacings_mm))[:, None]
+    logs = np.arange(math.log(0.6 * means[0, 0]), math.log(1.4 * means[-1, 0]), WIDTH_ERROR / 200)
+    widths = np.exp(logs)
+    densities = normal_density((widths / means - 1) / WIDTH_ERROR) / (WIDTH_ERROR * means)
+    return rounded(float(np.trapezoid(densities.max(axis=0) * widths, logs)) / len(means))
 
 
 def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:
