@@ -405,6 +405,10 @@ class DataFacts(Record):
     outputs: int
     #: Names of the regressed values or of the classes, in the order of the outputs.
     names: tuple[str, ...]
+    #: The settings that selected images of a recording, e.g. `data.images=700`; none where all were taken.
+    selected: tuple[str, ...] = ()
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"selected"})
 
 
 @overload

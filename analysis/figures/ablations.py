@@ -45,6 +45,7 @@ _LEGEND, _HANDLE, _NAME = 130, 8, 28
 _ENDS = {
     Metric.test_mse: ("test MSE", 1),
     Metric.test_accuracy: ("test accuracy (%)", 100),
+    Metric.test_loss: ("test loss, geometric mean", 1),
     Metric.best_fitness: ("best validation loss", 1),
     Metric.new_quartile: ("fitness, lower quartile of new candidates", 1),
     Metric.qd_score: ("QD-score (common archive)", 1),

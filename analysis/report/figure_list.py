@@ -27,7 +27,7 @@ from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
 from analysis.studies.noise import losses_by_source
-from analysis.tables.ablation import common_note
+from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind
@@ -78,6 +78,7 @@ def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     """List the figures of a sweep."""
     note = common_note(collected.niches_of)
     reference = collected.found.reference
+    note = " ".join([note, *temperature_notes(collected.sweep)])
     dotted = "" if reference is None else f", the dotted line is the median of {reference}"
     return (
         Picture(

@@ -61,7 +61,8 @@ def collect_sweep(
     common = common_archive(runs, measure.run, niches.networks)
     curves = curves_frame(sweep.finished, common)
     jobs = jobs_frame(sweep.finished, curves)
-    found = compare_arms(jobs, wanted=wanted, primary=primary_metric(sweep), failed=sweep.failed)
+    primary, twins = primary_metric(sweep), sweep.twins_of(wanted)
+    found = compare_arms(jobs, wanted=wanted, primary=primary, failed=sweep.failed, twins=twins)
     return SweepCollection(
         sweep=sweep,
         found=found,

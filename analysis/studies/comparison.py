@@ -23,7 +23,7 @@ from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
-from tacevo.results.study_lines import fewest_seeds
+from tacevo.results.study_lines import fewest_seeds, is_late
 from tacevo.rounding import rounded
 
 
@@ -83,7 +83,7 @@ def late(study: RecordedStudy) -> dict[str, float]:
 
     Such a training may not have converged: against it, a network that is called better may only be faster.
     """
-    late_ones = Counter(one.network for one in study.scores if 10 * one.epoch > 9 * study.recipe.epochs)  # in integers
+    late_ones = Counter(one.network for one in study.scores if is_late(one, study.recipe.epochs))
     return {network.name: rounded(late_ones[network.name] / study.seeds) for network in study.networks}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
-from analysis.studies.transfer import OnData
+from analysis.studies.transfer import OnData, concordance
 from analysis.table import Cell, PValue, Table
 from analysis.tables.comparison import score_cell
 from tacevo.results.trivial import trivial_score
@@ -29,11 +29,23 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
         notes=(
             f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}.",
+            *_agreement(studies),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
             "set, and not over data sets. Splits of one recording share most of their images, so they are not "
             "independent.",
         ),
     )
+
+
+def _agreement(studies: Sequence[OnData]) -> list[str]:
+    """Say how far the data sets agree on the order of the networks."""
+    found = concordance(studies)
+    if found is None:
+        return []
+    return [
+        f"The order of the networks by their medians agrees over the data sets with Kendall's W = {found:.2f}: 1 is "
+        "one order everywhere, 0 is no agreement."
+    ]
 
 
 def _rows(on: OnData) -> Iterator[tuple[Cell, ...]]:

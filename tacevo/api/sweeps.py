@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.sweeps.ablation import Ablation
-from analysis.sweeps.metrics import TESTS, Metric
+from analysis.sweeps.metrics import TESTED, TESTS, Metric
 from analysis.table import Table as Rows
 from tacevo.api import frames
 from tacevo.api.replaying import replay
@@ -185,7 +185,7 @@ def metric_of(name: str | None, compared: Ablation) -> Metric:
     wanted = compared.primary.name if name is None and compared.primary is not None else name
     if wanted in known:
         return known[wanted]
-    is_test = wanted in {Primary.test_score, *(metric.name for metric in TESTS.values())}
+    is_test = wanted in {Primary.test_score, *(metric.name for metric in TESTED)}
     otherwise = "`tacevo study sweep=SWEEP` gives test scores" if is_test else "sweep.jobs has a column for each"
     raise ConfigError(
         "none, and the sweep states none" if wanted is None else repr(wanted),

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
 from analysis.report.writing import left_of_studies, write_tables
-from analysis.sweeps.metrics import TESTS, Metric
+from analysis.sweeps.metrics import TESTED, Metric
 from analysis.table import Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
@@ -93,7 +93,7 @@ def run_ablations(options: argparse.Namespace) -> int:
     print_table(_in_short(next(table for table in tables if table.name == f"ablation_{first.name}")), Console())
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
-    if collected.found.primary in TESTS.values() and collected.sweep.terms.retraining is None:
+    if collected.found.primary in TESTED and collected.sweep.terms.retraining is None:
         print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
     print(f"tables and figures: {directory} (index.md says which question each answers)")
     return DONE

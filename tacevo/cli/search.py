@@ -195,7 +195,7 @@ def run_sweep(options: argparse.Namespace) -> int:
 def _after(sweep: Path) -> str:
     """Return the command that a finished sweep is for: the tests of its networks, or else the comparison."""
     terms = SweepDirectory(sweep).read().terms
-    if terms.primary is Primary.test_score and terms.retraining is None:
+    if terms.primary in {Primary.test_score, Primary.test_loss} and terms.retraining is None:
         return f"{as_typed('tacevo')} study {shlex.quote(as_override('sweep', str(sweep)))} seeds=5"
     return f"{as_typed('tacevo')} ablations {shlex.quote(str(sweep))}"
 

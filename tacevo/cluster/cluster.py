@@ -28,7 +28,7 @@ from tacevo.cluster.node import Node
 from tacevo.cluster.slot import run_job
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits
-from tacevo.sandbox.client import Died, Finished
+from tacevo.sandbox.client import Died, Finished, Score
 from tacevo.sandbox.protocol import describe
 from tacevo.text import counted
 from tacevo.training.leases import gpu_share
@@ -140,7 +140,9 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(
+        self, entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
+    ) -> Finished | Died:
         """Run one job where a slot is free, and wait for it, as `Sandbox.run`.
 
         Raises:
@@ -150,7 +152,7 @@ class Cluster:
         needs = {"CPU": 1.0, "memory": limits.memory_mib * 2.0**20}
         if isinstance(header, Mapping) and "device" in header:
             needs["GPU"] = gpu_share(self._order.device, self._order.per_gpu)
-        flight = _Flight(job=pickle.dumps((entry, header, payload, limits)), needs=needs)
+        flight = _Flight(job=pickle.dumps((entry, header, payload, limits, score)), needs=needs)
         try:
             with self._lock:
                 if self._end is not None:

@@ -56,10 +56,10 @@ class Node:
             SandboxError: as `Sandbox.run`; or the images were removed.
         """
         self._held.measures = ()
-        entry, header, payload, limits = pickle.loads(job)
+        entry, header, payload, limits, score = pickle.loads(job)
         if gpus:
             header = leased(header, gpus[0], self._order.per_gpu)
-        answer = self._sandbox().run(entry, header, payload, limits)
+        answer = self._sandbox().run(entry, header, payload, limits, score)
         return pickle.dumps((answer, self._walls()))
 
     def _walls(self) -> dict[str, str] | None:

@@ -22,6 +22,9 @@ MOST = 6
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
 
+#: The test metric that is the loss of training.
+LOSS = {Kind.regression: "mse", Kind.classification: "cross_entropy"}
+
 LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 
 

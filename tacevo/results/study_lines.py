@@ -153,6 +153,11 @@ def study_line_kind(entry: Mapping[str, Json]) -> type[StudyHeader | ScoreLine |
     return FailedLine if "reason" in entry else ScoreLine
 
 
+def is_late(score: ScoreLine, epochs: int) -> bool:
+    """Return whether the best epoch of a training of so many epochs lies in its last tenth: more might be better."""
+    return 10 * score.epoch > 9 * epochs  # in integers
+
+
 def fewest_seeds(alpha: float) -> int:
     """Return the least S for which a two-sided rank test of S values against S can be significant at a level alpha.
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from tacevo.config.identity import config_hash
+from tacevo.config.identity import config_hash, is_equal_by_construction
+from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.evolution.files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
@@ -76,6 +77,14 @@ class RecordedSweep:
     def failed(self) -> tuple[Job, ...]:
         """Jobs whose search failed, or the test of what they found."""
         return tuple(one.job for one in (*self.missing, *self.untested) if one.has_failed)
+
+    def twins_of(self, reference: str) -> list[str]:
+        """Name the arms whose finished searches must equal those of a reference, whatever they find."""
+        arms: dict[str, dict[int, RunConfig]] = {}
+        for one in self.finished:
+            arms.setdefault(one.job.arm, {})[one.job.seed] = one.run.config
+        own = arms.pop(reference, {})
+        return [arm for arm, configs in arms.items() if is_equal_by_construction(own, configs)]
 
     @property
     def task(self) -> str:

@@ -49,6 +49,10 @@ class Inspection:
     images: Mapping[str, int]
     #: Rows of a table that were left out, because their image is missing.
     skipped: int
+    #: The settings that selected images of the recording.
+    selected: tuple[str, ...]
+    #: Of TacVerse: what lies in the directory, beside what the release holds; a line for each task.
+    release: tuple[str, ...]
     #: Files beside the images that are not used.
     ignored: tuple[str, ...]
     #: Width and height before resizing; None where images are drawn.
@@ -94,6 +98,8 @@ def report(found: Inspection) -> str:
     lines = [
         f"source:      {found.source}{'' if found.root is None else f', {found.root}'}, task {found.task}",
         "images:      {all}: {train} training, {validation} validation, {test} test".format(**found.images),
+        *([f"selected:    by {', '.join(found.selected)}"] if found.selected else []),
+        *(f"release:     {words}" for words in found.release),
         *_listed("left out:    {} whose image is missing (data.skip_missing)", "row", found.skipped),
         *_listed("ignored:     {} outside the data set: ", "file", len(found.ignored), found.ignored, ", "),
         f"size:        {drawn} {size} pixels{'' if found.is_sized else _UNSIZED}",

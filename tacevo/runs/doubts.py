@@ -24,7 +24,7 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
     """
     found = left_of_others(config.task)
     names = dataset.facts.names
-    if not _suit(config.task, names):
+    if config.data.source is not DataSource.tacverse and not _suit(config.task, names):
         outputs = listed(config.task.output_names) or "gratings"
         found.append(
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "

@@ -2,11 +2,13 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tacevo.choices import ExecutorKind, Tracking
+from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import length
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
@@ -28,7 +30,7 @@ from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.doubts import doubts_of
-from tacevo.runs.pace import trainings_at_once
+from tacevo.runs.pace import part_saved, trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
@@ -72,7 +74,7 @@ def search(config: RunConfig, view: Progress) -> Result:
     with start_zygote(config) as zygote:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        for doubt in doubts_of(config, task, data):
+        for doubt in (*doubts_of_settings(config), *doubts_of(config, task, data)):
             view.say(f"warning: {doubt}")
         return record(config, task, data, view, zygote=zygote, llm=llm)
 
@@ -134,6 +136,7 @@ def record(
                 usable=usable,
                 trivial=trivial,
                 at_once=config.executor.workers if is_elsewhere else trainings_at_once(config),
+                saving=partial(part_saved, config, len(data.train)),
                 elsewhere=asks_elsewhere(config.llm),
             )
             with Workbench(
@@ -315,9 +318,10 @@ class _Recorder(Watcher):
         usable: UsableAnswers,
         trivial: float,
         at_once: int,
+        saving: Callable[[], float],
         elsewhere: bool,
     ) -> None:
-        super().__init__(plan, view, trivial, at_once=at_once)
+        super().__init__(plan, view, trivial, at_once=at_once, saving=saving)
         self._usable = usable
         self._directory = directory
         self._ledger = ledger

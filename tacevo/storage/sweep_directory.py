@@ -44,13 +44,21 @@ class Job(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retraining(Record):
-    """How the best network of each job is trained again and tested."""
+    """How the best networks of each job are trained again and tested."""
 
+    #: How many of them, at most.
+    elites: Annotated[int, Ge(1)] = 1
     #: K, fresh training seeds of each network.
     seeds: Annotated[int, Ge(1)]
     epochs: Annotated[int, Ge(1)]
     #: What `best` means.
     choose: ChosenBy
+
+    @property
+    def settings(self) -> str:
+        """The settings of `tacevo study sweep=` that state it."""
+        several = f"elites={self.elites} " if self.elites > 1 else ""
+        return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -55,7 +55,7 @@ class FakeSandbox:
         self.outcome = outcome or sent(ANSWER)
         self.headers: list[Any] = []
 
-    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits, *_: object) -> Finished | Died:
         """Answer as told."""
         assert (entry, payload, limits.memory_mib) == ("probe", b"", PROBE_LIMITS.memory_mib)
         self.headers.append(header)

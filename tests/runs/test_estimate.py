@@ -12,20 +12,21 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from tacevo.choices import Device, ExecutorKind, Numerics
+from tacevo.choices import Device, ExecutorKind
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_estimate
-from tacevo.config.schema import NumericsConfig, RunConfig
+from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
 from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.runs.estimate import describe_estimate, describe_estimates, estimate
-from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings, trainings_at_once
+from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings, trainings_at_once
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.storage.store import Store
+from tacevo.text import lasting
 
 SMALL = [
     "experiment=published_force",
@@ -34,8 +35,6 @@ SMALL = [
     "search.candidates=10",
     "search.initial=4",
 ]
-
-AVX512 = NumericsConfig(kind=Numerics.portable512)
 
 Estimating = Callable[..., list[str]]
 
@@ -53,7 +52,7 @@ def paced(config: RunConfig) -> Pace:
 
 def described(config: RunConfig) -> str:
     """Write an estimate down without measuring."""
-    return describe_estimate(config, paced)
+    return describe_estimate(config, paced, lambda config, images: 0.0)
 
 
 def first_requests(overrides: list[str]) -> list[Request]:
@@ -254,29 +253,37 @@ def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp
 
 
 def test_long_search_is_told_what_avx512_would_save(overrides: Estimating) -> None:
-    """As measured; not a search of minutes, nor one with other numerics, nor where it saves nothing or cannot run."""
-
-    def measured(images_per_second: float, config: RunConfig) -> Pace:
-        is_faster = config.numerics.kind is Numerics.portable512
-        return replace(paced(config), images_per_second=images_per_second if is_faster else 100.0)
-
-    def lacking(config: RunConfig) -> Pace:
-        if config.numerics.kind is Numerics.portable512:
-            raise ConfigError("x86_64 without avx512f")
-        return paced(config)
-
+    """As measured; not a search of minutes, which it is not measured for, nor one that it saves less than a minute."""
     long, short = compose(overrides("training.seeds=3")), compose(overrides("training.epochs=1"))
-    saved = paced(long).seconds(long, 480) - measured(150.0, replace(long, numerics=AVX512)).seconds(long, 480)
-    told = describe_estimate(long, partial(measured, 150.0))
-    assert told.splitlines()[-1].startswith(f"numerics=portable512 would save about {saved / 3600:.2g} of these hours")
-    for config, measuring in (
-        (long, partial(measured, 99.0)),
-        (long, lacking),
-        (short, partial(measured, 150.0)),
-        (replace(long, numerics=AVX512), partial(measured, 150.0)),
-        (compose(overrides("training.seeds=3", "numerics=fast")), partial(measured, 150.0)),
-    ):
-        assert "would save" not in describe_estimate(config, measuring)
+    took = paced(long).seconds(long, 480)
+    asked: list[tuple[RunConfig, int]] = []
+
+    def told(config: RunConfig, part: float) -> str:
+        def saving(config: RunConfig, images: int) -> float:
+            asked.append((config, images))
+            return part
+
+        return describe_estimate(config, paced, saving).splitlines()[-1]
+
+    assert told(long, 0.2).startswith(f"numerics=portable512 would save {lasting(0.2 * took)} of it (20%)")
+    assert "would save" not in told(long, 59 / took)
+    assert asked == [(long, 480)] * 2
+    assert "would save" not in told(short, 0.2)
+    assert len(asked) == 2
+
+
+@pytest.mark.parametrize(
+    "setting", ["numerics=portable512", "numerics=fast", "executor=ray", "task.baseline=/dev/null"]
+)
+def test_nothing_is_saved_where_nothing_can_be_chosen(setting: str, overrides: Estimating) -> None:
+    """Other numerics, nodes, a baseline that does not train: no reason to stop a search."""
+    assert part_saved(compose(overrides(setting)), 480) == 0.0
+
+
+@pytest.mark.slow
+def test_saving_is_measured(overrides: Estimating) -> None:
+    """A part of the time, on a CPU with AVX-512; none on others, which are told no error."""
+    assert 0 <= part_saved(compose(overrides()), 480) < 1
 
 
 def test_hours_that_cannot_be_measured_are_said_to_be_so(overrides: Estimating) -> None:

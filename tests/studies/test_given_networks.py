@@ -105,6 +105,19 @@ def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFix
     assert {path: path.read_bytes() for path in here.glob("run/studies/*/*")} == before
 
 
+def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By commas; they end in one table. A value that is wrong is told before the first is studied."""
+    assert main(["study", "run", "seeds=2", "epochs=1", "data.split_seed=7,0"]) == 0
+    told = capsys.readouterr()
+    assert told.err.count("(6 of 6 trainings recorded already)") == 2
+    assert "Kendall's W" in " ".join(told.out.split())
+    assert "split_seed=7" in told.out
+    before = list(here.glob("run/studies/*"))
+    assert main(["study", "run", "seeds=3", "epochs=1", "data.split_seed=1,-1"]) == 2
+    assert "data.split_seed" in capsys.readouterr().err
+    assert list(here.glob("run/studies/*")) == before
+
+
 def test_study_that_was_begun_under_its_earlier_name_is_continued(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,7 @@ from analysis.sweeps.metrics import Metric
 ENDS = (
     Metric.test_mse,
     Metric.test_accuracy,
+    Metric.test_loss,
     Metric.best_fitness,
     Metric.new_quartile,
     Metric.qd_score,

@@ -23,7 +23,7 @@ from analysis.sweeps.ablation import (
     jobs_frame,
     slots_of,
 )
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.metrics import TESTED, Metric
 from tacevo.costs import Spending
 from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job
@@ -107,6 +107,18 @@ def test_identical_values_are_not_mann_whitney_of() -> None:
     same = contrast(found, "same")
     assert (same.comparability, same.equal, is_untested(same)) == (Comparability.identical, 5, True)
     assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
+
+
+def test_arm_that_is_the_reference_by_construction_leaves_the_family() -> None:
+    """Nothing is tested, and another arm is corrected as if it were not there; with one seed, too."""
+    runs = jobs({"none": NONE, "same": NONE, "better": BETTER}, {"none": range(5), "same": range(5)})
+    found = compare_arms(runs, twins=["same"])
+    same = contrast(found, "same")
+    assert (same.comparability, same.differing, is_untested(same)) == (Comparability.by_construction, 0, True)
+    assert contrast(found, "better").p_holm == pytest.approx(2 / 252)
+    single = compare_arms(jobs({"none": {0: 0.5}, "same": {0: 0.5}, "other": {0: 0.4}}, {"none": [0], "same": [0]}))
+    assert contrast(single, "same").comparability == Comparability.identical
+    assert contrast(single, "other").comparability == Comparability.too_few_seeds
 
 
 #: The runs of three seeds are those of `none`.
@@ -216,7 +228,7 @@ def test_any_arm_can_be_the_reference() -> None:
 def test_score_on_test_images_is_shown_where_a_run_has_one() -> None:
     """Of the task's own metric only; an accuracy is better where it is more."""
     runs = jobs({"none": NONE, "better": BETTER})
-    assert {Metric.test_mse, Metric.test_accuracy}.isdisjoint(compare_arms(runs).arms)
+    assert TESTED.isdisjoint(compare_arms(runs).arms)
     found = compare_arms(runs.assign(test_accuracy=1 - runs.best_fitness))
     assert list(found.arms)[:2] == [Metric.test_accuracy, Metric.best_fitness]
     better = contrast(found, "better", Metric.test_accuracy)
@@ -304,7 +316,7 @@ def test_run_is_measured_by_hand() -> None:
     ]
     paid = dict.fromkeys(("g00s01", "g01s00", "g01s01"), spent)
     values = values_of(run(slots, [closed(0, 0.4), closed(1, 0.1, candidates=4, trained=2)], spent=paid))
-    assert pd.isna([values.pop("test_mse"), values.pop("test_accuracy")]).all()
+    assert pd.isna([values.pop(metric.name) for metric in TESTED]).all()
     assert values == {
         "best_fitness": 0.1,
         "new_quartile": 0.1,

@@ -18,7 +18,7 @@ from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import RETRAININGS, Wish, plan
 from analysis.table import Percent
 from analysis.tables.plan import plan_notes, plan_table
-from tacevo.choices import ChosenBy
+from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.evolution.lines import ReevaluationLine
@@ -191,15 +191,20 @@ def test_pilots_of_unlike_trainings_are_named_in_words() -> None:
         study_pilot([(run([trained(0, 0)], []), one) for one in (short, long)])
 
 
+def score_of(*values: tuple[float, ...]) -> JobScore:
+    """Make the scores of networks by training seed."""
+    return JobScore(metric="mse", networks=("g00s00",) * len(values), values=values, losses=values, late=0)
+
+
 def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> RecordedSweep:
     """Make a sweep whose jobs have these test scores by training seed."""
     jobs = [
-        replace(finished(arm, seed, run_to(0.5)), tested=JobScore(metric="mse", values=values, network="g00s00"))
+        replace(finished(arm, seed, run_to(0.5)), tested=score_of(values))
         for arm, jobs in arms.items()
         for seed, values in enumerate(jobs)
     ]
     retraining = Retraining(
-        seeds=len(jobs[0].tested.values) if jobs[0].tested else 0, epochs=7, choose=ChosenBy.fitness
+        seeds=len(jobs[0].tested.values[0]) if jobs[0].tested else 0, epochs=7, choose=ChosenBy.fitness
     )
     return replace(sweep_of(jobs), terms=SweepTerms(retraining=retraining))
 
@@ -215,6 +220,31 @@ def test_pilot_of_a_sweep_has_both_spreads() -> None:
     noisy = sweep_pilot([sweep_with({"none": [(1.0, e**2), (1.0, e**2)]})])
     assert noisy.within == pytest.approx(math.sqrt(2), rel=1e-8)
     assert noisy.spread.deviation == 0
+
+
+def test_pilot_of_several_networks_a_job_is_planned_by_their_losses() -> None:
+    """By hand: jobs at 1 and e, seeds of a network 0 and 2 apart; two networks and four seeds leave sqrt(2 / 8)."""
+    e = math.e
+    jobs = [
+        replace(finished("none", seed, run_to(0.5)), tested=score_of((level, level * e**2), (level * e**2, level)))
+        for seed, level in enumerate((1.0, e))
+    ]
+    retraining = Retraining(elites=2, seeds=2, epochs=7, choose=ChosenBy.fitness)
+    found = sweep_pilot([replace(sweep_of(jobs), terms=SweepTerms(retraining=retraining))])
+    assert (found.metric, found.elites) == ("loss", 2)
+    assert found.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
+    assert found.within == pytest.approx(math.sqrt(2), rel=1e-8)
+    assert found.noise(4) == pytest.approx(math.sqrt(2 / 8), rel=1e-8)
+    planned = plan(found, replace(WISH, effect=0.9))
+    for way in planned.ways.itertuples():
+        assert way.trainings == (2 * way.searches + way.seeds) * way.retraining
+    assert planned.plan is not None
+    assert (planned.plan.elites, planned.plan.metric) == (2, "loss")
+    told = " ".join((plan_table(planned).caption, *plan_table(planned).notes))
+    assert "90.0 % less test loss" in told
+    assert "2 networks of each job" in told
+    one = replace(sweep_of(jobs), terms=SweepTerms(primary=Primary.test_loss, retraining=replace(retraining, elites=1)))
+    assert sweep_pilot([one]).metric == "loss"
 
 
 def test_run_and_training_that_arms_share_count_once() -> None:

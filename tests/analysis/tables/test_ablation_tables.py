@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from hand_runs import altered
 from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms
-from analysis.sweeps.metrics import TESTS, Metric
+from analysis.sweeps.metrics import TESTED, Metric
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
@@ -28,7 +29,7 @@ def best(sweep: RecordedSweep = SWEEP, found: Ablation = FOUND) -> Table:
 def test_every_metric_has_a_table() -> None:
     """Named after it, beside that of all arms and that of all runs."""
     names = [table.name for table in ablation_tables(SWEEP, FOUND, ARCHIVE)]
-    metrics = [f"ablation_{metric.name}" for metric in Metric if metric not in TESTS.values()]
+    metrics = [f"ablation_{metric.name}" for metric in Metric if metric not in TESTED]
     assert names == ["ablation", "ablation_settings", *metrics, "ablation_runs"]
 
 
@@ -62,6 +63,44 @@ def test_identical_arm_shows_the_word() -> None:
     assert any(
         note.startswith("Identical: same. No run of such an arm differs from that of none") for note in best().notes
     )
+
+
+def configured(arm: str, seed: int, bests: Sequence[float] = NONE, **settings: Any) -> Finished:
+    """Make a job of `none`'s search, or of another, under other settings."""
+    (job,) = jobs_of(arm, bests[seed : seed + 1])
+    return finished(arm, seed, job.run, settings=settings)
+
+
+def test_arm_without_a_record_of_prompts_is_named_the_reference() -> None:
+    """Its settings alone say so, where prompts are drawn uniformly; where they are not, it is an arm as any other."""
+    jobs = [configured("none", seed) for seed in range(5)]
+    jobs += [configured("worse", seed, WORSE, archive={"kind": "best"}) for seed in range(5)]
+    without = [configured("without", seed, prompts={"policy": "none"}) for seed in range(5)]
+    sweep = sweep_of([*jobs, *without])
+    assert sweep.twins_of("none") == ["without"]
+    found = compare_arms(compared(*jobs, *without)[1].jobs, twins=["without"])
+    table = best(sweep, found)
+    told = next(note for note in table.notes if note.startswith("Identical by construction: without."))
+    assert "prompts=uniform" in told
+    assert any("corrected over 1 arm after Holm" in note for note in table.notes)
+    overview = arms_table(sweep, found, "n")
+    assert told in overview.notes
+    marks = {row[0]: row[2] for row in overview.rows}
+    assert (overview.columns[2], marks) == ("equal to", {"none": None, "worse": None, "without": "none"})
+    curious = [configured(one.job.arm, one.job.seed, prompts={"policy": "curiosity"}) for one in jobs[:5]]
+    assert sweep_of([*curious, *without]).twins_of("none") == []
+    assert "equal to" not in arms_table(SWEEP, FOUND, "n").columns
+
+
+def test_temperature_of_the_grammar_is_explained_where_arms_differ_in_it() -> None:
+    """In the overview, in each metric, and beside the settings; nowhere else."""
+    cold = [configured("cold", seed, temperature={"start": 0.0}) for seed in range(5)]
+    sweep, found = compared(*(configured("none", seed) for seed in range(5)), *cold)
+    for table in ablation_tables(sweep, found, ARCHIVE):
+        told = any("mutation strength" in note for note in table.notes)
+        assert told == (table.name != "ablation_runs"), table.name
+    others = [note for table in ablation_tables(SWEEP, FOUND, ARCHIVE) for note in table.notes]
+    assert not any("mutation strength" in note for note in others)
 
 
 def test_one_run_that_differs_is_no_sample() -> None:
@@ -105,7 +144,12 @@ STATED = SweepTerms(
 def scored(bests: Sequence[float], arm: str) -> list[Finished]:
     """Make an arm's jobs, whose networks score a tenth of their fitness on the test images."""
     return [
-        replace(one, tested=JobScore(metric="mse", values=(best / 10,), network="g01s00"))
+        replace(
+            one,
+            tested=JobScore(
+                metric="mse", networks=("g01s00",), values=((best / 10,),), losses=((best / 10,),), late=1, trivial={}
+            ),
+        )
         for one, best in zip(jobs_of(arm, bests), bests, strict=True)
     ]
 
@@ -121,7 +165,12 @@ def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
     assert "trained for 9 epochs with 5 fresh seeds." in table.notes[1]
     assert best(sweep, found).notes[0].startswith("Secondary metric; the primary one is test MSE.")
     assert "noisy minimum" in best(sweep, found).notes[0]
-    assert arms_table(sweep, found, "n").columns[2:4] == ("test MSE", "best fitness")
+    assert arms_table(sweep, found, "n").columns[2:5] == ("test MSE", "test loss", "best fitness")
+    assert "10 of 50 trainings had the best epoch in the last tenth" in " ".join(table.notes)
+    several = replace(STATED, retraining=Retraining(elites=2, seeds=5, epochs=9, choose=ChosenBy.reestimated))
+    told = " ".join(metric_table(replace(sweep, terms=several), found, Metric.test_loss, ARCHIVE).notes)
+    assert "the 2 networks with the best median fitness in a noise run" in told
+    assert "Fewer networks of different sources were there, and all were tested: none-seed0 (1)" in told
     late = replace(sweep, terms=replace(STATED, primary=None))
     assert "after their searches" in metric_table(late, found, Metric.test_mse, ARCHIVE).notes[0]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from tacevo.choices import LightScene, Normalisation, SensorTask, SplitRule, TargetScaling
+from tacevo.choices import LightScene, Normalisation, RecordedTask, SensorTask, SplitRule, TargetScaling
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
 from tacevo.data.simulator.tasks import Simulated
@@ -68,7 +68,7 @@ def save_forces(root: Path, rows: str, *, images: int = 3, header: str = "image_
     (folder / "ViTacTip.csv").write_text(header + rows)
     for number in range(images):
         save_image(folder / f"image_{number}.png", number)
-    return TacVerse(root=root, task=SensorTask.force, sensor="ViTacTip", pattern=None, image_size=16)
+    return TacVerse(root=root, task=RecordedTask.force, sensor="ViTacTip", pattern=None, image_size=16)
 
 
 def save_gratings(root: Path, *names: str) -> TacVerse:
@@ -77,7 +77,7 @@ def save_gratings(root: Path, *names: str) -> TacVerse:
     folder.mkdir(parents=True, exist_ok=True)
     for number, name in enumerate(names):
         save_image(folder / name, number % 256)
-    return TacVerse(root=root, task=SensorTask.grating, sensor="ViTacTip", pattern="Blackdot", image_size=16)
+    return TacVerse(root=root, task=RecordedTask.grating, sensor="ViTacTip", pattern="Blackdot", image_size=16)
 
 
 def save_arrays(path: Path, **arrays: object) -> Arrays:
