@@ -26,6 +26,7 @@ from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
+from tacevo.results.summary import summarise
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
 from tacevo.text import listed, nearest
@@ -74,6 +75,11 @@ class Run:
     def versions(self) -> Mapping[str, str]:
         """Of Python and the packages that made it, by name."""
         return self.recorded.record.versions
+
+    @property
+    def summary(self) -> str:
+        """What was found in words and tables, in Markdown, as `tacevo show` begins."""
+        return summarise(self.recorded)
 
     @property
     def candidates(self) -> pd.DataFrame:

@@ -65,9 +65,10 @@ def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
 
 @contextlib.contextmanager
 def progress_of(words: str, total: int) -> Iterator[Callable[[str], None]]:
-    """Show how many pictures are drawn, on a terminal."""
+    """Say how many pictures are drawn; on a terminal, show how far it is."""
     number = itertools.count(1)
     with Progress() as view:
+        view.say(f"drawing {total} {words}")
         yield lambda name: view.advance(words, next(number), total)
 
 
@@ -78,9 +79,10 @@ def run_ablations(options: argparse.Namespace) -> int:
     if isinstance(sweep, Run):
         remedy = "`tacevo tables` has those of a run"
         raise RunError("one run", place=options.runs[0], expected="a sweep", remedy=remedy)
-    collected = sweep.collection(options.reference)
-    directory = output_directory(place)
-    with Progress():
+    with Progress() as view:
+        view.say("comparing the arms")
+        collected = sweep.collection(options.reference)
+        directory = output_directory(place)
         tables, _ = sweep.all_tables(options.reference)
         write_tables(tables, directory)
     pictures = sweep_pictures(collected)

@@ -188,7 +188,7 @@ def _end(studied: Studied, remedy: str) -> int:
 
 def run_plan(options: argparse.Namespace) -> int:
     """Plan a number of seeds."""
-    pilot = _pilot(options.kind, [Path(name) for name in options.pilots])
+    pilot = _pilot(options.kind, [Path(name) for name in options.runs])
     wish = Wish(
         effect=options.effect,
         alpha=options.alpha,

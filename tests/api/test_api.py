@@ -170,7 +170,7 @@ def test_every_column_has_values() -> None:
 
 
 def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every table, byte for byte; a study's by its own name, too."""
+    """Every table and the summary, byte for byte; a study's table by its own name, too."""
     assert main(["tables", "run"]) == 0
     made = tacevo.open("run")
     assert isinstance(made, tacevo.Run)
@@ -179,6 +179,8 @@ def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixtu
     (study,) = made.studies
     assert study.tables["verdicts"].to_markdown() == made.tables[f"{study.name}/verdicts"].to_markdown()
     assert made.tables["verdicts"].to_markdown() in capsys.readouterr().out
+    assert main(["show", "run"]) == 0
+    assert capsys.readouterr().out.startswith(made.summary)
     assert next(iter(made.figures)) == "samples"
 
 
