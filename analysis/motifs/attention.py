@@ -29,8 +29,8 @@ class Gate:
 
 def find_gates(flow: Flow) -> tuple[Gate, ...]:
     """Find every gate whose result reaches the output; one that is computed and dropped attends to nothing."""
-    found = (_gate(flow, index) for index in sorted(flow.live))
-    return tuple(gate for gate in found if gate is not None)
+    gates = (_gate(flow, index) for index in sorted(flow.live))
+    return tuple(gate for gate in gates if gate is not None)
 
 
 def _gate(flow: Flow, index: int) -> Gate | None:

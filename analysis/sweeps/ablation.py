@@ -180,14 +180,14 @@ def compare_arms(
 
 
 def _values(run: RecordedRun) -> dict[Metric, float | None]:
-    found, spent = improvement(run), spending(run, run.candidates)
+    gains, spent = improvement(run), spending(run, run.candidates)
     return {
-        Metric.best_fitness: found.get("last"),
-        Metric.new_quartile: found.get("new_quartile"),
-        Metric.new_median: found.get("new_median"),
-        Metric.improvement: _rounded(found.get("over_first")),
-        Metric.improvement_over_baseline: _rounded(found.get("over_baseline")),
-        Metric.trainable: _rounded(found.get("trainable")),
+        Metric.best_fitness: gains.get("last"),
+        Metric.new_quartile: gains.get("new_quartile"),
+        Metric.new_median: gains.get("new_median"),
+        Metric.improvement: _rounded(gains.get("over_first")),
+        Metric.improvement_over_baseline: _rounded(gains.get("over_baseline")),
+        Metric.trainable: _rounded(gains.get("trainable")),
         Metric.candidates: len(run.candidates),
         Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
         Metric.training_flops: rounded(spent_on_training(run) / 1e12),
@@ -225,7 +225,7 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
 
 def _samples(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
     known = jobs.dropna(subset=metric.name).sort_values("seed").astype({metric.name: "float64"})
-    return {arm: dict(zip(found.seed, found[metric.name], strict=True)) for arm, found in known.groupby("arm")}
+    return {arm: dict(zip(rows.seed, rows[metric.name], strict=True)) for arm, rows in known.groupby("arm")}
 
 
 def _with_failed(
@@ -260,7 +260,7 @@ def _arms(
         rows[name] |= {"n": len(values), "median": rounded(float(np.median(values))) if values else None}
         rows[name] |= _ends("median", values)
     if reference is not None:
-        searches = {arm: dict(zip(found.seed, found.search, strict=True)) for arm, found in jobs.groupby("arm")}
+        searches = {arm: dict(zip(one.seed, one.search, strict=True)) for arm, one in jobs.groupby("arm")}
         # One whose search ended failed its test, and what a search used is no worse for a failure.
         lost = {(job.arm, job.seed) for job in failed} if metric not in SPENT else set()
         if metric not in TESTED:

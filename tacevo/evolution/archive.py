@@ -133,8 +133,8 @@ class Tessellation:
         for point in points:
             if len(point) != dimensions or not all(math.isfinite(value) for value in point):
                 raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
-        found = self._tree.query(np.asarray(points, dtype=np.float64).reshape(-1, dimensions))[1]
-        return [int(niche) for niche in np.atleast_1d(found)]
+        nearest = self._tree.query(np.asarray(points, dtype=np.float64).reshape(-1, dimensions))[1]
+        return [int(niche) for niche in np.atleast_1d(nearest)]
 
 
 def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> list[list[float]]:

@@ -154,12 +154,12 @@ def state_of(directory: SweepDirectory, job: Job) -> tuple[Standing, str]:
 
 def _checked(job: Job, run: RecordedRun) -> Finished:
     """Check that a run is that of its job."""
-    found = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
+    where = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
     if run.config.seed != job.seed:
-        raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **found)
+        raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **where)
     if (came := config_hash(run.config)) != job.config:
         expected = f"{job.config[:12]}, the hash that sweep.json states of job {job.name}"
-        raise RunError(f"a run whose configuration has the hash {came[:12]}", expected=expected, **found)
+        raise RunError(f"a run whose configuration has the hash {came[:12]}", expected=expected, **where)
     return Finished(job=job, run=run)
 
 

@@ -126,8 +126,8 @@ def _places(archive: ArchiveConfig, store: Store) -> Tessellation | TopK:
 
 def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: Store) -> Tessellation:
     shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
-    found = store.recall(shape, lambda: find_centroids(**shape))
-    centroids = convert(list[list[float]], found, place="centroids", error=StoreError)
+    recalled = store.recall(shape, lambda: find_centroids(**shape))
+    centroids = convert(list[list[float]], recalled, place="centroids", error=StoreError)
     if [len(centroid) for centroid in centroids] != [dimensions] * niches:
         expected = f"{niches} points of {dimensions} coordinates"
         raise StoreError(f"{len(centroids)} others", place=str(store.path(store.key(shape))), expected=expected)

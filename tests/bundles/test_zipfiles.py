@@ -118,10 +118,10 @@ def test_no_cut_and_no_flipped_byte_changes_what_is_read(file: Path) -> None:
     for place in range(len(data)):
         file.write_bytes(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
         try:
-            found = read_members(file, ANY, Budget(file, len(data)))
+            members = read_members(file, ANY, Budget(file, len(data)))
         except BundleError:
             continue
-        assert set(found.values()) <= set(MEMBERS.values())
+        assert set(members.values()) <= set(MEMBERS.values())
 
 
 def test_bomb_is_stopped_while_it_unpacks(file: Path) -> None:

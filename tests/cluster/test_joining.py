@@ -64,21 +64,21 @@ def test_node_with_a_key_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) 
     """The error names the variable, and not the key."""
     monkeypatch.setenv(name, "sk-secret")
     monkeypatch.setenv("RAY_AUTH_TOKEN", "f" * 64)  # which every node has
-    found = facts_here(ORDER)
+    facts = facts_here(ORDER)
     with refused(SandboxError, place=NODE, got=f"{name} in the environment", remedy="ray start"):
-        check_alike(found, facts_here(ORDER), NODE)
-    assert "sk-secret" not in str(found.fault)
-    assert b"sk-secret" not in pickle.dumps(found)
+        check_alike(facts, facts_here(ORDER), NODE)
+    assert "sk-secret" not in str(facts.fault)
+    assert b"sk-secret" not in pickle.dumps(facts)
 
 
 def test_node_that_cannot_confine_as_asked_is_refused() -> None:
     """`sandbox.require` holds on each node; a fault that a node found survives its way here."""
     fault = SandboxError("process", place="sandbox.require", expected="kernel", remedy="use another")
-    found = Facts(decisive={}, level=Confinement.process, fault=pickle.loads(pickle.dumps(fault)))
+    facts = Facts(decisive={}, level=Confinement.process, fault=pickle.loads(pickle.dumps(fault)))
     with refused(
         SandboxError, place=f"{NODE}, sandbox.require", got="process", expected="kernel", remedy="use another"
     ):
-        check_alike(found, facts_here(ORDER), NODE)
+        check_alike(facts, facts_here(ORDER), NODE)
     assert facts_here(ORDER).level == available()
     assert facts_here(replace(ORDER, device=Device.cuda, numerics=Numerics.fast)).level == Confinement.none
 

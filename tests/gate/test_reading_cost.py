@@ -60,8 +60,8 @@ STARTS = [
 
 def read(text: str) -> str | Rejection:
     """Read an answer as the search's process does."""
-    found = extracted(completion(text), contract())
-    return found if isinstance(found, Rejection) else rejection_of(found, contract()) or found
+    source = extracted(completion(text), contract())
+    return source if isinstance(source, Rejection) else rejection_of(source, contract()) or source
 
 
 def calls(text: str) -> int:
@@ -133,6 +133,6 @@ def test_characters_that_are_parsed_are_bounded(line: str, monkeypatch: pytest.M
 
 def test_answer_that_takes_too_much_parsing_is_rejected() -> None:
     """The class may stand in the part that was not read."""
-    found = read(f"You gave:\n{fenced(VALID)}\nIt's:\n{STARTS[0] * 8_000}{VALID}")
-    assert isinstance(found, Rejection)
-    assert found.reason is Reason.too_complex
+    verdict = read(f"You gave:\n{fenced(VALID)}\nIt's:\n{STARTS[0] * 8_000}{VALID}")
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.too_complex
