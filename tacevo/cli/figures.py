@@ -88,12 +88,12 @@ def run_ablations(options: argparse.Namespace) -> int:
     pictures = sweep_pictures(collected)
     with progress_of("figures", len(pictures)) as on_drawn:
         write_pictures(pictures, directory, [".pdf"], on_drawn)
-    stated = collected.found.primary
-    first = stated if stated in collected.found.arms and stated is not None else Metric.best_fitness
+    stated = collected.ablation.primary
+    first = stated if stated in collected.ablation.arms and stated is not None else Metric.best_fitness
     print_table(_in_short(next(table for table in tables if table.name == f"ablation_{first.name}")), Console())
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
-    if collected.found.primary in TESTED and collected.sweep.terms.retraining is None:
+    if collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
         print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
     print(f"tables and figures: {directory} (index.md says which question each answers)")
     return DONE

@@ -167,10 +167,10 @@ def _introduce(studied: Studied, what: str) -> None:
 def _show(studied: Studied, store: str | None) -> RecordedRun:
     """Print what was found in short, and where all of it is to be seen; return the run."""
     run = read_run(studied.directory.parents[1], store)
-    found = read_studies(run)
-    if table := outcomes(run, found).get(studied.directory.name):
+    studies = read_studies(run)
+    if table := outcomes(run, studies).get(studied.directory.name):
         print_table(table, Console())
-        say(why for why in found.left_out if studied.directory.name in why)
+        say(why for why in studies.left_out if studied.directory.name in why)
     for command in ("tables", "report"):
         print(f"look:   {as_typed('tacevo')} {command} {shlex.quote(str(run.path))}")
     return run
@@ -228,14 +228,14 @@ def _finished_studies(path: Path) -> Iterator[tuple[RecordedRun, RecordedStudy]]
     if (path / "study.json").exists():
         yield read_run(path.resolve().parents[1]), load_study(path)
         return
-    found = 0
+    number = 0
     for folder in opened(path).runs:
         run = read_run(folder)
         for directory in studies_of(folder):
             record = directory.read()
             if record.terms is not None and record.digest is not None:
-                found += 1
+                number += 1
                 yield run, load_study(directory.path)
-    if not found:
+    if not number:
         remedy = f"`tacevo study {shlex.quote(str(path))}` makes one; a few seeds will do for a pilot"
         raise RunError("none", place=str(path), expected="at least one finished study", remedy=remedy)

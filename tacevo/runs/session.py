@@ -56,7 +56,7 @@ class Result:
     directory: Path
     digest: str
     #: What was found, in short; summary.md in the directory has all of it.
-    found: str
+    summary: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
     #: Whether it found a network that is better than the baseline and than chance.
@@ -154,10 +154,10 @@ def record(
                 state = run_under(CURRENT, plan, bench.effects, ledger, observer)
             _check_length(ledger, directory)
             elites = archive_files(plan, state)[0].elites
-            found, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
+            summary, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
-        return Result(directory=directory.path, digest=ledger.digest, found=found, best=name, succeeded=succeeded)
+        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=name, succeeded=succeeded)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:

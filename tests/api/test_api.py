@@ -206,14 +206,14 @@ def test_network_is_built_only_for_who_trusts_it(opened: tacevo.Run) -> None:
         opened.network(name)
     contract = opened.recorded.record.task.contract
     images = torch.zeros(2, contract.in_channels, contract.image_size, contract.image_size)
-    found = []
+    outputs = []
     for seed in (3, 3, 4):
         torch.manual_seed(seed)
         with torch.no_grad():
-            found.append(opened.network(name, trust=True).eval()(images))
-    assert found[0].shape == (2, contract.outputs)
-    assert torch.equal(found[0], found[1])
-    assert not torch.equal(found[0], found[2])
+            outputs.append(opened.network(name, trust=True).eval()(images))
+    assert outputs[0].shape == (2, contract.outputs)
+    assert torch.equal(outputs[0], outputs[1])
+    assert not torch.equal(outputs[0], outputs[2])
 
 
 @pytest.mark.parametrize("name", ["g99s99", "../../run", ""])

@@ -29,8 +29,8 @@ def conf(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def contents(conf: Path) -> dict[str, bytes | None]:
     """Read all that lies in a directory, hidden files and empty directories, too."""
-    found = {str(path.relative_to(conf)): path for path in conf.rglob("*")}
-    return {name: None if path.is_dir() else path.read_bytes() for name, path in found.items()}
+    paths = {str(path.relative_to(conf)): path for path in conf.rglob("*")}
+    return {name: None if path.is_dir() else path.read_bytes() for name, path in paths.items()}
 
 
 @pytest.mark.few(1)

@@ -72,8 +72,8 @@ def here(given_study: Path, place: Path) -> Path:
 
 def study_on(where: str) -> StudyDirectory:
     """Return the study of the run that is on these data."""
-    (found,) = (directory for directory in studies_of(Path("run")) if directory.read().where == where)
-    return found
+    (of_it,) = (directory for directory in studies_of(Path("run")) if directory.read().where == where)
+    return of_it
 
 
 def test_every_given_network_is_studied_under_its_name(here: Path) -> None:

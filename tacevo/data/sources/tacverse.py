@@ -251,11 +251,11 @@ class TacVerse:
         if self.test_sensor is not None:
             sensors[self.test_sensor] = "data.test_sensor"
         find: Callable[[str, str], _Listing] = self._rows if self.task in COLUMNS else self._presses
-        found = [find(sensor, setting) for sensor, setting in sensors.items()]
+        listings = [find(sensor, setting) for sensor, setting in sensors.items()]
         return _Listing(
-            [image for listing in found for image in listing.images],
-            sum(listing.skipped for listing in found),
-            [path for listing in found for path in listing.ignored],
+            [image for listing in listings for image in listing.images],
+            sum(listing.skipped for listing in listings),
+            [path for listing in listings for path in listing.ignored],
         )
 
     def _rows(self, sensor: str, setting: str) -> _Listing:
