@@ -17,13 +17,14 @@ from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
+from analysis.studies.ceiling import is_at_ceiling
 from analysis.studies.metrics import SHARES
 from analysis.studies.warnings import Caution, cautions
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.randomness import stream
 from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
-from tacevo.results.study_lines import fewest_seeds
+from tacevo.results.study_lines import fewest_seeds, is_late
 from tacevo.rounding import rounded
 
 
@@ -83,7 +84,7 @@ def late(study: RecordedStudy) -> dict[str, float]:
 
     Such a training may not have converged: against it, a network that is called better may only be faster.
     """
-    late_ones = Counter(one.network for one in study.scores if 10 * one.epoch > 9 * study.recipe.epochs)  # in integers
+    late_ones = Counter(one.network for one in study.scores if is_late(one, study.recipe.epochs))
     return {network.name: rounded(late_ones[network.name] / study.seeds) for network in study.networks}
 
 
@@ -124,9 +125,12 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int
         differs, equals = row["p_holm"] <= alpha, row["p_equivalence_holm"] <= alpha
         row["verdict"] = _verdict(row, lower=LOWER_IS_BETTER[study.primary], differs=differs, equals=equals).value
         x, y = row.pop("samples")
-        is_wide = study.primary in SHARES and row["margin"] >= rounded(1 - float(np.median(y)))
-        given = cautions(x, y, least_p=least, alpha=alpha)
-        row["cautions"] = (*given, Caution.wide_margin) if is_wide else given
+        usual, margin = rounded(float(np.median(y))), row["margin"]
+        row["cautions"] = (
+            *cautions(x, y, least_p=least, alpha=alpha),
+            *([Caution.wide_margin] if study.primary in SHARES and margin >= rounded(1 - usual) else []),
+            *([Caution.ceiling] if is_at_ceiling(study, usual, margin) else []),
+        )
     return rows
 
 

@@ -8,6 +8,7 @@ class Metric(StrEnum):
 
     test_mse = "test MSE"
     test_accuracy = "test accuracy"
+    test_loss = "test loss"
     best_fitness = "best fitness"
     new_quartile = "new candidates, lower quartile"
     new_median = "new candidates, median"
@@ -23,8 +24,11 @@ class Metric(StrEnum):
     cost = "cost (USD)"
 
 
-#: Of the network that a job found, trained again (`tacevo.results.tested`), by the metric of the task.
+#: Of the networks that a job found, trained again (`tacevo.results.tested`), by the metric of the task.
 TESTS = {"mse": Metric.test_mse, "accuracy": Metric.test_accuracy}
+
+#: All that are of these trainings.
+TESTED = frozenset([*TESTS.values(), Metric.test_loss])
 
 #: Metrics of what a search used, and not of what it found.
 SPENT = frozenset([Metric.candidates, Metric.evaluations, Metric.training_flops, Metric.tokens, Metric.cost])
@@ -41,4 +45,7 @@ FRACTIONS = frozenset(
 )
 
 #: Metrics of which less is better; of what a search used, less is better only where it came as far.
-LESS_IS_BETTER = SPENT | {Metric.test_mse, Metric.best_fitness, Metric.new_quartile, Metric.new_median}
+LESS_IS_BETTER = SPENT | {
+    *(Metric.test_mse, Metric.test_loss),
+    *(Metric.best_fitness, Metric.new_quartile, Metric.new_median),
+}

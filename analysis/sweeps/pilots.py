@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis.statistics.planning import Spread, median_deviation, pooled
 from analysis.sweeps.ablation import slots_of
+from tacevo.choices import Primary
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
-from tacevo.results.sweep import Finished, RecordedSweep
+from tacevo.results.sweep import REFERENCE, FinishedJob, RecordedSweep
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
@@ -35,10 +36,12 @@ class Pilot:
     metric: Measure
     #: Of one value, of logarithms for an error: a training seed of a study, a job of a sweep.
     spread: Spread
-    #: The deviation of a job's network over its training seeds; 0 of a study, and where jobs were not tested.
+    #: The deviation of a job's networks over their training seeds; 0 of a study, and where jobs were not tested.
     within: float
     #: The part of `spread` that comes from there, since the pilot trained with so few seeds.
     tested: float
+    #: Networks of a job that are tested.
+    elites: int = 1
     #: Variants of a study, or arms beside the reference; at least 1.
     comparisons: int
     #: Of each full training; None where there are none.
@@ -49,6 +52,10 @@ class Pilot:
     seconds: float | None
     #: Digests of its runs.
     runs: tuple[str, ...]
+
+    def noise(self, seeds: int) -> float:
+        """Return the deviation of a job's value that comes from so many training seeds of each of its networks."""
+        return _noise(self.metric, self.within, seeds, self.elites)
 
     @property
     def is_all_noise(self) -> bool:
@@ -64,6 +71,12 @@ class Pilot:
         equal. By simulation the true deviation is below it in 79 to 99 % of pilots, as a limit of 80 % should be.
         """
         return math.sqrt(self.spread.upper**2 - min(self.tested, self.spread.deviation) ** 2)
+
+
+def _noise(metric: Measure, within: float, seeds: int, elites: int) -> float:
+    """Return the deviation of a mean over elites of a mean, or of a median of scores, over training seeds."""
+    of_one = seeds**-0.5 if metric is Measure.loss else median_deviation(seeds)
+    return within * of_one / math.sqrt(elites)
 
 
 def is_error(metric: Measure) -> bool:
@@ -98,6 +111,8 @@ def study_pilot(pilots: Sequence[tuple[RecordedRun, RecordedStudy]]) -> Pilot:
 def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
     """Return what sweeps say of the next one: by their test scores, or by their best fitness where a job has none.
 
+    By their test losses, if they tested several networks of a job, or stated these as what arms are compared by first.
+
     A run that is another arm's of its seed, candidate by candidate, says nothing new of how jobs spread, and a
     training that several jobs share says it once of how training seeds do.
 
@@ -109,16 +124,27 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
     is_tested = len(scores) == len(jobs)
     stated = [sweep.terms.retraining for sweep in pilots] if is_tested else [None] * len(pilots)
     _check_alike([f"{sweep.task}, {_tested(terms)}" for sweep, terms in zip(pilots, stated, strict=True)])
-    metric = Measure(scores[0].metric) if is_tested else Measure.fitness
+    elites = stated[0].elites if stated[0] is not None else 1
+    is_by_loss = elites > 1 or any(sweep.terms.primary is Primary.test_loss for sweep in pilots)
+    metric = Measure.fitness
+    if is_tested:
+        metric = Measure.loss if is_by_loss else Measure(scores[0].metric)
     arms: dict[tuple[Path, str], list[float]] = {}
     for sweep, one in _distinct_runs(pilots):
-        value = one.tested.value if is_tested and one.tested else one.run.generations[-1].best or 0.0
+        value = one.run.generations[-1].best or 0.0
+        if is_tested and one.tested:
+            value = one.tested.loss if is_by_loss else one.tested.value
         arms.setdefault((sweep.path, one.job.arm), []).append(value)
-    seeds = len(scores[0].values) if is_tested else 1
+    seeds = len(scores[0].values[0]) if is_tested else 1
     # The seeds of a job's study follow from the job's, so jobs that found one network, say the baseline, may have its
     # very trainings.
-    samples = {(one.job.seed, one.tested.values): one.tested.values for one in jobs if one.tested is not None}
-    within = pooled([_scaled(values, metric) for values in samples.values()]) if seeds > 1 and is_tested else None
+    samples = {
+        (one.job.seed, values)
+        for one in jobs
+        if one.tested is not None
+        for values in (one.tested.losses if is_by_loss else one.tested.values)
+    }
+    within = pooled([_scaled(values, metric) for _, values in sorted(samples)]) if seeds > 1 and is_tested else None
     deviation = 0.0 if within is None else within.deviation
     return Pilot(
         kind="sweep",
@@ -126,13 +152,21 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
         metric=metric,
         spread=_pooled([_scaled(values, metric) for values in arms.values()], "two jobs of an arm"),
         within=deviation,
-        tested=deviation * median_deviation(seeds),
-        comparisons=max(1, *(len({one.job.arm for one in sweep.finished}) - 1 for sweep in pilots)),
+        tested=_noise(metric, deviation, seeds, elites),
+        elites=elites,
+        comparisons=max(1, *(len(_tested_arms(sweep)) for sweep in pilots)),
         epochs=stated[0].epochs if stated[0] is not None else None,
         search_epochs=max(map(_epochs, runs)),
         seconds=_seconds(runs),
         runs=tuple(sorted({run.digest for run in runs})),
     )
+
+
+def _tested_arms(sweep: RecordedSweep) -> set[str]:
+    """Return the arms that are tested against the reference."""
+    reference = sweep.terms.reference or REFERENCE
+    arms = {one.job.arm for one in sweep.finished}
+    return arms - set(sweep.twins_of(reference)) - {reference if reference in arms else min(arms)}
 
 
 def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:
@@ -147,17 +181,17 @@ def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:
     return _pooled([_scaled(list(own.values()), metric) for own in samples.values()], "two seeds of a network")
 
 
-def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep, Finished]]:
+def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep, FinishedJob]]:
     """Return the jobs, each with its sweep, whose runs no earlier job of their seed has, candidate by candidate."""
-    found: list[tuple[RecordedSweep, Finished]] = []
+    distinct: list[tuple[RecordedSweep, FinishedJob]] = []
     known: dict[int, list[tuple[CandidateLine, ...]]] = {}
     for sweep in pilots:
         for one in sweep.finished:
             slots, others = slots_of(one.run), known.setdefault(one.job.seed, [])
             if slots not in others:
                 others.append(slots)
-                found.append((sweep, one))
-    return found
+                distinct.append((sweep, one))
+    return distinct
 
 
 def _epochs(run: RecordedRun) -> int:
@@ -168,13 +202,13 @@ def _epochs(run: RecordedRun) -> int:
 
 def _scaled(values: ArrayLike, metric: Measure) -> NDArray[np.float64]:
     """Return values on the scale that they are taken to be normal on: an error's logarithm."""
-    found = np.asarray(values, dtype=np.float64)
+    scaled = np.asarray(values, dtype=np.float64)
     if not is_error(metric):
-        return found
-    if not (found > 0).all():
-        got = f"{found.min():g}"
+        return scaled
+    if not (scaled > 0).all():
+        got = f"{scaled.min():g}"
         raise RunError(got, place=f"a pilot's {metric}", expected="values above 0, which have a logarithm")
-    return np.log(found)
+    return np.log(scaled)
 
 
 def _pooled(samples: Sequence[NDArray[np.float64]], needed: str) -> Spread:
@@ -189,7 +223,7 @@ def _tested(stated: Retraining | None) -> str:
     if stated is None:
         return "not tested"
     seeds, epochs = counted(stated.seeds, "training seed"), counted(stated.epochs, "epoch")
-    return f"{seeds}, {epochs}, elites chosen by {stated.choose}"
+    return f"{counted(stated.elites, 'elite')}, {seeds}, {epochs}, elites chosen by {stated.choose}"
 
 
 def _check_alike(terms: Sequence[str]) -> None:
@@ -207,10 +241,10 @@ def _seconds(runs: Sequence[RecordedRun]) -> float | None:
 
     A candidate's time is that of its gate and of its trainings with all seeds.
     """
-    found = [
+    seconds = [
         timing.seconds / (run.config.training.epochs * run.seeds)
         for run in runs
         for timing in RunDirectory(run.path).read_timings()
         if timing.seconds is not None and timing.id in {one.id for one in run.trained} and timing.seconds > RECALLED
     ]
-    return median(found) if found else None
+    return median(seconds) if seconds else None

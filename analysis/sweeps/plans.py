@@ -10,12 +10,12 @@ from dataclasses import asdict, dataclass
 
 import pandas as pd
 
-from analysis.statistics.planning import median_deviation, needed
+from analysis.statistics.planning import needed
 from analysis.sweeps.pilots import Pilot, is_error
 from tacevo.rounding import rounded
 from tacevo.storage.plan import Measure, SeedPlan
 
-#: Training seeds of a job's network that are weighed.
+#: Training seeds of each network of a job that are weighed.
 RETRAININGS = (1, 3, 5, 10, 20)
 
 #: The columns of the ways, and the type of each: the spread that it is planned with, and the part of it that lies
@@ -64,6 +64,7 @@ class Planned:
             **asdict(self.wish),
             seeds=int(way["seeds"]),
             retraining=None if pd.isna(way["retraining"]) else int(way["retraining"]),
+            elites=self.pilot.elites,
             epochs=self.pilot.epochs,
             spread=way["spread"],
             chance=rounded(way["chance"]),
@@ -85,7 +86,7 @@ def plan(pilot: Pilot, wish: Wish) -> Planned:
 
 def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | int | None]:
     between = pilot.between
-    spread = math.hypot(between, pilot.within * median_deviation(retraining or 1))
+    spread = math.hypot(between, pilot.noise(retraining or 1))
     seeds, chance = needed(
         shift=_shift(wish.effect, pilot.metric) / spread if spread else math.inf,
         comparisons=wish.comparisons,
@@ -105,7 +106,7 @@ def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | 
     searches, trainings = 0, samples
     if pilot.kind == "sweep":
         # The baseline is trained once a seed, for all arms.
-        searches, trainings = samples, (samples + seeds) * (retraining or 0)
+        searches, trainings = samples, (samples * pilot.elites + seeds) * (retraining or 0)
     epochs = searches * pilot.search_epochs + trainings * (pilot.epochs or 0)
     hours = None if pilot.seconds is None else rounded(epochs * pilot.seconds / 3600)
     return {**way, "searches": searches, "trainings": trainings, "epochs": epochs, "hours": hours}

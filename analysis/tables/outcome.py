@@ -12,7 +12,7 @@ from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import between, score_cell
 from analysis.tables.noise import BEATS, chance_note
 from tacevo.results.study import RecordedStudy
-from tacevo.results.study_lines import Network
+from tacevo.results.study_lines import StudyNetwork
 from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.text import counted, listed
 
@@ -67,6 +67,7 @@ def study_outcome(
         rows=tuple(tuple(row.values()) for row in rows),
         notes=(
             *at_chance(study),
+            *_at_ceiling(found),
             *_late(study, found),
             *_few(found),
             *([_ONE_SPLIT] if is_alone else []),
@@ -77,7 +78,7 @@ def study_outcome(
 
 
 def _row(
-    study: RecordedStudy, network: Network, found: pd.DataFrame | None, again: Reestimates | None
+    study: RecordedStudy, network: StudyNetwork, found: pd.DataFrame | None, again: Reestimates | None
 ) -> dict[str, Cell]:
     cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
     if found is not None:
@@ -192,6 +193,11 @@ def _late(study: RecordedStudy, found: pd.DataFrame | None) -> tuple[str, ...]:
         f"Not converged? {shown(Percent(parts[most]))} of the seeds of {most} are best in the last tenth of epochs: "
         "better may only mean faster.",
     )
+
+
+def _at_ceiling(found: pd.DataFrame | None) -> tuple[str, ...]:
+    told = found is not None and any(Caution.ceiling in one.cautions for one in of_whole(found).itertuples())
+    return ("At the ceiling: next to nothing is left to win over the baseline on these data (tables).",) if told else ()
 
 
 def _few(found: pd.DataFrame | None) -> tuple[str, ...]:

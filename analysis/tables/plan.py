@@ -9,7 +9,12 @@ from tacevo.storage.plan import Measure, SeedPlan
 from tacevo.text import counted
 
 #: What a value is, by the metric.
-_VALUES = {Measure.mse: "test MSE", Measure.accuracy: "test accuracy", Measure.fitness: "best fitness"}
+_VALUES = {
+    Measure.mse: "test MSE",
+    Measure.accuracy: "test accuracy",
+    Measure.loss: "test loss",
+    Measure.fitness: "best fitness",
+}
 
 
 def plan_table(planned: Planned) -> Table:
@@ -41,6 +46,7 @@ def plan_table(planned: Planned) -> Table:
             f"Spread: the standard deviation of {scale}{value}, which is drawn from a normal distribution; the upper "
             f"limit of the pilot's, {shown(pilot.spread.deviation)} with {counted(pilot.spread.freedom, 'degree')} of "
             f"freedom, below which the true one lies with a confidence of {shown(Percent(CONFIDENCE))}.",
+            *([f"Tested: {pilot.elites} networks of each job, so often each."] if pilot.elites > 1 else []),
             *_between_note(pilot),
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
             "pilot's candidates were gated and trained; without the answers.",

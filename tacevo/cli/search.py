@@ -119,7 +119,7 @@ def _estimated(options: argparse.Namespace) -> str:
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
     tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
-    print(result.found)
+    print(result.summary)
     print(f"read:   {result.directory / 'summary.md'}")
     print(f"look:   {tacevo} show {run} {result.best}")
     print(f"verify: {tacevo} replay {run}")
@@ -195,7 +195,7 @@ def run_sweep(options: argparse.Namespace) -> int:
 def _after(sweep: Path) -> str:
     """Return the command that a finished sweep is for: the tests of its networks, or else the comparison."""
     terms = SweepDirectory(sweep).read().terms
-    if terms.primary is Primary.test_score and terms.retraining is None:
+    if terms.primary in {Primary.test_score, Primary.test_loss} and terms.retraining is None:
         return f"{as_typed('tacevo')} study {shlex.quote(as_override('sweep', str(sweep)))} seeds=5"
     return f"{as_typed('tacevo')} ablations {shlex.quote(str(sweep))}"
 

@@ -77,11 +77,10 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
     """Compose the configuration of a study from overrides such as `run=runs/NAME`.
 
     A study of given networks, or of a baseline alone, names neither a run nor a sweep (`given`); that of a sweep's jobs
-    has one elite.
+    has one elite of each unless it says more.
 
     Raises:
-        ConfigError: as `compose`; or not exactly one of run, sweep and networks is named; or elites or a plan beside a
-            sweep.
+        ConfigError: as `compose`; or not exactly one of run, sweep and networks is named; or a plan beside a sweep.
     """
     config = _compose_command("study", StudyConfig, overrides)
     named = {"run": config.run, "sweep": config.sweep, "networks": ", ".join(config.networks)}
@@ -93,13 +92,10 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
         raise ConfigError(got, place="run", expected=expected, remedy=remedy)
     if config.sweep is None:
         return config
-    if any(override.startswith("elites=") for override in overrides):
-        expected = "no value with sweep=: the jobs of a sweep are compared by the best elite of each"
-        raise ConfigError(str(config.elites), place="elites", expected=expected)
     if config.plan is not None:
         remedy = "a sweep states its plan when it begins: `tacevo search -m ... --plan FILE`"
         raise ConfigError(config.plan, place="plan", expected="no value with sweep=", remedy=remedy)
-    return replace(config, elites=1)
+    return config if any(override.startswith("elites=") for override in overrides) else replace(config, elites=1)
 
 
 def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:

@@ -78,7 +78,7 @@ class _TrainedAgain(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class StudyConfig(_TrainedAgain):
-    """The full training of a baseline and other networks, each with several seeds; of a sweep's job, its best elite."""
+    """The full training of a baseline and other networks, each with several seeds."""
 
     #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
     networks: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]

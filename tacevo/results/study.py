@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory
-from tacevo.results.study_lines import Design, FailedLine, ScoreLine, Terms
+from tacevo.results.study_lines import Design, FailedLine, ScoreLine, StudyTerms
 from tacevo.text import listed
 
 BASELINE = "baseline"
@@ -22,6 +22,9 @@ MOST = 6
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
 
+#: The test metric that is the loss of training.
+LOSS = {Kind.regression: "mse", Kind.classification: "cross_entropy"}
+
 LOWER_IS_BETTER = {"mse": True, "accuracy": False}
 
 
@@ -30,7 +33,7 @@ class RecordedStudy(Design):
     """A finished study: what it was to find out, and its scores."""
 
     #: A noise run, which has none, is not a study.
-    terms: Terms
+    terms: StudyTerms
     #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
     units: tuple[str, ...]
     #: Units of the recording for one unit of training, one for each regressed value; () of a classification.
@@ -39,6 +42,8 @@ class RecordedStudy(Design):
     #: name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`, `cross_entropy`. A confusion counts
     #: test images by (true class, predicted class).
     scores: tuple[ScoreLine, ...]
+    #: The accuracy that no network can expect to exceed on these data; None where it is not known.
+    ceiling: float | None = None
 
     @property
     def kind(self) -> Kind:

@@ -215,12 +215,12 @@ def misfits(study: StudyRecord, header: StudyHeader) -> list[str]:
 
 
 def is_stated(study: Design, retraining: Retraining) -> bool:
-    """Return whether a study tests the best network of a job as its sweep states; it may test others, too.
+    """Return whether a study tests networks of a job as its sweep states, however many.
 
     One on other data than the run's is never meant: jobs are compared on their own.
     """
     choose = ChosenBy.reestimated if study.chosen_by else ChosenBy.fitness
-    settings = Retraining(seeds=study.seeds, epochs=study.recipe.epochs, choose=choose)
+    settings = replace(retraining, seeds=study.seeds, epochs=study.recipe.epochs, choose=choose)
     return study.terms is not None and not study.other_data and settings == retraining
 
 

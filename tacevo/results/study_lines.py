@@ -25,7 +25,7 @@ SCHEMA: Final = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Terms(Record):
+class StudyTerms(Record):
     """How a study is judged."""
 
     #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
@@ -35,7 +35,7 @@ class Terms(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Network(Record):
+class StudyNetwork(Record):
     """A network that is studied, with what its ledger line says of it."""
 
     #: `baseline`, `variant 1`, ...
@@ -63,9 +63,9 @@ class Design(Record):
     #: S.
     seeds: Annotated[int, Ge(1)]
     #: None of a noise run, which trains as the search did and takes no test score.
-    terms: Terms | None = None
+    terms: StudyTerms | None = None
     #: The baseline first.
-    networks: tuple[Network, ...]
+    networks: tuple[StudyNetwork, ...]
     #: Digest of the noise run by whose re-estimates the elites were chosen; empty if by their recorded fitness.
     chosen_by: str = ""
     #: (name, value) of the settings that are not the run's, where the study is about other data than the run had.
@@ -151,6 +151,11 @@ def study_line_kind(entry: Mapping[str, Json]) -> type[StudyHeader | ScoreLine |
     if entry.get("kind") == "study":
         return StudyHeader
     return FailedLine if "reason" in entry else ScoreLine
+
+
+def is_late(score: ScoreLine, epochs: int) -> bool:
+    """Return whether the best epoch of a training of so many epochs lies in its last tenth: more might be better."""
+    return 10 * score.epoch > 9 * epochs  # in integers
 
 
 def fewest_seeds(alpha: float) -> int:

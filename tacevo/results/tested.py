@@ -1,43 +1,58 @@
-"""What the network that a job found is worth: its test score in the studies that its sweep stated beforehand.
+"""What the networks that a job found are worth: its test scores in the studies that its sweep stated beforehand.
 
-The fitness that a search ends with is the lowest of many draws. This is one value a job of another kind: the network
-with the best fitness is trained again with K fresh seeds, and the median of their test scores stands for the job.
+The fitness that a search ends with is the lowest of many draws. This is one value a job of another kind: the networks
+with the best fitness are trained again with K fresh seeds each, and what they score stands for the job.
 """
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from statistics import median
+from statistics import fmean, median
 
 from tacevo.errors import RunError
+from tacevo.evolution.archive import best_distinct
 from tacevo.results.noise_runs import estimates_of
 from tacevo.results.run import RecordedRun
-from tacevo.results.study import PRIMARY
+from tacevo.results.study import LOSS, PRIMARY
 from tacevo.results.study_directory import is_stated, studies_of
-from tacevo.results.study_lines import Design, FailedLine, Row, ScoreLine
+from tacevo.results.study_lines import Design, FailedLine, Row, ScoreLine, is_late
 from tacevo.results.trivial import metrics_from
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.text import listed
 
+#: A metric of each network, by training seed.
+_Scores = tuple[tuple[float, ...], ...]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobScore:
-    """The test score of what a job found."""
+    """The test scores of what a job found."""
 
     #: Of its task: `mse` or `accuracy`.
     metric: str
-    #: Of the test images, by training seed.
-    values: tuple[float, ...]
-    #: The id of the network; the baseline's where no other is better.
-    network: str
-    #: What a predictor scores that looks at no image; None where the study's scores do not tell, and equal but for the
-    #: last digits in all studies on the same data.
-    trivial: float | None = field(default=None, compare=False)
+    #: The ids of the networks, best first; the baseline's is one where no more others are better.
+    networks: tuple[str, ...]
+    #: That metric of the test images, by network, then training seed.
+    values: _Scores
+    #: The loss of training, MSE or cross-entropy (nats), of the test images likewise.
+    losses: _Scores
+    #: Trainings whose best epoch lies in the last tenth.
+    late: int
+    #: What a predictor scores that looks at no image, by metric; empty where the study's scores do not tell, and equal
+    #: but for the last digits in all studies on the same data.
+    trivial: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     @property
     def value(self) -> float:
-        """The one value of the job: the median over the training seeds."""
-        return rounded(median(self.values))
+        """The mean over the networks of each one's median over the training seeds."""
+        return rounded(fmean(map(median, self.values)))
+
+    @property
+    def loss(self) -> float:
+        """The geometric mean of the losses: over the training seeds of a network, then over the networks."""
+        every = [loss for losses in self.losses for loss in losses]
+        return rounded(math.exp(fmean(map(math.log, every)))) if min(every) > 0 else 0.0
 
 
 class FailedTestError(RunError):
@@ -45,13 +60,14 @@ class FailedTestError(RunError):
 
 
 def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
-    """Return the test score of the network that a run found.
+    """Return the test scores of the networks that a run found.
 
-    That is the best of its archive, by the fitness that the study chose by. The baseline counts as found, or a search
-    that came to nothing better would be judged by something worse.
+    They are the best of its archive, by the fitness that the study chose by; as many as are stated, or all that have a
+    source of their own. The baseline counts as found, or a search that came to nothing better would be judged by
+    something worse.
 
     Raises:
-        FailedTestError: a training of this network failed.
+        FailedTestError: a training of these networks failed.
         RunError: no sound study is as stated, or several are and do not agree.
     """
     sound, faults = [], []
@@ -60,7 +76,8 @@ def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
         if record.run == run.digest and record.digest is not None and is_stated(record, stated):
             try:
                 scores = directory.read_finished().scores
-                sound.append(_score(run, scores.header, scores.rows))
+                if len(scores.header.networks) > min(stated.elites, _offered(run, scores.header)):
+                    sound.append(_score(run, scores.header, scores.rows, stated.elites))
             except RunError as error:
                 faults.append(error)
     if not sound and faults:
@@ -75,32 +92,53 @@ def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
     return sound[0]
 
 
-def _score(run: RecordedRun, study: Design, rows: Sequence[Row]) -> JobScore:
-    """Return the score of the best network of a study; what became of the others does not matter."""
+def _score(run: RecordedRun, study: Design, rows: Sequence[Row], most: int = 1) -> JobScore:
+    """Return the scores of the best networks of a study, at most so many; what became of the others does not matter."""
     fitness = _fitness(run, study)
-    # The baseline and the best elite; the earlier one wins a tie, as everywhere.
-    found = [one for one in study.networks[:2] if one.id in fitness]
-    if not found:
-        got = f"{listed(one.id for one in study.networks[:2])} without a fitness"
+    # The baseline and the best elites, in their order; the earlier one wins a tie, as everywhere.
+    offered = study.networks[: most + 1]
+    best = sorted((one for one in offered if one.id in fitness), key=lambda one: (fitness[one.id], one.id))[:most]
+    if not best:
+        got = f"{listed(one.id for one in offered)} without a fitness"
         raise RunError(got, place=str(run.path), expected="a network that trained with every seed of the search")
-    best = min(found, key=lambda one: (fitness[one.id], one.id))
-    metric, own = PRIMARY[study.data.kind], [row for row in rows if row.network == best.name]
-    if failed := [row for row in own if isinstance(row, FailedLine)]:
-        raise FailedTestError(
-            f"{listed(f'{row.reason} with seed {row.seed}' for row in failed)}",
-            place=f"{run.path}, {best.name} ({best.id})",
-            expected="a test score with every training seed",
-            remedy="study the sweep again with more seconds= or memory_mib=",
-        )
-    values = tuple(row.metrics[metric] for row in own if isinstance(row, ScoreLine))
-    if len(values) != study.seeds:
-        raise RunError(f"{values}", place=f"{run.path}, {best.name}", expected=f"{study.seeds} scores")
     told = [row for row in rows if isinstance(row, ScoreLine)]
-    trivial = metrics_from(told, study.data.names).get(metric)
-    return JobScore(metric=metric, values=values, network=best.id, trivial=trivial)
+    networks = []
+    for network in best:
+        failed = [row for row in rows if row.network == network.name and isinstance(row, FailedLine)]
+        place = f"{run.path}, {network.name} ({network.id})"
+        if failed:
+            raise FailedTestError(
+                f"{listed(f'{row.reason} with seed {row.seed}' for row in failed)}",
+                place=place,
+                expected="a test score with every training seed",
+                remedy="study the sweep again with more seconds= or memory_mib=",
+            )
+        networks.append([row for row in told if row.network == network.name])
+        if len(networks[-1]) != study.seeds:
+            raise RunError(f"{len(networks[-1])}", place=place, expected=f"{study.seeds} scores")
+    kind = study.data.kind
+    values, losses = (
+        tuple(tuple(row.metrics[metric] for row in own) for own in networks) for metric in (PRIMARY[kind], LOSS[kind])
+    )
+    return JobScore(
+        metric=PRIMARY[kind],
+        networks=tuple(network.id for network in best),
+        values=values,
+        losses=losses,
+        late=sum(is_late(row, study.recipe.epochs) for own in networks for row in own),
+        trivial=metrics_from(told, study.data.names),
+    )
 
 
-def _fitness(run: RecordedRun, study: Design) -> dict[str, float]:
+def _offered(run: RecordedRun, study: Design) -> int:
+    """Count the elites that a study could choose from: those of different sources that are not the baseline's."""
+    sources = {candidate.id: candidate.source for candidate in run.candidates}
+    known = estimates_of(run.path, study.chosen_by) if study.chosen_by else run.fitness
+    entries = [(known[elite.id], elite.id, sources[elite.id]) for elite in run.elites if elite.id in known]
+    return len(best_distinct(entries, run.baseline.source))
+
+
+def _fitness(run: RecordedRun, study: Design) -> Mapping[str, float]:
     """Return what the networks of a study were chosen by."""
     if not study.chosen_by:
         # A baseline that failed when it was trained again stands in the study by its first draw, and found nothing.

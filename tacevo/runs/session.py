@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.choices import ExecutorKind, Tracking
+from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import length
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
@@ -55,7 +56,7 @@ class Result:
     directory: Path
     digest: str
     #: What was found, in short; summary.md in the directory has all of it.
-    found: str
+    summary: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
     #: Whether it found a network that is better than the baseline and than chance.
@@ -73,7 +74,7 @@ def search(config: RunConfig, view: Progress) -> Result:
     with start_zygote(config) as zygote:
         data = load_data(config, view)
         task = load_task(config, data.facts)
-        for doubt in doubts_of(config, task, data):
+        for doubt in (*doubts_of_settings(config), *doubts_of(config, task, data)):
             view.say(f"warning: {doubt}")
         return record(config, task, data, view, zygote=zygote, llm=llm)
 
@@ -153,10 +154,10 @@ def record(
                 state = run_under(CURRENT, plan, bench.effects, ledger, observer)
             _check_length(ledger, directory)
             elites = archive_files(plan, state)[0].elites
-            found, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
+            summary, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
-        return Result(directory=directory.path, digest=ledger.digest, found=found, best=name, succeeded=succeeded)
+        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=name, succeeded=succeeded)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:

@@ -6,7 +6,7 @@ It is copied into the study's header or into sweep.json, so that what was planne
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Lt
 
@@ -17,16 +17,20 @@ from tacevo.typed import parse
 
 
 class Measure(StrEnum):
-    """What one value of a sample is: a test score, or the best fitness of a search that was not tested."""
+    """What one value of a sample is: a test score or loss, or the best fitness of a search that was not tested."""
 
     mse = "mse"
     accuracy = "accuracy"
+    #: The geometric mean of the test losses of a job's networks.
+    loss = "loss"
     fitness = "fitness"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeedPlan(Record):
     """What was planned, and what it was planned from."""
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"elites"})
 
     schema: Literal[1] = 1
     kind: Literal["study", "sweep"]
@@ -42,8 +46,10 @@ class SeedPlan(Record):
     comparisons: Annotated[int, Ge(1)]
     #: Training seeds of each network of a study; jobs of each arm of a sweep.
     seeds: Annotated[int, Ge(2)]
-    #: Training seeds of the network that a job found; None of a study, and where jobs are not tested.
+    #: Training seeds of each network that a job found; None of a study, and where jobs are not tested.
     retraining: Annotated[int, Ge(1)] | None
+    #: How many networks of a job are tested.
+    elites: Annotated[int, Ge(1)] = 1
     #: Epochs of each full training; None where there are none.
     epochs: Annotated[int, Ge(1)] | None
     #: Standard deviation of one value, of logarithms for an error: that which was planned with.
@@ -83,7 +89,7 @@ def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> SeedPla
             str(error.strerror), place=str(path), expected="a plan.json", remedy=f"`tacevo plan {kind}` writes one"
         ) from error
     plan = parse(SeedPlan, text, place=str(path), error=ConfigError, remedy=f"`tacevo plan {kind}` writes it")
-    for name, wanted, found in (("kind", kind, plan.kind), ("task", task, plan.task)):
-        if found != wanted:
-            raise ConfigError(repr(found), place=f"{path}, {name}", expected=repr(wanted))
+    for name, wanted, stated in (("kind", kind, plan.kind), ("task", task, plan.task)):
+        if stated != wanted:
+            raise ConfigError(repr(stated), place=f"{path}, {name}", expected=repr(wanted))
     return plan

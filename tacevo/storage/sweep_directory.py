@@ -44,13 +44,21 @@ class Job(Record):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Retraining(Record):
-    """How the best network of each job is trained again and tested."""
+    """How the best networks of each job are trained again and tested."""
 
+    #: How many of them, at most.
+    elites: Annotated[int, Ge(1)] = 1
     #: K, fresh training seeds of each network.
     seeds: Annotated[int, Ge(1)]
     epochs: Annotated[int, Ge(1)]
     #: What `best` means.
     choose: ChosenBy
+
+    @property
+    def settings(self) -> str:
+        """The settings of `tacevo study sweep=` that state it."""
+        several = f"elites={self.elites} " if self.elites > 1 else ""
+        return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,11 +159,11 @@ class SweepDirectory:
                 else name_instead(self.path) or "`tacevo search -m` makes one",
             )
         remedy = "restore it, or delete it and repeat the `tacevo search -m` command that began the sweep"
-        found = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
-        for job in found.jobs:
+        record = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
+        for job in record.jobs:
             if Path(job.name).name != job.name or job.name in _TAKEN:
                 raise RunError(repr(job.name), place=f"{path}, jobs", expected="the name of a directory", remedy=remedy)
-        return found
+        return record
 
     def fail(self, job: Job, reason: str, *, by_scheduler: bool = False) -> None:
         """Keep why a job failed."""

@@ -1,10 +1,10 @@
-"""`tacevo study sweep=DIR`: the best network of every job of a sweep, trained fully with fresh seeds and tested.
+"""`tacevo study sweep=DIR`: the best networks of every job of a sweep, trained fully with fresh seeds and tested.
 
 `tacevo noise sweep=DIR`: a noise run of every job, which states nothing and decides nothing.
 
-Each job gets an ordinary study, of the baseline and its best elite, in its own directory. What is stated once for all
-of them, seeds, epochs and what `best` means, is written into sweep.json before the first training, so that
-`tacevo ablations` knows which studies count, whatever other studies the runs have.
+Each job gets an ordinary study, of the baseline and its best elites, in its own directory. What is stated once for all
+of them, how many elites, seeds, epochs and what `best` means, is written into sweep.json before the first training, so
+that `tacevo ablations` knows which studies count, whatever other studies the runs have.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from tacevo.studies.study import Studied, estimate_noise, study
 
 
 def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[Studied], list[str]]:
-    """Study the best elite of each finished job of a sweep in a directory, or resume such studies.
+    """Study the best elites of each finished job of a sweep in a directory, or resume such studies.
 
     Returns:
         The studies of the finished jobs, in the order of these, at least one; and the names of the unfinished jobs.
@@ -33,7 +33,7 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[S
     directory = SweepDirectory(path)
     sweep = directory.read()
     finished = _finished(directory, sweep.jobs)
-    retraining = Retraining(seeds=config.seeds, epochs=config.epochs, choose=config.choose)
+    retraining = Retraining(elites=config.elites, seeds=config.seeds, epochs=config.epochs, choose=config.choose)
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
     return _each(directory, finished, lambda run: study(replace(config, run=run, sweep=None), view), view)
@@ -81,22 +81,18 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
         stated = sweep.terms.retraining
         expected = remedy = ""
         if stated is not None and _is_tested(directory, sweep.jobs, stated):
-            expected = f"{_settings(stated)}, as stated before its jobs were tested"
+            expected = f"{stated.settings}, as stated before its jobs were tested"
             remedy = "set these values; `tacevo study run=` studies single jobs under others"
         elif _is_tested(directory, sweep.jobs, retraining):
             expected = "settings under which no job was tested before they are stated"
             remedy = "give other seeds= or epochs=; a study by hand stays, and is not what its sweep compares"
         if expected:
             place = f"{directory.path}/sweep.json, terms.retraining"
-            raise RunError(_settings(retraining), place=place, expected=expected, remedy=remedy)
+            raise RunError(retraining.settings, place=place, expected=expected, remedy=remedy)
         directory.write(replace(sweep, terms=replace(sweep.terms, retraining=retraining)))
 
 
 def _is_tested(directory: SweepDirectory, jobs: Sequence[Job], stated: Retraining) -> bool:
-    """Return whether a job has a finished study as its sweep states them."""
-    records = (found.read() for job in jobs for found in studies_of(directory.run(job).path))
+    """Return whether a job has a finished study as its sweep states them, of however many elites."""
+    records = (study.read() for job in jobs for study in studies_of(directory.run(job).path))
     return any(record.digest is not None and is_stated(record, stated) for record in records)
-
-
-def _settings(retraining: Retraining) -> str:
-    return f"seeds={retraining.seeds} epochs={retraining.epochs} choose={retraining.choose}"

@@ -109,8 +109,7 @@ def describe_terms(terms: SweepTerms) -> str:
         "the seed of each job": ",".join(terms.vary) or None,
         "planned": terms.plan
         and f"{terms.plan.seeds} jobs of each of {terms.plan.comparisons + 1} arms, {terms.plan.dated}",
-        "tested with": terms.retraining
-        and f"seeds={terms.retraining.seeds} epochs={terms.retraining.epochs} choose={terms.retraining.choose}",
+        "tested with": terms.retraining and terms.retraining.settings,
     }
     return "terms: " + "; ".join(f"{name}: {value}" for name, value in stated.items() if value is not None)
 

@@ -135,8 +135,8 @@ def test_sum_of_a_sweep_is_that_of_its_jobs_and_measures_a_pace_once(overrides: 
 def test_estimate_needs_no_choice_of_a_model(chosen: list[str], tmp_path: Path) -> None:
     """Of an experiment that leaves it to the user, nor of a server's model; requests and tokens do not depend on it."""
     paper = ["experiment=paper_force", "data.image_size=32", f"store.root={tmp_path}"]
-    found, named = (estimate(compose_estimate([*paper, *more])) for more in (chosen, ["llm=anthropic"]))
-    assert found == named
+    estimated, named = (estimate(compose_estimate([*paper, *more])) for more in (chosen, ["llm=anthropic"]))
+    assert estimated == named
     told = described(compose_estimate([*paper, *chosen]))
     assert "llm=anthropic" in told or "llm.model=claude-opus-5" in chosen
     assert "1010 requests to" in told
@@ -149,22 +149,22 @@ def test_recorded_answers_of_generation_0_cost_nothing(overrides: Estimating) ->
     """What is in the store is not asked for; another model's answers have another length, and say nothing."""
     record(overrides(), first_requests(overrides("llm.model=claude-opus-5")), tokens=(7, 7))
     record(overrides(), first_requests(overrides())[:3], tokens=(100, 50))
-    found = estimate(compose(overrides()))
-    assert (found.requests, found.recorded, found.samples) == (24, 3, 3)
-    assert (found.input_tokens, found.output_tokens) == (21 * 100, 21 * 50)
+    estimated = estimate(compose(overrides()))
+    assert (estimated.requests, estimated.recorded, estimated.samples) == (24, 3, 3)
+    assert (estimated.input_tokens, estimated.output_tokens) == (21 * 100, 21 * 50)
     assert "answers are like the mean of the 3 recorded ones of this model" in described(compose(overrides()))
 
 
 def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     """Both columns of the table, from the price table and the tokens."""
-    found = estimate(compose(overrides()))
+    estimated = estimate(compose(overrides()))
     prices = load_prices("prices.yaml")
     shown = described(compose(overrides())).splitlines()
     costs = []
     for delivery in Delivery:
         price = prices.price("claude-haiku-4-5", delivery)
         assert price is not None
-        costs.append(dollars(price.cost(found.input_tokens, found.output_tokens)))
+        costs.append(dollars(price.cost(estimated.input_tokens, estimated.output_tokens)))
     assert [cell.strip() for cell in shown[5].split("|")[3:5]] == costs
 
 

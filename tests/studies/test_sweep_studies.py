@@ -18,6 +18,7 @@ from tacevo.cli.app import main
 from tacevo.config.compose import compose_study
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.study import load_study
+from tacevo.results.sweep import load_sweep
 from tacevo.results.trivial import trivial_score
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Retraining, SweepDirectory
@@ -106,6 +107,8 @@ def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
     config = compose_study([*TEST[1:], "epochs=2"])
     with refused(RunError, place="terms.retraining", expected="seeds=2 epochs=1", got="seeds=2 epochs=2"):
         study_sweep(Path("sweep"), config, Progress())
+    with refused(RunError, place="terms.retraining", expected="seeds=2 epochs=1", got="elites=2 seeds=2 epochs=1"):
+        study_sweep(Path("sweep"), compose_study([*TEST[1:], "elites=2"]), Progress())
     for path in folder.glob("sweep/*/studies"):
         shutil.rmtree(path)
     shutil.rmtree(folder / "sweep" / "none-seed0" / "candidates")  # it ends before it trains
@@ -142,13 +145,39 @@ def test_unfinished_job_is_named_and_the_others_are_tested(folder: Path, capsys:
         ([], "run", "none"),
         (["run=a", "sweep=b"], "run", "run=a and sweep=b"),
         (["sweep="], "sweep", '""'),
-        (["sweep=b", "elites=2"], "elites", "2"),
+        (["sweep=b", "elites=0"], "elites", "0"),
     ],
 )
 def test_wrong_setting_is_refused_by_its_name(settings: list[str], place_of: str, got: str) -> None:
-    """A study is of a run or of a sweep's jobs, and of these it takes the best elite."""
+    """A study is of a run or of a sweep's jobs."""
     with refused(ConfigError, place=place_of, got=got):
         compose_study(settings)
+
+
+@pytest.mark.slow
+def test_several_elites_that_a_noise_run_chose_are_tested(
+    swept: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each job has one value, of its best two by their re-estimates; a bundle replays and compares as the directory."""
+    for name in ("sweep", "cache"):
+        shutil.copytree(swept / name, place / name)
+    assert main(["noise", "sweep=sweep", "elites=3", "seeds=2", "store.root=cache"]) == 0
+    assert main([*TEST, "elites=2", "choose=reestimated"]) == 0
+    assert main([*TEST, "elites=2", "choose=reestimated"]) == 0  # it continues
+    assert json.loads((place / "sweep" / "sweep.json").read_text())["terms"]["retraining"]["elites"] == 2
+    (tested, *_) = load_sweep(Path("sweep")).finished
+    assert tested.tested is not None
+    assert len(tested.tested.networks) == 2
+    published(place)
+    capsys.readouterr()
+    assert main(["replay", "sweep.zip"]) == 0
+    for source, target in (("sweep", "from-directory"), ("sweep.zip", "from-bundle")):
+        assert main(["ablations", source, "-o", target, *(["--store", "cache"] if source == "sweep" else [])]) == 0
+    assert contents(Path("from-directory")) == contents(Path("from-bundle"))
+    with (place / "from-bundle" / "more" / "ablation_runs.csv").open(encoding="utf-8", newline="") as file:
+        assert next(float(row["test loss"]) for row in csv.DictReader(file)) == pytest.approx(tested.tested.loss)
+    assert main(["plan", "sweep", "sweep", "--effect", "0.5", "-o", "planned"]) in {0, 1}
+    assert "test loss" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -40,6 +40,12 @@ def test_variant_differs_from_the_baseline_by_the_listed_changes(task: str, numb
     assert motifs_of(network, baseline(task)) - BESIDE == CHANGES[task, number]
 
 
+def test_network_by_hand_is_the_baseline_with_two_edits() -> None:
+    """BatchNorm and GELU, and nothing else."""
+    network = built((LIBRARY / "grating" / "by_hand.py").read_text(encoding="utf-8"), CLASSES["grating"])
+    assert motifs_of(anatomy_of(network), baseline("grating")) - BESIDE == {"BatchNorm in the blocks", "GELU"}
+
+
 @pytest.mark.parametrize("number", BLOCKS)
 def test_force_variant_has_the_listed_number_of_blocks(number: int) -> None:
     """A block is an attribute `convN`, as in the baseline."""

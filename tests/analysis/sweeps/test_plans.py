@@ -18,7 +18,7 @@ from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import RETRAININGS, Wish, plan
 from analysis.table import Percent
 from analysis.tables.plan import plan_notes, plan_table
-from tacevo.choices import ChosenBy
+from tacevo.choices import ChosenBy, Primary
 from tacevo.costs import Spending
 from tacevo.errors import RunError
 from tacevo.evolution.lines import ReevaluationLine
@@ -145,10 +145,10 @@ def test_table_marks_the_plan() -> None:
 
 def test_pilot_of_a_study_pools_its_networks() -> None:
     """Logarithms of errors; the networks' medians are far apart, and that is not a spread."""
-    found = study_pilot([(run([trained(0, 0)], []), study_of(FOUR))])
+    pilot = study_pilot([(run([trained(0, 0)], []), study_of(FOUR))])
     by_hand = math.sqrt(np.mean([np.var(np.log(sample), ddof=1) for sample in FOUR.values()]))
-    assert (found.metric, found.comparisons, found.spread.freedom) == ("mse", 4, 95)
-    assert found.spread.deviation == pytest.approx(by_hand, rel=1e-8)
+    assert (pilot.metric, pilot.comparisons, pilot.spread.freedom) == ("mse", 4, 95)
+    assert pilot.spread.deviation == pytest.approx(by_hand, rel=1e-8)
     shares = study_of({"baseline": [0.5, 0.7], "variant 1": [0.9, 0.9]}, kind=Kind.classification)
     assert study_pilot([(run([trained(0, 0)], []), shares)]).spread.deviation == pytest.approx(0.1)
 
@@ -191,15 +191,20 @@ def test_pilots_of_unlike_trainings_are_named_in_words() -> None:
         study_pilot([(run([trained(0, 0)], []), one) for one in (short, long)])
 
 
+def score_of(*values: tuple[float, ...]) -> JobScore:
+    """Make the scores of networks by training seed."""
+    return JobScore(metric="mse", networks=("g00s00",) * len(values), values=values, losses=values, late=0)
+
+
 def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> RecordedSweep:
     """Make a sweep whose jobs have these test scores by training seed."""
     jobs = [
-        replace(finished(arm, seed, run_to(0.5)), tested=JobScore(metric="mse", values=values, network="g00s00"))
+        replace(finished(arm, seed, run_to(0.5)), tested=score_of(values))
         for arm, jobs in arms.items()
         for seed, values in enumerate(jobs)
     ]
     retraining = Retraining(
-        seeds=len(jobs[0].tested.values) if jobs[0].tested else 0, epochs=7, choose=ChosenBy.fitness
+        seeds=len(jobs[0].tested.values[0]) if jobs[0].tested else 0, epochs=7, choose=ChosenBy.fitness
     )
     return replace(sweep_of(jobs), terms=SweepTerms(retraining=retraining))
 
@@ -207,14 +212,39 @@ def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> RecordedSweep
 def test_pilot_of_a_sweep_has_both_spreads() -> None:
     """By hand, of logarithms: jobs 1 and e are two apart in squares' halves; seeds of a job are 0 and 2 apart."""
     e = math.e
-    found = sweep_pilot([sweep_with({"none": [(1.0, 1.0, 1.0), (e, e, e)], "a": [(9.0, 9.0, 9.0)]})])
-    assert (found.metric, found.epochs, found.comparisons) == ("mse", 7, 1)
-    assert found.spread.freedom == 1
-    assert found.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
-    assert found.within == found.tested == 0
+    pilot = sweep_pilot([sweep_with({"none": [(1.0, 1.0, 1.0), (e, e, e)], "a": [(9.0, 9.0, 9.0)]})])
+    assert (pilot.metric, pilot.epochs, pilot.comparisons) == ("mse", 7, 1)
+    assert pilot.spread.freedom == 1
+    assert pilot.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
+    assert pilot.within == pilot.tested == 0
     noisy = sweep_pilot([sweep_with({"none": [(1.0, e**2), (1.0, e**2)]})])
     assert noisy.within == pytest.approx(math.sqrt(2), rel=1e-8)
     assert noisy.spread.deviation == 0
+
+
+def test_pilot_of_several_networks_a_job_is_planned_by_their_losses() -> None:
+    """By hand: jobs at 1 and e, seeds of a network 0 and 2 apart; two networks and four seeds leave sqrt(2 / 8)."""
+    e = math.e
+    jobs = [
+        replace(finished("none", seed, run_to(0.5)), tested=score_of((level, level * e**2), (level * e**2, level)))
+        for seed, level in enumerate((1.0, e))
+    ]
+    retraining = Retraining(elites=2, seeds=2, epochs=7, choose=ChosenBy.fitness)
+    pilot = sweep_pilot([replace(sweep_of(jobs), terms=SweepTerms(retraining=retraining))])
+    assert (pilot.metric, pilot.elites) == ("loss", 2)
+    assert pilot.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
+    assert pilot.within == pytest.approx(math.sqrt(2), rel=1e-8)
+    assert pilot.noise(4) == pytest.approx(math.sqrt(2 / 8), rel=1e-8)
+    planned = plan(pilot, replace(WISH, effect=0.9))
+    for way in planned.ways.itertuples():
+        assert way.trainings == (2 * way.searches + way.seeds) * way.retraining
+    assert planned.plan is not None
+    assert (planned.plan.elites, planned.plan.metric) == (2, "loss")
+    told = " ".join((plan_table(planned).caption, *plan_table(planned).notes))
+    assert "90.0 % less test loss" in told
+    assert "2 networks of each job" in told
+    one = replace(sweep_of(jobs), terms=SweepTerms(primary=Primary.test_loss, retraining=replace(retraining, elites=1)))
+    assert sweep_pilot([one]).metric == "loss"
 
 
 def test_run_and_training_that_arms_share_count_once() -> None:
@@ -241,17 +271,17 @@ def test_costs_of_a_search_count_all_its_trainings(tmp_path: Path) -> None:
     for one in here:
         one.run.path.mkdir()
         RunDirectory(one.run.path).add_timing(Spending(), id="g00s00", seconds=6.0)
-    found = sweep_pilot([sweep_of(here)])
-    assert (found.search_epochs, found.seconds) == (12, 2.0)
+    pilot = sweep_pilot([sweep_of(here)])
+    assert (pilot.search_epochs, pilot.seconds) == (12, 2.0)
 
 
 def test_sweep_without_every_test_is_planned_by_its_best_fitness() -> None:
     """One job without a score would be a hole in the arm; the table says so."""
     jobs = [finished("none", seed, run_to(best)) for seed, best in enumerate((0.5, 0.6))]
-    found = sweep_pilot([sweep_of(jobs)])
-    assert (found.metric, found.epochs, found.within) == ("fitness", None, 0)
-    assert found.spread.deviation == pytest.approx(math.log(0.6 / 0.5) / math.sqrt(2), rel=1e-8)
-    planned = plan(found, replace(WISH, effect=0.5))
+    pilot = sweep_pilot([sweep_of(jobs)])
+    assert (pilot.metric, pilot.epochs, pilot.within) == ("fitness", None, 0)
+    assert pilot.spread.deviation == pytest.approx(math.log(0.6 / 0.5) / math.sqrt(2), rel=1e-8)
+    planned = plan(pilot, replace(WISH, effect=0.5))
     assert planned.ways.retraining.isna().tolist() == [True]
     assert any("not every job of the pilot has a test score" in note for note in plan_table(planned).notes)
     with refused(RunError, expected="two jobs of an arm"):
