@@ -67,7 +67,7 @@ def profile_of_baseline(config: RunConfig, task: Task, facts: DataFacts) -> Prof
 def made_up(baseline: Profile, epochs: int, outputs: int) -> Run:
     """Answer probes and trainings with frames that follow from the source alone."""
 
-    def run(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(entry: str, header: Any, payload: bytes, limits: Limits, *_: object) -> Finished | Died:
         rng = np.random.default_rng(list(hashlib.sha256(header["source"].encode()).digest()))
         if entry == "probe":
             return Finished((Frame({"profile": to_json(_resized(baseline, rng))}, b""),))

@@ -18,11 +18,41 @@ class DataSource(StrEnum):
 
 
 class SensorTask(StrEnum):
-    """What is pressed onto a ViTacTip, and what the network must read from the image."""
+    """What is pressed onto the simulated sensor, and what the network must read from the image."""
 
     force = "force"
     grating = "grating"
     hardness = "hardness"
+
+
+class SimulatedSensor(StrEnum):
+    """What the camera of a simulated sensor sees: markers and the object (ViTacTip), or one of both.
+
+    The names are those of the real sensors (and of their directories in the TacVerse release).
+    """
+
+    ViTacTip = "ViTacTip"
+    #: Without markers.
+    ViTac = "ViTac"
+    #: Behind an opaque skin.
+    TacTip = "TacTip"
+
+
+class RecordedTask(StrEnum):
+    """What recordings of the release's sensors are for: the tasks that come with the project."""
+
+    force = "force"
+    grating = "grating"
+    hardness = "hardness"
+    shape = "shape"
+
+
+class GratingClasses(StrEnum):
+    """What the classes of recorded gratings are: their sizes, the families dot and line of patterns, or both."""
+
+    size = "size"
+    pattern = "pattern"
+    joint = "joint"
 
 
 class SplitRule(StrEnum):

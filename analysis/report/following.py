@@ -150,12 +150,12 @@ class Followed:
         known = self._readings.get(run.path)
         if known is None or known.seen != seen:
             is_finished = (run.path / "run.json").exists() and finished_digest(run) is not None
-            found, material = self._collected(run, is_finished=is_finished), None
-            if found is not None:
-                remarks = [*read_note(run.path), *found.run.not_sent.values(), *found.left_out, *found.remarks]
-                texts, edited = read_texts(found.run)
-                tables = tables_of(found, None)
-                material = RunMaterial(found=found, texts=texts, edited=edited, tables=tables, remarks=remarks)
+            shown, material = self._collected(run, is_finished=is_finished), None
+            if shown is not None:
+                remarks = [*read_note(run.path), *shown.run.not_sent.values(), *shown.left_out, *shown.remarks]
+                texts, edited = read_texts(shown.run)
+                tables = tables_of(shown, None)
+                material = RunMaterial(collection=shown, texts=texts, edited=edited, tables=tables, remarks=remarks)
             known = _Reading(seen=seen, is_finished=is_finished, is_busy=is_busy, material=material)
             self._readings[run.path] = known
         return known

@@ -5,6 +5,7 @@ from dataclasses import fields
 
 import numpy as np
 import pandas as pd
+from scipy.stats import friedmanchisquare
 
 from analysis.statistics.tests import blocked_mann_whitney, holm, sign_p
 from analysis.studies.comparison import Verdict
@@ -28,6 +29,25 @@ def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
         for group in groups.values()
         if len(group) > 1
     )
+
+
+def concordance(studies: Sequence[OnData]) -> float | None:
+    """Measure how far several data sets agree on the order of the networks, by their medians: Kendall's W.
+
+    It is Friedman's statistic divided by its largest value (Kendall and Babington Smith 1939), corrected for ties.
+
+    Returns:
+        From 0, no agreement, to 1, one order everywhere; None of fewer than three networks, or where all are equal.
+    """
+    first, _ = studies[0]
+    medians = [
+        [float(np.median(study.values(network.name, study.primary))) for study, _ in studies]
+        for network in first.networks
+    ]
+    most = len(studies) * (len(medians) - 1)
+    if len(medians) < 3 or all(len(set(column)) == 1 for column in zip(*medians, strict=True)):
+        return None
+    return float(friedmanchisquare(*medians).statistic) / most
 
 
 #: The columns of a joint answer over data sets, and the type of each, a variant a row: on how many its median is better

@@ -25,7 +25,7 @@ from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
-from tacevo.results.sweep import ALPHA, REFERENCE, Finished
+from tacevo.results.sweep import ALPHA, REFERENCE, FinishedJob
 from tacevo.results.tested import JobScore
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
@@ -102,7 +102,7 @@ class Ablation:
         return _samples(self.jobs, metric).get(arm, {})
 
 
-def jobs_frame(finished: Sequence[Finished], curves: pd.DataFrame) -> pd.DataFrame:
+def jobs_frame(finished: Sequence[FinishedJob], curves: pd.DataFrame) -> pd.DataFrame:
     """Measure finished runs, one a row (`JOBS`); `curves` as of `curves_frame`."""
     ends = curves.groupby("job").last()
     return as_jobs(
@@ -125,7 +125,7 @@ def as_jobs(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(numbered, columns=["job", *JOBS]).set_index("job").astype(JOBS)
 
 
-def curves_frame(finished: Sequence[Finished], common: CommonArchive) -> pd.DataFrame:
+def curves_frame(finished: Sequence[FinishedJob], common: CommonArchive) -> pd.DataFrame:
     """Return a row for each job and generation: arm, seed, and best fitness, coverage and QD-score of all until then.
 
     A run that its FLOPs ended before others stays where it ended. Best fitness is NaN before anything was trained.
@@ -180,14 +180,14 @@ def compare_arms(
 
 
 def _values(run: RecordedRun) -> dict[Metric, float | None]:
-    found, spent = improvement(run), spending(run, run.candidates)
+    gains, spent = improvement(run), spending(run, run.candidates)
     return {
-        Metric.best_fitness: found.get("last"),
-        Metric.new_quartile: found.get("new_quartile"),
-        Metric.new_median: found.get("new_median"),
-        Metric.improvement: _rounded(found.get("over_first")),
-        Metric.improvement_over_baseline: _rounded(found.get("over_baseline")),
-        Metric.trainable: _rounded(found.get("trainable")),
+        Metric.best_fitness: gains.get("last"),
+        Metric.new_quartile: gains.get("new_quartile"),
+        Metric.new_median: gains.get("new_median"),
+        Metric.improvement: _rounded(gains.get("over_first")),
+        Metric.improvement_over_baseline: _rounded(gains.get("over_baseline")),
+        Metric.trainable: _rounded(gains.get("trainable")),
         Metric.candidates: len(run.candidates),
         Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
         Metric.training_flops: rounded(spent_on_training(run) / 1e12),
@@ -225,7 +225,7 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
 
 def _samples(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
     known = jobs.dropna(subset=metric.name).sort_values("seed").astype({metric.name: "float64"})
-    return {arm: dict(zip(found.seed, found[metric.name], strict=True)) for arm, found in known.groupby("arm")}
+    return {arm: dict(zip(rows.seed, rows[metric.name], strict=True)) for arm, rows in known.groupby("arm")}
 
 
 def _with_failed(
@@ -260,7 +260,7 @@ def _arms(
         rows[name] |= {"n": len(values), "median": rounded(float(np.median(values))) if values else None}
         rows[name] |= _ends("median", values)
     if reference is not None:
-        searches = {arm: dict(zip(found.seed, found.search, strict=True)) for arm, found in jobs.groupby("arm")}
+        searches = {arm: dict(zip(one.seed, one.search, strict=True)) for arm, one in jobs.groupby("arm")}
         # One whose search ended failed its test, and what a search used is no worse for a failure.
         lost = {(job.arm, job.seed) for job in failed} if metric not in SPENT else set()
         if metric not in TESTED:

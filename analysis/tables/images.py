@@ -25,11 +25,11 @@ _DIFFERENCE = (
 )
 
 
-def image_tables(study: RecordedStudy, found: ImageFindings | None) -> tuple[Table, ...]:
+def image_tables(study: RecordedStudy, findings: ImageFindings | None) -> tuple[Table, ...]:
     """Return the tables of a study's test images; without its test predictions, one that says so."""
-    if found is None:
+    if findings is None:
         return (_without(study),)
-    ensembles, outputs = found
+    ensembles, outputs = findings
     tables = [ensembles_table(study, ensembles)]
     return (*tables, image_outputs_table(study, outputs)) if len(outputs) else tuple(tables)
 

@@ -8,7 +8,7 @@ import numpy as np
 from analysis.statistics.tests import sign_p
 from analysis.studies.comparison import of_whole
 from analysis.studies.metrics import metric_name
-from analysis.studies.transfer import OnData, joint
+from analysis.studies.transfer import OnData, concordance, joint
 from analysis.table import Cell, Percent, PValue, Table
 from analysis.tables.comparison import score_cell
 from tacevo.results.study import RecordedStudy
@@ -32,10 +32,22 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
         notes=(
             f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}.",
+            *_agreement(studies),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
             "set, and not over data sets; the table transfer_joint has one answer over all of them.",
         ),
     )
+
+
+def _agreement(studies: Sequence[OnData]) -> list[str]:
+    """Say how far the data sets agree on the order of the networks."""
+    found = concordance(studies)
+    if found is None:
+        return []
+    return [
+        f"The order of the networks by their medians agrees over the data sets with Kendall's W = {found:.2f}: 1 is "
+        "one order everywhere, 0 is no agreement."
+    ]
 
 
 def joint_table(studies: Sequence[OnData]) -> Table:

@@ -45,11 +45,11 @@ def _document(options: argparse.Namespace) -> int:
     """Write the LaTeX document of runs and sweeps: the paper beside the runs, these beside each other, then each."""
     shown = open_all(options.runs, options.store)
     runs = [_with_largest(one) for one in shown if isinstance(one, Run)]
-    found = [one.collection for one in runs]
-    check_alike([compared.study for one in found for compared in one.studies])
+    collections = [one.collection for one in runs]
+    check_alike([compared.study for one in collections for compared in one.studies])
     directory = output_directory(options.output or "build/paper")
     chapters = [write_chapter("The paper beside these runs", with_published(runs), [], directory / "published")]
-    beside, alone = side_by_side(found)
+    beside, alone = side_by_side(collections)
     say(alone)
     if beside:
         chapters.append(write_chapter("These searches beside each other", beside, [], directory / "searches"))

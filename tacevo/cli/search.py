@@ -119,7 +119,7 @@ def _estimated(options: argparse.Namespace) -> str:
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
     tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
-    print(result.found)
+    print(result.summary)
     print(f"read:   {result.directory / 'summary.md'}")
     print(f"look:   {tacevo} show {run} {result.best}")
     print(f"verify: {tacevo} replay {run}")

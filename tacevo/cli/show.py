@@ -114,9 +114,11 @@ def _studied(run: RecordedRun) -> str:
     """Write what the studies and noise runs of a finished run found; nothing without any."""
     if not studies_of(run.path):
         return ""
-    found = read_studies(run)
-    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
-    return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])
+    studies = read_studies(run)
+    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, studies).items()]
+    return "".join(
+        f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in studies.left_out + studies.remarks)]
+    )
 
 
 def show_candidate(path: Path, name: str) -> str:

@@ -23,12 +23,12 @@ from tacevo.choices import Confinement
 from tacevo.cluster.connection import connect, is_guarded, leave
 from tacevo.cluster.facts import Order
 from tacevo.cluster.images import Images
-from tacevo.cluster.members import Described, Member, join, works
-from tacevo.cluster.node import Node
+from tacevo.cluster.members import ClusterMember, Described, join, works
+from tacevo.cluster.node import ClusterNode
 from tacevo.cluster.slot import run_job
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits
-from tacevo.sandbox.client import Died, Finished
+from tacevo.sandbox.client import Died, Finished, Score
 from tacevo.sandbox.protocol import describe
 from tacevo.text import counted
 from tacevo.training.leases import gpu_share
@@ -96,14 +96,14 @@ class Cluster:
         address: str | None,
         workers: int,
         notice: Notice | None = None,
-        process: type[Node] = Node,
+        process: type[ClusterNode] = ClusterNode,
         say: Callable[[str], None] | None = None,
     ) -> None:
         self._order, self._images = order, images
         self._notice, self._process, self._say = notice, process, say
         self._lock = threading.Lock()
         self._flights: set[_Flight] = set()
-        self._members: dict[str, Member] = {}
+        self._members: dict[str, ClusterMember] = {}
         #: How often each node was looked at.
         self._tries: Counter[str] = Counter()
         #: Why no further job can run.
@@ -140,7 +140,9 @@ class Cluster:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(
+        self, entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
+    ) -> Finished | Died:
         """Run one job where a slot is free, and wait for it, as `Sandbox.run`.
 
         Raises:
@@ -150,7 +152,7 @@ class Cluster:
         needs = {"CPU": 1.0, "memory": limits.memory_mib * 2.0**20}
         if isinstance(header, Mapping) and "device" in header:
             needs["GPU"] = gpu_share(self._order.device, self._order.per_gpu)
-        flight = _Flight(job=pickle.dumps((entry, header, payload, limits)), needs=needs)
+        flight = _Flight(job=pickle.dumps((entry, header, payload, limits, score)), needs=needs)
         try:
             with self._lock:
                 if self._end is not None:

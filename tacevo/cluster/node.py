@@ -16,7 +16,7 @@ from tacevo.sandbox.confinement import in_force
 from tacevo.training.leases import leased
 
 
-class Node:
+class ClusterNode:
     """The process of one run on one node; Ray starts it, and starts it again where it was killed.
 
     `images` is None where nothing is trained.
@@ -56,10 +56,10 @@ class Node:
             SandboxError: as `Sandbox.run`; or the images were removed.
         """
         self._held.measures = ()
-        entry, header, payload, limits = pickle.loads(job)
+        entry, header, payload, limits, score = pickle.loads(job)
         if gpus:
             header = leased(header, gpus[0], self._order.per_gpu)
-        answer = self._sandbox().run(entry, header, payload, limits)
+        answer = self._sandbox().run(entry, header, payload, limits, score)
         return pickle.dumps((answer, self._walls()))
 
     def _walls(self) -> dict[str, str] | None:

@@ -24,6 +24,7 @@ from tacevo.choices import (
     Device,
     ExecutorKind,
     FitnessRule,
+    GratingClasses,
     LightScene,
     Normalisation,
     Numerics,
@@ -127,12 +128,12 @@ class DataConfig(Record):
     source: DataSource  #: what holds the images
     #: Height and width, in pixels.
     image_size: Annotated[int, Ge(16), Le(16_384)]
-    #: Simulated: how many.
-    images: ImageCount
+    #: Simulated: how many. TacVerse: the most that are taken; null for all.
+    images: ImageCount | None
     seed: AtLeast0  #: simulated: of the contacts
     sensor_seed: AtLeast0  #: simulated: of the sensor
     light: LightScene  #: simulated: of the sensor
-    #: Simulated gratings: the spacings that are the classes, in mm.
+    #: Gratings: the spacings that are the classes, in mm; TacVerse: [] for all.
     spacings_mm: tuple[Positive, ...]
     #: Recorded: the directory of the data set, or the file of a NumPy archive.
     root: str | None
@@ -140,7 +141,7 @@ class DataConfig(Record):
     table: str
     image_column: str  #: its column of paths
     target_columns: tuple[str, ...]  #: its columns of labels
-    #: TacVerse: the directories to read.
+    #: Simulated: ViTacTip, ViTac (no markers) or TacTip (opaque). TacVerse: the directories to read, joined by +.
     sensor: Text
     pattern: Text | None  #: for gratings
     #: Tables: leave out rows whose image is missing, instead of refusing the table.
@@ -156,6 +157,14 @@ class DataConfig(Record):
     #: The column of the table whose value the images of one press share, which a random split keeps in one part.
     group_column: Text | None = None
     group_pattern: Pattern | None = None  #: the same by a regular expression in an image's path
+    #: TacVerse: whether `images` and `spacings_mm` select; runs of before this setting took every image and size.
+    select: bool = False
+    #: TacVerse: what the classes of gratings are.
+    classes: GratingClasses = GratingClasses.size
+    #: TacVerse: the sensor that is tested, which then does not train.
+    test_sensor: Text | None = None
+    #: How much of its training part trains, too: presses of each grating, images of each shape or with forces.
+    shots: AtLeast0 = 0
 
     @property
     def held_out(self) -> tuple[float, float]:

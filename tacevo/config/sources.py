@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 
-from tacevo.choices import DataSource, SensorTask, SplitRule
+from tacevo.choices import DataSource, RecordedTask, SplitRule
 from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json
@@ -13,30 +13,54 @@ _COMMON = frozenset({"source", "image_size", "split", "split_seed", "validation_
 
 #: The settings that a source uses, where `_NEEDS` holds.
 USED: Mapping[DataSource, frozenset[str]] = {
-    DataSource.simulated: _COMMON | {"images", "seed", "sensor_seed", "light", "spacings_mm"},
+    DataSource.simulated: _COMMON | {"images", "seed", "sensor", "sensor_seed", "light", "spacings_mm"},
     DataSource.csv: _COMMON
     | {"root", "table", "image_column", "target_columns", "skip_missing"}
     | {"white_point", "group_column", "group_pattern"},
     DataSource.folder: _COMMON | {"root", "white_point", "group_pattern"},
-    DataSource.tacverse: _COMMON | {"root", "sensor", "pattern", "skip_missing", "white_point"},
+    DataSource.tacverse: _COMMON
+    | {"root", "sensor", "pattern", "skip_missing", "white_point", "group_pattern"}
+    | {"select", "images", "spacings_mm", "classes", "test_sensor", "shots"},
     DataSource.numpy: _COMMON | {"root", "white_point"},
 }
 
 
+#: Tasks whose images TacVerse does not list in a table.
+_PRESSED = (RecordedTask.grating, RecordedTask.shape)
+
+
 def _has_gratings(config: RunConfig) -> bool:
-    return config.task.name == SensorTask.grating
+    return config.task.name == RecordedTask.grating
 
 
 def _is_random(config: RunConfig) -> bool:
     return config.data.split is SplitRule.random
 
 
+def _selects(config: RunConfig) -> bool:
+    return config.data.source is not DataSource.tacverse or config.data.select
+
+
 #: What else a setting needs, in words and as a rule.
 _NEEDS: Mapping[str, tuple[str, Callable[[RunConfig], bool]]] = {
-    "spacings_mm": ("task=grating", _has_gratings),
+    "images": ("data.select=true", _selects),
+    "spacings_mm": ("task=grating and data.select=true", lambda config: _has_gratings(config) and _selects(config)),
     "pattern": ("task=grating", _has_gratings),
-    "skip_missing": ("a table", lambda config: config.data.source is DataSource.csv or not _has_gratings(config)),
-    **dict.fromkeys(("split_seed", "validation_part", "test_part"), ("data.split=random", _is_random)),
+    "classes": ("task=grating", _has_gratings),
+    "skip_missing": (
+        "a table",
+        lambda config: config.data.source is DataSource.csv or config.task.name not in _PRESSED,
+    ),
+    "group_pattern": (
+        "data.split=random, and a task whose presses the release does not name",
+        lambda config: (
+            _is_random(config) and (config.data.source is not DataSource.tacverse or not _has_gratings(config))
+        ),
+    ),
+    "test_sensor": ("data.split=release", lambda config: not _is_random(config)),
+    "shots": ("data.test_sensor", lambda config: config.data.test_sensor is not None),
+    "split_seed": ("data.split=random or data.shots", lambda config: _is_random(config) or config.data.shots > 0),
+    **dict.fromkeys(("validation_part", "test_part"), ("data.split=random", _is_random)),
 }
 
 

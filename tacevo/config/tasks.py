@@ -8,7 +8,7 @@ from typing import Annotated
 
 import yaml
 
-from tacevo.choices import SensorTask
+from tacevo.choices import RecordedTask
 from tacevo.config.folder import config_file, read_named
 from tacevo.config.schema import RunConfig, TaskConfig, is_a
 from tacevo.config.strict_yaml import read_yaml
@@ -52,9 +52,10 @@ def check_fit(task: TaskConfig, *, kind: Kind, outputs: int, names: Sequence[str
 
 #: Words that a task copied from one of the sensor's own should not keep.
 _WORDS = {
-    SensorTask.force: r"forces?",
-    SensorTask.grating: r"gratings?|grooves?",
-    SensorTask.hardness: r"hard|hardness",
+    RecordedTask.force: r"forces?",
+    RecordedTask.grating: r"gratings?|grooves?",
+    RecordedTask.hardness: r"hard|hardness",
+    RecordedTask.shape: r"shapes",
 }
 
 
@@ -67,7 +68,7 @@ def left_of_others(task: TaskConfig) -> list[str]:
     Raises:
         ConfigError: a file cannot be read.
     """
-    if task.name in list(SensorTask):
+    if task.name in list(RecordedTask):
         return []
     left = []
     if len(task.output_names) not in {0, task.outputs}:

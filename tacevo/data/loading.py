@@ -19,7 +19,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import Catalogue, Source, check_no_faults, check_readable
 from tacevo.data.sources.images import warnings_as_errors
-from tacevo.data.splitting import TENTHS, Split, check_balance, random_split
+from tacevo.data.splitting import PARTS, TENTHS, Split, check_balance, random_split
 from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import Progress, each
 from tacevo.errors import DataError
@@ -126,6 +126,8 @@ def split_rows(catalogue: Catalogue, rule: SplitRule, seed: int, held_out: tuple
         raise DataError(got, place="data.split", remedy="set data.split=random")
     if classes is not None:
         check_balance(parts, classes, catalogue.names)
+    empty = [part for part in PARTS if len(getattr(parts, part)) == 0]
+    check_no_faults("parts of the split have no images", empty, "take more images, or another split")
     return parts
 
 
@@ -176,6 +178,7 @@ def _assemble(
             image_size=catalogue.image_size,
             outputs=len(catalogue.names),
             names=catalogue.names,
+            selected=catalogue.selected,
         ),
         images=images,
         targets=targets,

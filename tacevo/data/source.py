@@ -59,6 +59,8 @@ class Catalogue:
     skipped: int = 0
     #: Files that lie among the images and are not part of the data set.
     ignored: Sequence[Path] = ()
+    #: The settings that select images of the recording, as a user writes them.
+    selected: tuple[str, ...] = ()
 
 
 class Source(Protocol):

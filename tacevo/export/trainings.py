@@ -20,7 +20,7 @@ from tacevo.reproduce.retrain import doubts_of
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import ScoreLine
-from tacevo.rules import STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
+from tacevo.rules import CHOSEN_SINCE, STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.storage.store import Stores
@@ -215,7 +215,7 @@ def _train(
         epoch=epoch,
         key=known.key(source, seed),
         was_recorded=is_stored and known.key(source, seed) in plan.recorded,
-        differing=_differing(told, weighed),
+        differing=_differing(told, weighed, plan.rules),
     )
 
 
@@ -249,11 +249,13 @@ def _evaluator(
     return bench.studies(plan.rules, data.scale, predictions=predictions)
 
 
-def _differing(told: FullTraining | Training | None, weighed: Weighed) -> tuple[str, ...] | None:
+def _differing(told: FullTraining | Training | None, weighed: Weighed, rules: int) -> tuple[str, ...] | None:
     """Name the fields in which a training differs from what is told of it; None where nothing is."""
     if told is None:
         return None
-    was, now = (told.training, weighed.tested) if isinstance(told, FullTraining) else (told, weighed.training)
+    was, now = (told.training if isinstance(told, FullTraining) else told), weighed.training
+    if isinstance(told, FullTraining) and rules < CHOSEN_SINCE:
+        now = weighed.tested
     return tuple(field.name for field in fields(Training) if getattr(was, field.name) != getattr(now, field.name))
 
 

@@ -20,6 +20,7 @@ from tacevo.data.scaling import input_statistics
 from tacevo.data.simulator.files import overrides_for, write_files
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
+from tacevo.data.sources.release import compared
 from tacevo.data.splitting import PARTS
 from tacevo.data.survey import constant_images, equal_images, label_table, nearly_equal, split_of
 from tacevo.errors import ConfigError
@@ -57,6 +58,8 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     mean, deviation = input_statistics(pixels, dataset.train, Normalisation.standardise)
     alike = nearly_equal(dataset) if catalogue.recorded_size is not None else ()
     groups = catalogue.groups
+    is_release = config.data.source is DataSource.tacverse
+    release, differing = compared(Path(config.data.root or "")) if is_release else ((), ())
     return Inspection(
         task=config.task.name,
         source=config.data.source,
@@ -65,6 +68,8 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         names=facts.names,
         images={"all": sum(facts.counts), **dict(zip(PARTS, facts.counts, strict=True))},
         skipped=catalogue.skipped,
+        selected=facts.selected,
+        release=release,
         ignored=tuple(map(str, catalogue.ignored)),
         recorded_size=catalogue.recorded_size,
         image_size=facts.image_size,
@@ -78,7 +83,11 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         groups_chosen_by=catalogue.groups_chosen_by,
         nearly_equal=tuple((image(row), image(other)) for row, other in alike),
         prompt=told(task),
-        warnings=(*doubts_of(config, task, dataset, catalogue), *_alike_words(len(alike), config.data.source)),
+        warnings=(
+            *doubts_of(config, task, dataset, catalogue),
+            *_alike_words(len(alike), config.data.source),
+            *(f"this is not the whole release: {words}" for words in differing),
+        ),
         fingerprint=facts.fingerprint,
         cache=str(dataset.images.parent),
         sheet=str(path),

@@ -2,8 +2,9 @@
 
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
-from tacevo.choices import DataSource, SensorTask
+from tacevo.choices import DataSource, RecordedTask, SensorTask, SimulatedSensor
 from tacevo.config.schema import RunConfig
 from tacevo.config.tasks import check_fit
 from tacevo.data.dataset import Dataset
@@ -12,7 +13,7 @@ from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import TableSource
 from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
@@ -20,6 +21,8 @@ from tacevo.records import DataFacts
 from tacevo.runs.progress import Progress
 from tacevo.training.evaluation import Examples
 from tacevo.training.full import HeldOut
+
+T = TypeVar("T", RecordedTask, SensorTask)
 
 
 def load_same(config: RunConfig, facts: DataFacts, view: Progress, *, catalogue: Catalogue | None = None) -> Dataset:
@@ -77,16 +80,17 @@ def source_of(config: RunConfig) -> Source:
     match data.source:
         case DataSource.simulated:
             return Simulated(
-                task=_sensor_task(config),
-                images=data.images,
+                task=_among(SensorTask, config),
+                images=data.images or 0,  # which `check_together` excludes
                 image_size=data.image_size,
                 seed=data.seed,
                 spacings_mm=tuple(data.spacings_mm),
                 sensor_seed=data.sensor_seed,
                 light=data.light,
+                sensor=SimulatedSensor(data.sensor),  # which `check_together` has looked at
             )
         case DataSource.csv:
-            return Table(
+            return TableSource(
                 root=root,
                 table=data.table,
                 image_column=data.image_column,
@@ -107,26 +111,33 @@ def source_of(config: RunConfig) -> Source:
         case DataSource.tacverse:
             return TacVerse(
                 root=root,
-                task=_sensor_task(config),
+                task=_among(RecordedTask, config),
                 sensor=data.sensor,
                 pattern=data.pattern,
                 image_size=data.image_size,
                 skip_missing=data.skip_missing,
                 white_point=data.white_point,
+                group_pattern=data.group_pattern,
+                spacings_mm=tuple(data.spacings_mm) if data.select else (),
+                images=data.images if data.select else None,
+                classes=data.classes,
+                test_sensor=data.test_sensor,
+                shots=data.shots,
+                seed=data.split_seed,
             )
         case DataSource.numpy:
             return Arrays(root=root, image_size=data.image_size, white_point=data.white_point)
 
 
-def _sensor_task(config: RunConfig) -> SensorTask:
-    """Find a configuration's task among those of the sensor."""
+def _among(tasks: type[T], config: RunConfig) -> T:
+    """Find a configuration's task among those of its source."""
     try:
-        return SensorTask(config.task.name)
+        return tasks(config.task.name)
     except ValueError as error:
         raise ConfigError(
             config.task.name,
             place=f"task.name with data={config.data.source}",
-            expected=f"one of {', '.join(SensorTask)}",
+            expected=f"one of {', '.join(tasks)}",
             remedy="choose other data",
         ) from error
 

@@ -2,8 +2,9 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tacevo.choices import ExecutorKind, Tracking
@@ -29,7 +30,7 @@ from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data
 from tacevo.runs.doubts import doubts_of
-from tacevo.runs.pace import trainings_at_once
+from tacevo.runs.pace import part_saved, trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
@@ -55,7 +56,7 @@ class Result:
     directory: Path
     digest: str
     #: What was found, in short; summary.md in the directory has all of it.
-    found: str
+    summary: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
     #: Whether it found a network that is better than the baseline and than chance.
@@ -135,6 +136,7 @@ def record(
                 usable=usable,
                 trivial=trivial,
                 at_once=config.executor.workers if is_elsewhere else trainings_at_once(config),
+                saving=partial(part_saved, config, len(data.train)),
                 elsewhere=asks_elsewhere(config.llm),
             )
             with Workbench(
@@ -152,10 +154,10 @@ def record(
                 state = run_under(CURRENT, plan, bench.effects, ledger, observer)
             _check_length(ledger, directory)
             elites = archive_files(plan, state)[0].elites
-            found, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
+            summary, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
-        return Result(directory=directory.path, digest=ledger.digest, found=found, best=name, succeeded=succeeded)
+        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=name, succeeded=succeeded)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
@@ -316,9 +318,10 @@ class _Recorder(Watcher):
         usable: UsableAnswers,
         trivial: float,
         at_once: int,
+        saving: Callable[[], float],
         elsewhere: bool,
     ) -> None:
-        super().__init__(plan, view, trivial, at_once=at_once)
+        super().__init__(plan, view, trivial, at_once=at_once, saving=saving)
         self._usable = usable
         self._directory = directory
         self._ledger = ledger

@@ -1,8 +1,11 @@
 """The candidate's process: confined first, then the entry, then the end."""
 
+import itertools
+import mmap
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Mapping
 from importlib.machinery import BuiltinImporter, FrozenImporter
 from types import SimpleNamespace
@@ -17,8 +20,9 @@ from tacevo.sandbox.protocol import Header, Message, Sort, describe
 
 #: What an entry gets: the arrays of the sandbox by name, mapped read-only, or what was made of them (`Equip`).
 Arrays = Mapping[str, Any]
-#: Sends one frame of the answer: a JSON header and raw bytes.
-Send = Callable[[Json, bytes], None]
+#: Sends one frame of the answer: a JSON header and raw bytes. In a job that is scored it waits, and returns whether
+#: this frame's score is the lowest so far.
+Send = Callable[[Json, bytes], bool | None]
 #: A job's code: `run(header, payload, arrays, send)`. What it returns is kept until the process ends, so that a
 #: finaliser of the candidate's (an endless `__del__`) cannot delay the answer.
 Entry = Callable[[Header, bytes, Arrays, Send], object]
@@ -26,10 +30,21 @@ Entry = Callable[[Header, bytes, Arrays, Send], object]
 #: that the entry gets. No code of the candidate has run then, so what it raises is the sandbox's failure, no verdict,
 #: as it is where it takes more time or memory than the job's limits allow. The candidate's own time begins afterwards.
 Equip = Callable[[Header, bytes, Arrays], Arrays]
+#: What a child is told of a frame.
+NOT_LOWEST, LOWEST = 1, 2
+_PAUSE = 0.0005  # seconds between two looks at what it was told
 
 
 def run(
-    entry: Entry, job: Header, payload: bytes, arrays: Arrays, pipe: int, *, supervisor: int, equip: Equip | None
+    entry: Entry,
+    job: Header,
+    payload: bytes,
+    arrays: Arrays,
+    pipe: int,
+    *,
+    supervisor: int,
+    equip: Equip | None,
+    told: mmap.mmap | None,
 ) -> NoReturn:
     """Turn this fresh fork into a candidate's process, run the entry, and end without clean-up.
 
@@ -44,12 +59,25 @@ def run(
             /dev/null.
         supervisor: the process that forked this one; this one ends with it.
         equip: what is called first.
+        told: where frames are scored, memory that the supervisor writes to and never reads, because a confined process
+            may read no file descriptor: of each frame a byte, 0 until its score is known.
     """
 
     def say(sort: Sort, header: Json, data: bytes = b"") -> None:
         left = memoryview(Message.of(sort, header, data).to_bytes())
         while left:
             left = left[os.write(pipe, left) :]
+
+    frames = itertools.count()
+
+    def send(header: Json, data: bytes) -> bool | None:
+        say(Sort.frame, header, data)
+        if told is None:
+            return None
+        number = next(frames)
+        while not told[number]:
+            time.sleep(_PAUSE)
+        return told[number] == LOWEST
 
     def lack(*_: object) -> NoReturn:
         say(Sort.unprepared, None)
@@ -67,7 +95,7 @@ def run(
         if not job["prepared"]:
             sys.meta_path.append(SimpleNamespace(find_spec=lack))
         say(Sort.ready, confine(Limits(**job["limits"]), Confinement(job["strongest"])))
-        _kept = entry(job["header"], payload, arrays, lambda header, data: say(Sort.frame, header, data))
+        _kept = entry(job["header"], payload, arrays, send)
         say(Sort.done, None)
         os.kill(os.getpid(), signal.SIGSTOP)  # the supervisor takes a last look at the memory, then ends it
     except MemoryError as error:

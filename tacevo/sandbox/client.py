@@ -8,6 +8,7 @@ dead within a second. docs/security.md says what it does not promise.
 from __future__ import annotations
 
 import contextlib
+import math
 import socket
 import subprocess
 import tempfile
@@ -16,7 +17,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Self, TypeVar
+from typing import IO, Protocol, Self, TypeVar
 
 from tacevo.choices import Confinement
 from tacevo.errors import SandboxError, TacevoError
@@ -83,8 +84,17 @@ class Died:
     cpu_seconds: float = field(default=0.0, compare=False)
 
 
-#: Runs a job, as `Sandbox.run` does: entry, header, payload, limits.
-Run = Callable[[str, Json, bytes, Limits], Finished | Died]
+#: Scores the payload of a frame, the lower the better, and raises nothing. For a node it is pickled.
+Score = Callable[[bytes], float]
+
+
+class Run(Protocol):
+    """Runs a job, as `Sandbox.run` does."""
+
+    def __call__(
+        self, entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None, /
+    ) -> Finished | Died:
+        """Run a job and wait for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,10 +163,14 @@ class Sandbox:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(
+        self, entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
+    ) -> Finished | Died:
         """Run one job and wait for it.
 
         A job that was killed, or lost its supervisor, runs once more; the second time counts as the candidate's doing.
+        With `score` each frame is scored here as it comes, and the job is told whether its score is the lowest so far,
+        and nothing else. The time that this takes is not the candidate's.
 
         Raises:
             SandboxError: the sandbox itself failed; this says nothing about the candidate.
@@ -165,20 +179,22 @@ class Sandbox:
         if entry not in self._entries:
             raise KeyError(f"expected one of the entries {sorted(self._entries)}; got {entry!r}")
         order: dict[str, Json] = {"entry": entry, "header": header, "limits": to_json(limits)}
-        order |= {"strongest": self._strongest, "answer_bytes": self._answer_bytes}
+        order |= {"strongest": self._strongest, "answer_bytes": self._answer_bytes, "scored": score is not None}
         try:
-            return self._run(order, payload, limits, prepared=False)
+            return self._run(order, payload, limits, score, prepared=False)
         except _UnpreparedError:
-            return self._run(order, payload, limits, prepared=True)
+            return self._run(order, payload, limits, score, prepared=True)
 
-    def _run(self, order: Mapping[str, Json], payload: bytes, limits: Limits, *, prepared: bool) -> Finished | Died:
+    def _run(
+        self, order: Mapping[str, Json], payload: bytes, limits: Limits, score: Score | None, *, prepared: bool
+    ) -> Finished | Died:
         """Run a job, once more where it was killed, and each time once more where it was lost."""
         job = Message.of(Sort.job, {**order, "prepared": prepared}, payload)
         for _ in range(2):  # a kill by the kernel or a person is rare; a candidate that did it will do it again
             try:
-                answer = self._attempt(job, limits, prepared)
+                answer = self._attempt(job, limits, score, prepared)
             except _LostError:
-                answer = self._attempt(job, limits, prepared)
+                answer = self._attempt(job, limits, score, prepared)
             if not isinstance(answer, _Killed):
                 return answer
             if self._closed:
@@ -186,7 +202,7 @@ class Sandbox:
             detail = answer.detail
         return Died(Reason.crashed, detail)
 
-    def _attempt(self, job: Message, limits: Limits, prepared: bool) -> Finished | Died | _Killed:
+    def _attempt(self, job: Message, limits: Limits, score: Score | None, prepared: bool) -> Finished | Died | _Killed:
         """Run a job in a fresh process."""
         ours, theirs = socket.socketpair()
         with ours:
@@ -194,7 +210,8 @@ class Sandbox:
                 self._submit(theirs, prepared)
             channel = Channel(ours)
             supervisor = _hand_over(channel, job)
-            return _await_answer(channel, limits, supervisor, self._notice, equips=self._equip is not None)
+            equips = self._equip is not None
+            return _await_answer(channel, limits, supervisor, self._notice, score, equips=equips)
 
     def close(self) -> None:
         """End the zygotes and every job; calls to `run` that wait in other threads raise `SandboxError`."""
@@ -327,10 +344,10 @@ def _hand_over(channel: Channel, job: Message) -> int:
 
 
 def _await_answer(
-    channel: Channel, limits: Limits, supervisor: int, notice: Notice | None, *, equips: bool
+    channel: Channel, limits: Limits, supervisor: int, notice: Notice | None, score: Score | None, *, equips: bool
 ) -> Finished | Died | _Killed:
     """Collect the frames and the verdict of one job; `equips` says whether a device is made ready for it first."""
-    frames = []
+    frames, lowest = [], math.inf
     longest = limits.seconds + _GRACE_SECONDS
     try:
         message = channel.receive(time.monotonic() + longest)
@@ -340,6 +357,11 @@ def _await_answer(
         deadline = time.monotonic() + _TRANSFER_SECONDS
         while message.sort is Sort.frame:
             frames.append(message)
+            if score is not None:
+                value = score(message.payload)
+                channel.send(Message.of(Sort.scored, value < lowest))
+                lowest = min(lowest, value)
+                deadline = time.monotonic() + longest  # the candidate goes on
             message = channel.receive(deadline)
     except TimeoutError:
         end_tree(supervisor)

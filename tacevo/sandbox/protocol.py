@@ -69,6 +69,8 @@ class Sort(IntEnum):
     unprepared = 10
     #: Supervisor to search: how it ended (its last message).
     verdict = 9
+    #: Search to supervisor, where frames are scored: whether this frame's score is the lowest so far.
+    scored = 12
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ before any such line runs.
 """
 
 import contextlib
+import mmap
 import os
 import select
 import signal
@@ -57,17 +58,18 @@ def _serve(
     """
     message = channel.receive()
     job = message.read_header()
+    bounds = replace(CHILD, total_bytes=job["answer_bytes"])
+    told = mmap.mmap(-1, bounds.messages) if job["scored"] else None
     pipe, theirs = os.pipe()
     supervisor = os.getpid()
     pid = os.fork()
     if pid == 0:
         entry = entries[job["entry"]]
-        child.run(entry, job, message.payload, arrays, theirs, supervisor=supervisor, equip=equip)
+        child.run(entry, job, message.payload, arrays, theirs, supervisor=supervisor, equip=equip, told=told)
     os.close(theirs)
     os.set_blocking(pipe, False)
     limits = Limits(**job["limits"])
-    bounds = replace(CHILD, total_bytes=job["answer_bytes"])
-    watch = _Watch(pid, pipe, channel, limits, bounds, prepared=job["prepared"], equips=equip is not None)
+    watch = _Watch(pid, pipe, channel, limits, bounds, prepared=job["prepared"], equips=equip is not None, told=told)
     verdict = watch.until_the_end()
     # Measured here, where the candidate cannot reach. What is reaped already counts as this process's children.
     cpu = sum(map(cpu_seconds, (supervisor, *descendants(supervisor))))
@@ -77,17 +79,28 @@ def _serve(
 class _Watch:
     """What a supervisor knows of its candidate: a child, and the end of its result pipe, which must not block.
 
-    When the channel to the search closes, the search no longer waits. `prepared` is as in `child.run`. Where the child
-    `equips` itself first, that has the limits too; the candidate's time begins afterwards, and the search is told so.
+    When the channel to the search closes, the search no longer waits. `told` and `prepared` are as in `child.run`.
+    Where the child `equips` itself first, that has the limits too; the candidate's time begins afterwards, and the
+    search is told so.
     """
 
     def __init__(
-        self, pid: int, pipe: int, channel: Channel, limits: Limits, bounds: Bounds, *, prepared: bool, equips: bool
+        self,
+        pid: int,
+        pipe: int,
+        channel: Channel,
+        limits: Limits,
+        bounds: Bounds,
+        *,
+        prepared: bool,
+        equips: bool,
+        told: mmap.mmap | None,
     ) -> None:
         self.frames: list[Message] = []
         #: What `confine` put in force; None before, when no code of the candidate has run.
         self.measures: Json = None
         self._pid, self._pipe, self._channel, self._limits = pid, pipe, channel, limits
+        self._told, self._scored = told, 0
         self._prepared, self._equips = prepared, equips
         self._search = channel.stream.fileno()
         self._end = os.pidfd_open(pid)
@@ -138,8 +151,10 @@ class _Watch:
         match message.sort:
             case Sort.ready if self.measures is None:
                 return self._begin(message)
-            case Sort.frame:
+            case Sort.frame if self._told is None:
                 self.frames.append(message)
+            case Sort.frame:
+                self._have_scored(message)
             case Sort.done:
                 return {"ended": "finished"}
             case Sort.unprepared if not self._prepared:
@@ -159,6 +174,15 @@ class _Watch:
             self._channel.send(ready)
         self.measures = ready.read_header()
         return None
+
+    def _have_scored(self, frame: Message) -> None:
+        """Pass a frame on and tell the child what the search says of it; meanwhile its time stands still."""
+        asked = time.monotonic()
+        self._channel.send(frame)
+        assert self._told is not None
+        self._told[self._scored] = child.LOWEST if self._channel.receive().read_header() else child.NOT_LOWEST
+        self._scored += 1
+        self._deadline += time.monotonic() - asked
 
     def _failed(self, message: Message) -> dict[str, Json]:
         """Return the verdict on a child that raised, or was refused memory."""

@@ -159,11 +159,11 @@ class SweepDirectory:
                 else name_instead(self.path) or "`tacevo search -m` makes one",
             )
         remedy = "restore it, or delete it and repeat the `tacevo search -m` command that began the sweep"
-        found = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
-        for job in found.jobs:
+        record = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
+        for job in record.jobs:
             if Path(job.name).name != job.name or job.name in _TAKEN:
                 raise RunError(repr(job.name), place=f"{path}, jobs", expected="the name of a directory", remedy=remedy)
-        return found
+        return record
 
     def fail(self, job: Job, reason: str, *, by_scheduler: bool = False) -> None:
         """Keep why a job failed."""

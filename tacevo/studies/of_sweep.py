@@ -94,5 +94,5 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
 
 def _is_tested(directory: SweepDirectory, jobs: Sequence[Job], stated: Retraining) -> bool:
     """Return whether a job has a finished study as its sweep states them, of however many elites."""
-    records = (found.read() for job in jobs for found in studies_of(directory.run(job).path))
+    records = (study.read() for job in jobs for study in studies_of(directory.run(job).path))
     return any(record.digest is not None and is_stated(record, stated) for record in records)

@@ -129,8 +129,8 @@ def _run(
         nonlocal finished
         status = status_of(directory, job)
         finished += status.standing is Standing.finished
-        found = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
-        view.say(f"{job.name}: {status.standing}, {found} ({finished} of {len(statuses)} jobs finished)")
+        result = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
+        view.say(f"{job.name}: {status.standing}, {result} ({finished} of {len(statuses)} jobs finished)")
         view.advance("jobs", finished, len(statuses))
 
     with telling(

@@ -50,10 +50,10 @@ def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
     if not missing:
         return
     run = read_run(directory.path)
-    found = read_studies(run)
-    told, compared = outcomes(run, found), {one.name: one for one in found.studies}
-    again = {one.name: one for one in found.reestimates}
-    for finished in found.finished:
+    studies = read_studies(run)
+    told, compared = outcomes(run, studies), {one.name: one for one in studies.studies}
+    again = {one.name: one for one in studies.reestimates}
+    for finished in studies.finished:
         name, scores = finished.path.name, finished.scores
         if name not in missing:
             continue
@@ -115,6 +115,6 @@ def _verdicts(compared: Compared | None) -> dict[str, str]:
 def _table(run: RecordedRun, compared: Compared | None, again: Reestimates | None) -> Table | None:
     """Return the table of a study's verdicts, or of its scores where none can be given; of a noise run its own."""
     if compared is not None:
-        found = compared.comparisons
-        return scores_table(compared.study) if found is None else verdicts_table(compared.study, found)
+        comparisons = compared.comparisons
+        return scores_table(compared.study) if comparisons is None else verdicts_table(compared.study, comparisons)
     return None if again is None else noise_table(again, run.task, run.record.trivial)

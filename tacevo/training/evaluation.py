@@ -4,9 +4,11 @@ An evaluation is a pure function of source, data, contract, recipe, seed and num
 the store. The validation labels stay here: the child predicts, and the parent computes the loss.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -19,6 +21,7 @@ from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
 from tacevo.training.answers import judge
+from tacevo.training.losses import validation_loss
 
 #: The entries that a sandbox needs for `Evaluator`, besides the array `images`.
 ENTRIES = {"train": "tacevo.training.trainer:run"}
@@ -84,11 +87,14 @@ class Setting:
         examples: Examples,
         predicted: Sequence[NDArray[np.int64]],
         sent_epoch: int | None = None,
+        last: bool = False,
     ) -> Finished | Died:
         """Train a candidate in a sandbox; the seed is that of the initial weights, the order of batches and dropout.
 
         After each epoch the images of the rows `predicted` are predicted, without their labels, in groups of which no
-        two share a batch. The weights of an epoch, from 1, come last where they are asked for.
+        two share a batch. With `last` only the first group is, the validation images; and all of them in the end, with
+        the weights of the epoch of the lowest validation loss. The weights of an epoch, from 1, come last where they
+        are asked for.
 
         Raises:
             ValueError: the examples are not those of the setting's fingerprint.
@@ -110,9 +116,13 @@ class Setting:
             **self._sent_device(),
             **({"contiguous": True} if self.contiguous else {}),
             **({} if sent_epoch is None else {"sent_epoch": sent_epoch}),
+            **({"last": True} if last else {}),
         }
         payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
-        return run("train", header, payload, self.recipe.limits)
+        if not last:
+            return run("train", header, payload, self.recipe.limits)
+        score = partial(_score, self.contract, examples.validation_targets)
+        return run("train", header, payload, self.recipe.limits, score)
 
     def judge(
         self, outcome: Finished | Died, examples: Examples, rows: int
@@ -126,6 +136,15 @@ class Setting:
     def _sent_device(self) -> dict[str, str]:
         # Left out on a CPU, so that older keys and messages stay as they were.
         return {} if self.device is Device.cpu else {"device": self.device.value}
+
+
+def _score(contract: Contract, targets: NDArray[Any], payload: bytes) -> float:
+    """Return the validation loss of what a trainer sent after an epoch; infinity where it is not that."""
+    try:
+        predictions = np.frombuffer(payload, np.float32).reshape(len(targets), contract.outputs)
+    except ValueError:
+        return math.inf
+    return validation_loss(contract.loss, predictions, targets) if np.isfinite(predictions).all() else math.inf
 
 
 class TrainingStore(ABC, Generic[Data, Result]):

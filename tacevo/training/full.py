@@ -1,25 +1,30 @@
 """The full training of a study: all epochs, then the test metrics of the epoch with the lowest validation loss.
 
-The child predicts validation and test images after every epoch, in separate batches and without their labels; the
-parent chooses the epoch. So "the weights of the best validation epoch" needs no trust in the child, and in a network
-that normalises by the batch no test image changes a validation loss.
+The child predicts the validation images after every epoch, and hears whether their loss was the lowest so far. In the
+end it puts those weights back and predicts validation and test images, in separate batches. All of it is without their
+labels: the parent chooses the epoch. Where it predicts the validation images otherwise than after that epoch, as a
+network does that keeps what it learnt outside its weights and buffers, it is trained again and predicts the test images
+after every epoch, as all did under the rules before `CHOSEN_SINCE`. So "the weights of the best validation epoch" needs
+no trust in the child, and in a network that normalises by the batch no test image changes a validation loss.
 
 The test predictions of that epoch are kept with the labels of the test images, and the metrics are computed from them
 again whenever a training is recalled. Where they are not at hand, in the bundle of a sweep, those metrics are computed
 that follow from the confusion.
 """
 
+import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tacevo.errors import CacheMissError, DivergenceError, StoreError
-from tacevo.records import DataFacts, Kind, Record, Rejection, Training
-from tacevo.rules import KEPT_SINCE
+from tacevo.records import DataFacts, Kind, Reason, Record, Rejection, Stage, Training
+from tacevo.rules import CHOSEN_SINCE, KEPT_SINCE
 from tacevo.sandbox.client import Died, Finished, Run
+from tacevo.sandbox.protocol import one_line
 from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.text import listed
@@ -32,6 +37,9 @@ from tacevo.training.metrics import (
     metric_names,
     regression_metrics,
 )
+
+#: Header of the frame with the predictions of the weights that were put back.
+_TESTED = {"tested": True}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +70,8 @@ class Kept(Record):
 class FullTraining(Record):
     """A full training, and the test metrics of its best epoch."""
 
-    #: Its `predictions_sha256` covers validation and test images; its `weights_sha256` is of the last epoch.
+    #: As of a search with so many epochs; its `weights_sha256` is of the last one. Before `CHOSEN_SINCE` its
+    #: `predictions_sha256` covers the test images, too.
     training: Training
     #: Of the lowest validation loss, from 1; the first one on a tie.
     epoch: int
@@ -120,8 +129,13 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
     def _train(self, data: tuple[Examples, HeldOut], source: str, seed: int) -> FullTraining | Rejection:
         examples, held_out = data
         predicted = [examples.validation, held_out.rows]
-        outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted)
-        verdict = assess(outcome, self._setting, examples, held_out)
+        is_chosen, verdict = self._rules >= CHOSEN_SINCE, None
+        if is_chosen:
+            outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted, last=True)
+            verdict = assess_chosen(outcome, self._setting, examples, held_out)
+        if verdict is None:
+            outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted)
+            verdict = assess(outcome, self._setting, examples, held_out, hashes_tests=not is_chosen)
         if isinstance(verdict, Rejection):
             return verdict
         training, predictions = verdict
@@ -179,11 +193,12 @@ def _compare(recorded: Mapping[str, float], computed: Mapping[str, float], place
 
 
 def assess(
-    outcome: Finished | Died, setting: Setting, examples: Examples, held_out: HeldOut
+    outcome: Finished | Died, setting: Setting, examples: Examples, held_out: HeldOut, *, hashes_tests: bool
 ) -> tuple[FullTraining, NDArray[np.float32]] | Rejection:
     """Choose the epoch of the lowest validation loss, the first on a tie, and compute its test metrics.
 
-    The predictions are those of the validation images, then of the test images.
+    The predictions of each epoch are those of the validation images, then of the test images. `hashes_tests` says
+    whether the digest of the training covers both.
 
     Returns:
         The training, and its predictions for the test images, shape (t, K).
@@ -193,17 +208,66 @@ def assess(
     if isinstance(verdict, Rejection):
         return verdict
     training, of_epochs = verdict
-    best = training.validation_losses.index(min(training.validation_losses))
-    predictions, kind = of_epochs[best][count:], setting.contract.kind
+    predictions = of_epochs[_lowest(training)][count:]
+    if not hashes_tests:
+        training = untested(training, of_epochs, count)
+    return _tested(training, predictions, setting, held_out), predictions
+
+
+def assess_chosen(
+    outcome: Finished | Died, setting: Setting, examples: Examples, held_out: HeldOut
+) -> tuple[FullTraining, NDArray[np.float32]] | Rejection | None:
+    """Do what `assess` does, where the test images are predicted last.
+
+    Returns:
+        None where the validation images are predicted otherwise then than after the chosen epoch: the weights that were
+        put back are not all of that network.
+    """
+    sent: list[bytes] = []
+    if isinstance(outcome, Finished):
+        sent = [frame.payload for frame in outcome.frames if frame.header == _TESTED]
+        outcome = replace(outcome, frames=tuple(frame for frame in outcome.frames if frame.header != _TESTED))
+    count, rows = len(examples.validation), len(examples.validation) + len(held_out.rows)
+    verdict = setting.judge(outcome, examples, rows=count)
+    if isinstance(verdict, Rejection):
+        return verdict
+    training, of_epochs = verdict
+    try:
+        [payload] = sent
+        predictions = np.frombuffer(payload, np.float32).reshape(rows, setting.contract.outputs)
+    except ValueError as error:
+        return Rejection(stage=Stage.train, reason=Reason.bad_output, detail=one_line(str(error)))
+    validated, predictions = predictions[:count], predictions[count:]
+    if validated.tobytes() != of_epochs[_lowest(training)].tobytes():
+        return None
+    if not np.isfinite(predictions).all():
+        detail = "the test predictions are not all finite"
+        return Rejection(stage=Stage.train, reason=Reason.not_finite, detail=detail)
+    return _tested(training, predictions, setting, held_out), predictions
+
+
+def untested(training: Training, of_epochs: Sequence[NDArray[np.float32]], count: int) -> Training:
+    """Return a training as of a search: its digest covers the first predictions of each epoch alone, so many."""
+    validated = b"".join(values[:count].tobytes() for values in of_epochs)
+    return replace(training, predictions_sha256=hashlib.sha256(validated).hexdigest())
+
+
+def _lowest(training: Training) -> int:
+    """Return the epoch of the lowest validation loss, from 0; the first on a tie."""
+    return training.validation_losses.index(min(training.validation_losses))
+
+
+def _tested(training: Training, predictions: NDArray[np.float32], setting: Setting, held_out: HeldOut) -> FullTraining:
+    """Compute the test metrics of the chosen epoch's predictions."""
+    kind = setting.contract.kind
     metrics, counts = score(kind, predictions, held_out.targets, names=held_out.names, scale=held_out.scale)
-    full = FullTraining(
+    return FullTraining(
         training=training,
-        epoch=best + 1,
+        epoch=_lowest(training) + 1,
         metrics=metrics,
         confusion=counts,
         kept=Kept(predictions=digest_of(predictions), labels=digest_of(held_out.targets)),
     )
-    return full, predictions
 
 
 def read_kept(arrays: ArrayStore, kept: Kept, facts: DataFacts) -> tuple[NDArray[np.float32], NDArray[Any]]:

@@ -10,7 +10,7 @@ from tacevo.choices import Device
 from tacevo.environment import gpus
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits
-from tacevo.sandbox.client import Died, Finished, Run
+from tacevo.sandbox.client import Died, Finished, Run, Score
 
 
 def visible_gpus() -> tuple[str, ...]:
@@ -45,16 +45,18 @@ class Leases:
         self._lent = Counter(dict.fromkeys(gpus, 0))
         self._changed = threading.Condition()
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(
+        self, entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
+    ) -> Finished | Died:
         """Run a job; one whose header asks for a `device` waits for a GPU first, which does not count as its time.
 
         Raises:
             SandboxError: as `Sandbox.run`; or a job needs a GPU, and there is none.
         """
         if not (isinstance(header, dict) and "device" in header):
-            return self._run(entry, header, payload, limits)
+            return self._run(entry, header, payload, limits, score)
         with self._lease() as gpu:
-            return self._run(entry, leased(header, gpu, self._per_gpu), payload, limits)
+            return self._run(entry, leased(header, gpu, self._per_gpu), payload, limits, score)
 
     @contextmanager
     def _lease(self) -> Iterator[str]:

@@ -3,12 +3,13 @@
 It gets the images, the training labels and the rows of the validation images, and sends back predictions. The
 validation labels never come here, so a candidate cannot know how well it does. Weights are listed, switched and hashed
 without calling the candidate's methods (`tacevo.sandbox.network`). In the full training of a study the test images are
-a second group to predict, also without labels. The parent trusts nothing that leaves here, because the candidate shares
-this process.
+a second group to predict, also without labels. The parent tells after which epoch the validation loss was the lowest so
+far; a copy of those weights is kept, and they predict the test images in the end. The parent trusts nothing that leaves
+here, because the candidate shares this process.
 """
 
 import math
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from torch.nn.functional import cross_entropy, mse_loss
 
 from tacevo.choices import Precision
 from tacevo.randomness import stream
-from tacevo.records import Contract, Loss, Reason, Recipe
+from tacevo.records import Contract, Json, Loss, Reason, Recipe
 from tacevo.sandbox.candidate import (
     Adam,
     CandidateError,
@@ -55,9 +56,11 @@ class _Job(NamedTuple):
     train: NDArray[np.int64]
     #: In groups of which no two share a batch.
     predicted: tuple[NDArray[np.int64], ...]
+    #: Whether the groups after the first are predicted in the end alone.
+    last: bool
     targets: torch.Tensor
     device: torch.device
-    #: The epoch, from 1, whose weights are sent; None for none.
+    #: The epoch, from 1, whose weights are kept and sent; None where the parent says which are kept, and none are sent.
     sent_epoch: int | None
     #: Of the images in memory.
     layout: torch.memory_format = torch.contiguous_format
@@ -81,13 +84,15 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
             values; `train` and `validation`, the numbers of images; `groups`, the sizes of the groups that the latter
             are divided into, by default one; `device`, by default `cpu`; `contiguous`, by default false: whether the
             images keep torch's default layout, as before number 3 of the rules; `sent_epoch`, by default null: the
-            epoch, from 1, whose weights are sent.
+            epoch, from 1, whose weights are sent; `last`, by default false: whether only the first group is predicted
+            after each epoch, and all of them in the end, with the weights of the epoch of the lowest score.
         payload: int64 rows of the training images, int64 rows of the validation images, then the training
             targets (float32 of shape (n, K), or int64 of shape (n,)).
         arrays: `images`, uint8 of shape (N, C, S, S), or what `tacevo.training.gpu.equip` made of them.
         send: for each epoch gets `{"epoch", "train_loss", "steps"}`, the last the number of optimiser steps so far,
-            with the float32 predictions of the validation images, shape (n, K), row-major; then `{"weights_sha256"}`,
-            with the names of operations without a deterministic form under `not_deterministic`, where any ran; or
+            with the float32 predictions of the validation images, shape (n, K), row-major; with `last` then
+            `{"tested": true}`, with those of all groups; then `{"weights_sha256"}`, of the last epoch, with the names
+            of operations without a deterministic form under `not_deterministic`, where any ran; or
             `{"rejection": {"reason", "detail"}}`. The weights of `sent_epoch` come last, as
             `tacevo.sandbox.candidate.send_weights` sends them.
     """
@@ -121,6 +126,7 @@ def _read(header: Header, payload: bytes, arrays: Arrays) -> _Job:
         targets=torch.from_numpy(targets.copy()).to(device),
         device=device,
         sent_epoch=header.get("sent_epoch"),
+        last=header.get("last", False),
     )
 
 
@@ -154,23 +160,38 @@ def _train(job: _Job, send: Send) -> nn.Module:
         model = nn.Module.to(build(job.source, job.contract, job.seed), job.device)
         listed = parameters(model)
         optimiser = Adam(listed, job.recipe.learning_rate)
-    sent: dict[str, torch.Tensor] = {}
+    kept: dict[str, torch.Tensor] = {}
     with noting_nondeterminism(job.device) as noted:
         for epoch in range(job.recipe.epochs):
             losses = _epoch(job, model, listed, optimiser, epoch)
-            parts = _predict(job, model)
+            predictions = _predict(job, model, job.predicted[:1] if job.last else job.predicted)
             # As torch itself counts them.
-            steps = max((int(kept["step"]) for kept in optimiser.state.values()), default=0)
-            predictions = torch.cat(parts).cpu().contiguous().numpy().tobytes()
-            send({"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), "steps": steps}, predictions)
-            if epoch + 1 == job.sent_epoch:
-                sent = {name: torch.Tensor.detach(value).clone() for name, value in state(model).items()}
+            steps = max((int(taken["step"]) for taken in optimiser.state.values()), default=0)
+            report: Json = {"epoch": epoch, "train_loss": math.fsum(losses) / len(losses), "steps": steps}
+            is_lowest = send(report, predictions)
+            if is_lowest or epoch + 1 == job.sent_epoch:
+                kept = {name: torch.Tensor.detach(value).clone() for name, value in state(model).items()}
+        with blaming(Reason.crashed):
+            weights = {"weights_sha256": digest(model)}
+        if job.last:
+            _put_back(model, kept)
+            send({"tested": True}, _predict(job, model, job.predicted))
     with blaming(Reason.crashed):
-        weights = {"weights_sha256": digest(model)}
         send(weights | ({"not_deterministic": sorted(noted)} if noted else {}), b"")
         if job.sent_epoch is not None:
-            send_weights(sent, send)
+            send_weights(kept, send)
     return model
+
+
+def _put_back(model: nn.Module, kept: dict[str, torch.Tensor]) -> None:
+    """Give a network the weights and buffers of an earlier epoch again.
+
+    What it keeps elsewhere stays; from its predictions of the validation images the parent sees whether that matters.
+    """
+    # It stays as well where a buffer was made later, has another shape by now, or has values that share memory.
+    with blaming(Reason.crashed), torch.no_grad(), suppress(KeyError, RuntimeError):
+        for name, value in state(model).items():
+            torch.Tensor.copy_(torch.Tensor.detach(value), kept[name])
 
 
 def batches(count: int, size: int, seed: int, epoch: int) -> list[NDArray[np.int64]]:
@@ -208,16 +229,17 @@ def _step(
     return value
 
 
-def _predict(job: _Job, model: nn.Module) -> list[torch.Tensor]:
-    """Predict the images of every group, in batches of the training's size.
+def _predict(job: _Job, model: nn.Module, groups: tuple[NDArray[np.int64], ...]) -> bytes:
+    """Predict the images of some groups, in batches of the training's size; return float32 of shape (n, K).
 
     Each output is copied at once: it may be memory that the network writes to again.
     """
     switch(model, training=False)
     size = job.recipe.batch_size
-    parts = (rows[i : i + size] for rows in job.predicted for i in range(0, len(rows), size))
+    parts = (rows[i : i + size] for rows in groups for i in range(0, len(rows), size))
     with torch.no_grad():
-        return [_forward(job, model, rows).clone() for rows in parts]
+        predictions = torch.cat([_forward(job, model, rows).clone() for rows in parts])
+    return predictions.cpu().contiguous().numpy().tobytes()
 
 
 def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tensor:

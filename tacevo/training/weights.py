@@ -19,7 +19,7 @@ from tacevo.records import Reason, Record, Rejection, Stage, Training
 from tacevo.sandbox.client import AnswerError, Finished, Frame, Run
 from tacevo.sandbox.protocol import one_line
 from tacevo.training.evaluation import Examples, Setting
-from tacevo.training.full import HeldOut
+from tacevo.training.full import HeldOut, untested
 
 #: Weights and buffers by name; a plain array each.
 Weights = Mapping[str, NDArray[np.generic]]
@@ -46,9 +46,10 @@ class _Sent(Record):
 class Weighed:
     """A training with the weights of one epoch."""
 
-    #: Of the training and validation images alone, as a search records it.
+    #: Of the training and validation images alone, as a search records it, and a study under today's rules.
     training: Training
-    #: As a study records it: its digest covers the predictions of the test images, too.
+    #: As studies under the rules before `tacevo.rules.CHOSEN_SINCE` record it: its digest covers the predictions of the
+    #: test images, too.
     tested: Training
     weights: Weights
     #: Of the test images after that epoch, float32, shape (t, K), in the scaled units of training, or logits.
@@ -83,9 +84,8 @@ def train_and_weigh(
     except (AnswerError, ValueError) as error:
         return Rejection(stage=Stage.train, reason=Reason.bad_output, detail=one_line(str(error)))
     count = len(examples.validation)
-    searched = hashlib.sha256(b"".join(values[:count].tobytes() for values in of_epochs)).hexdigest()
     return Weighed(
-        training=replace(tested, predictions_sha256=searched),
+        training=untested(tested, of_epochs, count),
         tested=tested,
         weights=weights,
         predictions=of_epochs[epoch - 1][count:],

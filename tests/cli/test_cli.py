@@ -117,7 +117,7 @@ def test_other_configuration_in_the_same_directory_is_refused(copied: Path, caps
 
 def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
     """Where to look and what next, also where a directory has a space in its name; the digest is the last line."""
-    result = Result(directory=Path("my runs/one"), digest="d", found="found\n", best="g01s02", succeeded=True)
+    result = Result(directory=Path("my runs/one"), digest="d", summary="found\n", best="g01s02", succeeded=True)
     print_end(result, ["a remark"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["found", ""]
@@ -150,7 +150,7 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
         (["search", "archive.nichs=3"], "archive.nichs: not a setting; did you mean archive.niches?"),
         (["search", "seed=abc"], 'seed: expected an integer; got "abc"'),
         (["search", "archive.niches=0"], "archive.niches: expected"),
-        (["search", "task=forse"], "one of force, grating, hardness"),
+        (["search", "task=forse"], "one of force, grating, hardness, shape"),
         (["search", "experiment=demo", "data=folder", "data.root=nowhere"], "nowhere"),
         (
             ["replay", "nowhere"],
@@ -220,7 +220,7 @@ def test_search_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> Non
     """The choices of every config group can be read without opening a file."""
     with pytest.raises(SystemExit):
         main(["search", "--help"])
-    assert re.search(r"^  task +force, grating, hardness$", capsys.readouterr().out, re.MULTILINE)
+    assert re.search(r"^  task +force, grating, hardness, shape$", capsys.readouterr().out, re.MULTILINE)
 
 
 def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,12 +29,12 @@ def conf(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def contents(conf: Path) -> dict[str, bytes | None]:
     """Read all that lies in a directory, hidden files and empty directories, too."""
-    found = {str(path.relative_to(conf)): path for path in conf.rglob("*")}
-    return {name: None if path.is_dir() else path.read_bytes() for name, path in found.items()}
+    paths = {str(path.relative_to(conf)): path for path in conf.rglob("*")}
+    return {name: None if path.is_dir() else path.read_bytes() for name, path in paths.items()}
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("like", ["force", "grating", "hardness"])
+@pytest.mark.parametrize("like", ["force", "grating", "hardness", "shape"])
 def test_new_task_is_the_other_under_its_own_name(like: str, conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It has all that the other has, in files of its own; the gate admits its baseline; every printed command works."""
     before = contents(conf)
@@ -72,7 +72,7 @@ def test_new_task_may_be_like_an_own_one(conf: Path, capsys: pytest.CaptureFixtu
         assert (conf / "library" / "twist" / name).read_bytes() == (conf / "library" / "force" / name).read_bytes()
 
 
-@pytest.mark.parametrize("name", ["Shear", "1shear", "my-task", "my task", "", "../shear", "null", "true", "nan"])
+@pytest.mark.parametrize("name", ["Shear", "1shear", "my-", "-my", "my task", "", "../shear", "null", "true", "nan"])
 def test_name_is_a_lower_case_identifier(name: str, conf: Path) -> None:
     """Hydra would read another one as a value, or it names a file elsewhere."""
     before = contents(conf)
@@ -98,7 +98,7 @@ def test_unknown_task_to_copy_is_refused(conf: Path, capsys: pytest.CaptureFixtu
     """The message lists those that there are."""
     before = contents(conf)
     assert main(["init", "shear", "--like", "forse"]) == 2
-    assert "--like: expected one of force, grating, hardness; got 'forse'; " in capsys.readouterr().err
+    assert "--like: expected one of force, grating, hardness, shape; got 'forse'; " in capsys.readouterr().err
     assert contents(conf) == before
 
 

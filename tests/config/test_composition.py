@@ -35,7 +35,7 @@ NEEDED = {
 }
 
 #: The tasks that are shipped, and how many instructions each has.
-MUTATIONS = {"force": 20, "grating": 17, "hardness": 20}
+MUTATIONS = {"force": 20, "grating": 17, "hardness": 20, "shape": 17}
 
 #: What each arm changes of an experiment that a language model answers.
 ARMS = {
@@ -136,7 +136,7 @@ def test_demo_is_small() -> None:
     candidates = 1 + config.search.initial + config.search.generations * config.search.candidates
     assert candidates <= 60
     assert config.data.image_size <= 32
-    assert part_sizes(config.data.images, (config.data.validation_part, config.data.test_part)) == (400, 200, 1400)
+    assert part_sizes(config.data.images or 0, (config.data.validation_part, config.data.test_part)) == (400, 200, 1400)
     assert config.training.epochs <= 5
     assert config.llm.provider == "grammar"
 

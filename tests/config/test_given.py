@@ -169,10 +169,10 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
     run = compose(SMALLEST)
     data = replace(run.data, root="/mnt/a${b}/set", sensor="${oc.env:TACEVO_SECRET}", image_column="${seed}")
     theirs = replace(run, data=data, task=replace(run.task, system="${oc.env:TACEVO_SECRET}"))
-    found = compose_data(theirs, overrides)
-    assert (found.data.sensor, found.data.image_column) == (data.sensor, data.image_column)
-    assert found.data.root == ("mine" if "data.root=mine" in overrides else data.root)
-    assert found.task == theirs.task
+    composed = compose_data(theirs, overrides)
+    assert (composed.data.sensor, composed.data.image_column) == (data.sensor, data.image_column)
+    assert composed.data.root == ("mine" if "data.root=mine" in overrides else data.root)
+    assert composed.task == theirs.task
 
 
 @pytest.mark.parametrize(

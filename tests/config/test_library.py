@@ -1,11 +1,11 @@
-"""The baselines of the three libraries train as they stand; their texts: `test_composition.py`."""
+"""The baselines of the libraries train as they stand; their texts: `test_composition.py`."""
 
 import pytest
 from checkout import LIBRARY
 from grammar_strategies import build, train_a_step
 from torch import nn
 
-TASKS = ("force", "grating", "hardness")
+TASKS = ("force", "grating", "hardness", "shape")
 
 
 def _baseline(task: str) -> str:
@@ -18,6 +18,7 @@ def _baseline(task: str) -> str:
         ("force", "ImageRegressionCNN", 3, 1_143_875),
         ("grating", "SingleLabelClassCNN", 7, 1_145_927),
         ("hardness", "ImageRegressionCNN", 1, 1_142_849),
+        ("shape", "SingleLabelClassCNN", 9, 1_146_953),
     ],
 )
 @pytest.mark.parametrize("image_size", [32, 64])

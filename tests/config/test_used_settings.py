@@ -45,13 +45,22 @@ OTHER: dict[str, Json] = {
     "white_point": 4095.0,
     "group_column": "press",
     "group_pattern": "press",
+    "select": True,
+    "classes": "joint",
+    "test_sensor": "TacTip",
+    "shots": 5,
 }
 
 #: The settings that depend on the task or on the split beside the source, and where each has no effect.
 BUT = {
-    "spacings_mm": ["task=force", "task=hardness"],
+    "spacings_mm": ["task=force", "data.select=false"],
+    "images": ["data.select=false"],
     "pattern": ["task=force", "task=hardness"],
+    "classes": ["task=force"],
     "skip_missing": ["task=grating"],
+    "group_pattern": ["data.split=release", "task=grating"],
+    "test_sensor": ["data.split=random"],
+    "shots": ["data.split=release"],
     **{name: ["data.split=release"] for name in ("split_seed", "validation_part", "test_part")},
 }
 
@@ -71,15 +80,22 @@ def test_every_setting_and_source_is_in_the_table() -> None:
 
 def command(source: str, *names: str) -> list[str]:
     """Return overrides that choose a source and set some settings of data to other values."""
-    task = "force" if "skip_missing" in names else "grating"
-    return [f"task={task}", f"data={source}", *NEEDED[source], "data.split=random", *map(written, names)]
+    task = "force" if {"skip_missing", "group_pattern"} & set(names) else "grating"
+    split = "release" if "test_sensor" in names else "random"
+    return [f"task={task}", f"data={source}", *NEEDED[source], f"data.split={split}", *map(written, names)]
 
 
 @pytest.mark.parametrize("source", DataSource)
 def test_what_a_source_uses_can_be_set(source: DataSource) -> None:
     """All of it at once, but for what excludes another."""
     names = [name for name in OTHER if name in USED[source]]
-    for others in ({"pattern", "spacings_mm", "group_pattern"}, {"skip_missing", "group_column"}):
+    gratings, of_release = {"pattern", "spacings_mm", "classes"}, {"test_sensor", "shots"}
+    of_random = {"split_seed", "validation_part", "test_part"}
+    for others in (
+        gratings | of_release | {"group_pattern"},
+        gratings | of_release | {"group_column"},
+        of_random | {"group_column", "group_pattern", "skip_missing"},
+    ):
         chosen = [name for name in names if name not in others]
         data = to_json(compose(command(source, *chosen)).data)
         assert {name: data[name] for name in chosen} == {name: OTHER[name] for name in chosen}
@@ -108,9 +124,8 @@ def test_command_with_such_a_setting_is_refused(source: str, name: str) -> None:
 @pytest.mark.parametrize(("name", "where"), [(name, where) for name, each in BUT.items() for where in each])
 def test_setting_that_needs_a_task_or_a_split_is_refused_without(name: str, where: str) -> None:
     """A pattern of force images, or the seed of a split that the release names."""
-    source = "simulated" if name == "spacings_mm" else "tacverse"
     with refused(ConfigError, place=f"data.{name}", expected="no value without"):
-        compose([f"data={source}", *NEEDED[source], where, written(name)])
+        compose(["data=tacverse", *NEEDED["tacverse"], where, written(name)])
 
 
 def test_what_is_as_it_would_be_is_no_mistake() -> None:

@@ -132,7 +132,7 @@ def test_one_operator_holds_for_a_whole_generation() -> None:
         {line.operator for line in candidates(recorder) if line.generation == generation} for generation in range(13)
     ]
     assert operators[0] == {"baseline", "mutation"}
-    assert all(len(found) == 1 for found in operators[1:])
+    assert all(len(used) == 1 for used in operators[1:])
     assert {"mutation"} in operators[1:]
     assert {"crossover"} in operators[1:]
 

@@ -137,8 +137,8 @@ def test_useless_search_that_is_at_its_end_has_a_summary(search: Searching, caps
     """It is whole, and its end reads like no success."""
     result = search("search.generations=1", llm=Rubbish())
     assert not result.succeeded
-    assert "Nothing beat the baseline." in result.found
-    assert "Best fitness" not in result.found
+    assert "Nothing beat the baseline." in result.summary
+    assert "Best fitness" not in result.summary
     capsys.readouterr()
     print_end(result)
     out = capsys.readouterr().out

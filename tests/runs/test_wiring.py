@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from refusals import refused
 from small_recordings import save_arrays, save_folder, save_forces, save_gratings, save_table
 
-from tacevo.choices import Confinement
+from tacevo.choices import Confinement, GratingClasses
 from tacevo.config.compose import compose
+from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.tasks import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
+from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import gpus
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.llm.recording import RecordingLLM
-from tacevo.records import Completion, Mode, Reason, Request, to_json
+from tacevo.records import Completion, Mode, Reason, Request, to_json, written
 from tacevo.rules import CURRENT, STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_data, source_of
 from tacevo.runs.pace import noise
@@ -73,6 +75,21 @@ def test_sensor_and_pattern_of_a_release_arrive(tmp_path: Path) -> None:
     (parent / "ViTacTip").rename(parent / "TacTip")
     overrides = ["data=tacverse", "task=grating", "task.outputs=2", "data.sensor=TacTip", "data.pattern=Tran"]
     assert load(tmp_path, *overrides).facts.names == ("0.5 mm", "1.5 mm")
+
+
+def test_settings_of_a_release_select_but_in_runs_of_before(tmp_path: Path) -> None:
+    """An older run.json has spacings and images without effect, and lacks what came later: it reads all, as it did."""
+    chosen = ["data.pattern=Blackdot", "data.spacings_mm=[0.5,1.5]", "data.images=15", "data.classes=joint"]
+    config = compose(["data=tacverse", "task=grating", "data.root=x", *chosen])
+    source = source_of(config)
+    assert isinstance(source, TacVerse)
+    assert (source.spacings_mm, source.images, source.classes) == ((0.5, 1.5), 15, GratingClasses.joint)
+    later = {"select", "classes", "test_sensor", "shots"}
+    plain = to_plain(config)
+    plain["data"] = {name: value for name, value in to_json(config.data).items() if name not in later}
+    older = from_plain(plain)
+    assert source_of(older) == replace(source, spacings_mm=(), images=None, classes=GratingClasses.size)
+    assert written(older.data).keys() & later == set()
 
 
 @pytest.mark.parametrize(
@@ -210,7 +227,7 @@ def test_layout_of_images_follows_the_rules_of_a_training(tmp_path: Path) -> Non
     config = compose([*settings, "data=numpy", "task=force"])
     data, sent = load_data(config, Progress()), []
 
-    def run(entry: str, header: Any, payload: bytes, limits: object) -> Died:
+    def run(entry: str, header: Any, payload: bytes, *_: object) -> Died:
         sent.append(header.get("contiguous", False))
         return Died(Reason.crashed, "a fake")
 
@@ -218,5 +235,5 @@ def test_layout_of_images_follows_the_rules_of_a_training(tmp_path: Path) -> Non
         for rules, training in TRAININGS_OF_STUDIES.items():
             bench.studies(rules, data.scale).retrain("source", 1)
             bench.weigh("source", 1, 1, training)
-    assert sent == [True] * 4 + [False] * 4
+    assert sent == [True] * 4 + [False] * 6
     assert STUDY in TRAININGS_OF_STUDIES

@@ -36,14 +36,14 @@ def begun(settings: Sequence[str], asked: Asked, launched: Launched | None = Non
 
 def test_terms_are_there_before_a_job_runs(place: Path) -> None:
     """The launcher finds them in sweep.json: a test score, and the arm that changes nothing."""
-    found = []
+    terms = []
 
     class Looking(Launched):
         def __call__(self, directory: SweepDirectory, *rest: object) -> None:
-            found.append(directory.read().terms)
+            terms.append(directory.read().terms)
 
     begun([*SHARED, "ablation=none,fixed_temperature", "seed=0"], Asked(), Looking())
-    assert found == [SweepTerms(primary=Primary.test_score, reference="none")]
+    assert terms == [SweepTerms(primary=Primary.test_score, reference="none")]
 
 
 def test_any_arm_may_be_the_reference(place: Path) -> None:

@@ -156,8 +156,8 @@ def test_two_ledgers_are_never_mixed(other: Sequence[Line], run_dir: Path, uri: 
     build_run(run_dir, other)
     with refused(RunError, place="MLflow run", got="another search", remedy="delete that run in MLflow"):
         mirror_once(run_dir, uri)
-    assert {name: found for name, found in contents(uri).items() if name != "parent"} == {
-        name: found for name, found in first.items() if name != "parent"
+    assert {name: values for name, values in contents(uri).items() if name != "parent"} == {
+        name: values for name, values in first.items() if name != "parent"
     }
 
 
@@ -315,8 +315,8 @@ def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> N
 
     from tacevo.tracking.client import find_or_create_experiment
 
-    def client(*found: SimpleNamespace | None) -> Any:
-        answers = iter(found)
+    def client(*experiments: SimpleNamespace | None) -> Any:
+        answers = iter(experiments)
 
         def create(*_: object, **__: object) -> str:
             raise MlflowException("it exists, or the database is full")

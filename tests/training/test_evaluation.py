@@ -65,7 +65,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
-def never(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
+def never(entry: str, header: Any, payload: bytes, limits: Limits, *_: object) -> Finished | Died:
     """Refuse to train."""
     raise SandboxError("nothing may be trained here")
 

@@ -1,6 +1,6 @@
 """Promise: the test metrics are those of the epoch with the lowest validation loss, and the child knows no label."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,15 @@ from training_jobs import CONTRACT, RECIPE, SOURCE, Recorder, examples, labelled
 
 from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, DivergenceError, StoreError
-from tacevo.records import DataFacts, Json, Kind, Loss, Mode, Reason, Rejection, to_json
+from tacevo.records import DataFacts, Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
 from tacevo.rules import STUDY
-from tacevo.sandbox.client import Finished, Frame
+from tacevo.sandbox.client import Died, Finished, Frame, Sandbox, Score
 from tacevo.storage.arrays import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
-from tacevo.training.evaluation import Evaluator, Examples, Setting
-from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, Kept, assess, read_kept
+from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Setting
+from tacevo.training.full import FullEvaluator, FullTraining, HeldOut, Kept, assess_chosen, read_kept
+from tacevo.training.numerics import environment
 
 DATA = examples()
 #: Of the eight images that are not trained on, five to validate and three to test on.
@@ -40,16 +41,19 @@ FACTS = DataFacts(
 SETTING = Setting(contract=CONTRACT, fingerprint="abc", recipe=RECIPE, numerics=Numerics.portable)
 
 
-def answer(offsets: list[float], *, test_offset: float = 0.0) -> Finished:
-    """Write what a trainer sends whose predictions are off by so much after each epoch."""
+def answer(offsets: list[float], *, test_offset: float = 0.0, put_back: float | None = None) -> Finished:
+    """Write what a trainer sends whose predictions are off by so much after each epoch, and with the weights put back.
+
+    These are the first with the least offset, or others.
+    """
     truth = np.concatenate([EXAMPLES.validation_targets, HELD_OUT.targets])
     frames = []
     for epoch, offset in enumerate(offsets):
-        predictions = truth + np.float32(offset)
-        predictions[5:] += np.float32(test_offset)
         header: Json = {"epoch": epoch, "train_loss": 0.5, "steps": 8 * (epoch + 1)}
-        frames.append(Frame(header, predictions.astype(np.float32).tobytes()))
-    return Finished((*frames, Frame({"weights_sha256": "0" * 64}, b"")))
+        frames.append(Frame(header, (truth[:5] + np.float32(offset)).tobytes()))
+    tested = truth + np.float32(min(offsets) if put_back is None else put_back)
+    tested[5:] += np.float32(test_offset)
+    return Finished((*frames, Frame({"tested": True}, tested.tobytes()), Frame({"weights_sha256": "0" * 64}, b"")))
 
 
 ANSWER = answer([0.5, 0.25, 0.25, 1.0])
@@ -84,7 +88,8 @@ def forget_predictions(root: Path) -> None:
 
 def judged(outcome: Finished) -> FullTraining:
     """Judge an answer that must be good."""
-    verdict = assess(outcome, SETTING, EXAMPLES, HELD_OUT)
+    verdict = assess_chosen(outcome, SETTING, EXAMPLES, HELD_OUT)
+    assert verdict is not None
     assert not isinstance(verdict, Rejection)
     return verdict[0]
 
@@ -103,9 +108,10 @@ METRICS = {"accuracy": 0.666666667, "macro_f1": 0.4, "cross_entropy": 0.69314718
 def test_classification_is_tested_by_class() -> None:
     """Equal logits cost log 2 in every epoch, and the first class wins: two of three test images are of it."""
     outcome, setting, _, (chosen_on, held_out) = classified()
-    found = assess(outcome, setting, chosen_on, held_out)
-    assert not isinstance(found, Rejection)
-    verdict, _ = found
+    judged = assess_chosen(outcome, setting, chosen_on, held_out)
+    assert judged is not None
+    assert not isinstance(judged, Rejection)
+    verdict, _ = judged
     assert (verdict.epoch, verdict.validation_loss) == (1, 0.693147181)
     assert verdict.metrics == METRICS
     assert verdict.confusion == ((2, 0), (1, 0))
@@ -129,8 +135,9 @@ def test_no_label_but_the_training_ones_leaves_the_parent(tmp_path: Path) -> Non
         evaluator(tmp_path / place, run=recorder.run, examples=data).evaluate(SOURCE, 0)
     (header, payload), second = recorder.sent
     assert second == (header, payload)
-    assert set(header) == {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation", "groups"}
-    assert (header["validation"], header["groups"]) == (8, [5, 3])
+    asked = {"source", "contract", "recipe", "seed", "mean", "deviation", "train", "validation", "groups", "last"}
+    assert set(header) == asked
+    assert (header["validation"], header["groups"], header["last"]) == (8, [5, 3], True)
     labels: NDArray[np.float32] = np.concatenate([EXAMPLES.validation_targets, HELD_OUT.targets])
     assert all(row.tobytes() not in payload for row in labels)
 
@@ -155,15 +162,96 @@ def test_recorded_training_is_recalled(tmp_path: Path) -> None:
     assert read_verdict(FullTraining, "full", {"full": to_json(classified)}, place="entry") == classified
 
 
-def test_predictions_that_are_not_finite_are_refused() -> None:
-    """NaN for a single test image, even in an epoch that is not chosen, makes a rejection."""
-    outcome = answer([0.5, 0.25, 0.3, 1.0])
-    spoilt = np.frombuffer(outcome.frames[3].payload, np.float32).copy()
+@pytest.mark.parametrize("number", [3, 4])
+def test_predictions_that_are_not_finite_are_refused(number: int) -> None:
+    """NaN for a single image, even after an epoch that is not chosen, makes a rejection."""
+    frames = [*ANSWER.frames]
+    spoilt = np.frombuffer(frames[number].payload, np.float32).copy()
     spoilt[-1] = np.nan
-    frames = (*outcome.frames[:3], Frame(outcome.frames[3].header, spoilt.tobytes()), outcome.frames[4])
-    verdict = assess(Finished(frames), SETTING, EXAMPLES, HELD_OUT)
+    frames[number] = Frame(frames[number].header, spoilt.tobytes())
+    verdict = assess_chosen(Finished(tuple(frames)), SETTING, EXAMPLES, HELD_OUT)
     assert isinstance(verdict, Rejection)
     assert verdict.reason is Reason.not_finite
+
+
+@pytest.mark.parametrize(
+    "forge", [lambda one: [], lambda one: [one, one], lambda one: [Frame(one.header, one.payload[:-8])]]
+)
+def test_test_images_are_predicted_once(forge: Callable[[Frame], list[Frame]]) -> None:
+    """Never, twice, or not all of them: a rejection."""
+    *epochs, tested, end = ANSWER.frames
+    verdict = assess_chosen(Finished((*epochs, *forge(tested), end)), SETTING, EXAMPLES, HELD_OUT)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.bad_output
+
+
+def test_score_is_the_loss_of_an_epoch_and_nothing_else(tmp_path: Path) -> None:
+    """Whatever else is sent, and what is not finite, is never the lowest."""
+    nan = Frame({}, np.full(10, np.nan, np.float32).tobytes())
+    recorder = Recorder(Finished((*ANSWER.frames, nan, Frame({}, b"abc"))))
+    evaluator(tmp_path, run=recorder.run).evaluate(SOURCE, 0)
+    assert recorder.scores == [[*judged(ANSWER).training.validation_losses, *[np.inf] * 4]]
+
+
+#: A network whose buffers follow the training images, as a batch normalisation's do.
+NORMALISED = """
+class Net(nn.Module):
+    def __init__(self, in_channels=3, num_outputs=2):
+        super().__init__()
+        self.body = nn.Sequential(nn.Conv2d(in_channels, 8, 3), nn.BatchNorm2d(8), nn.ReLU(), nn.Flatten())
+        self.head = nn.Linear(32, num_outputs)
+
+    def forward(self, x):
+        return self.head(self.body(x))
+"""
+
+#: One that learns outside its weights and buffers, too: in a list.
+LEARNING_OUTSIDE = """
+class Net(nn.Module):
+    def __init__(self, in_channels=3, num_outputs=2):
+        super().__init__()
+        self.head = nn.Linear(48, num_outputs)
+        self.seen = [torch.zeros(48)]
+
+    def forward(self, x):
+        x = x.flatten(1)
+        if self.training:
+            self.seen[0] = 0.9 * self.seen[0] + 0.1 * x.detach().mean(0)
+        return self.head(x - self.seen[0])
+"""
+
+
+@pytest.fixture(scope="module")
+def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
+    """Open one sandbox for all trainings."""
+    images = tmp_path_factory.mktemp("sandbox") / "images.npy"
+    np.save(images, DATA.images)
+    with Sandbox(entries=ENTRIES, environment=environment(Numerics.portable), arrays={"images": images}) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize(("source", "jobs"), [(SOURCE, 1), (NORMALISED, 1), (LEARNING_OUTSIDE, 2)])
+def test_later_rules_test_the_same_predictions(source: str, jobs: int, sandbox: Sandbox, tmp_path: Path) -> None:
+    """Bit for bit as if test images were predicted after every epoch, and the training is that of a search."""
+    setting = replace(SETTING, recipe=replace(RECIPE, epochs=8, learning_rate=5e-2))
+    sent: list[object] = []
+
+    def run(entry: str, header: Any, payload: bytes, limits: Limits, score: Score | None = None) -> Finished | Died:
+        sent.append(header)
+        return sandbox.run(entry, header, payload, limits, score)
+
+    asked: Any = {"run": run, "setting": setting}
+    before, now = (
+        evaluator(tmp_path / f"{rules}", rules=rules, **asked).evaluate(source, 1) for rules in (STUDY - 1, STUDY)
+    )
+    store = Store(tmp_path, "evaluations")
+    searched = Evaluator(store=store, examples=EXAMPLES, rules=4, **asked).evaluate(source, 1)
+    assert isinstance(before, FullTraining)
+    assert isinstance(now, FullTraining)
+    assert now.epoch < setting.recipe.epochs  # else nothing is put back
+    assert now.training == searched
+    assert now == replace(before, training=now.training)
+    assert len(sent) == 1 + jobs + 1
 
 
 def test_keys_stay_what_they_are(tmp_path: Path) -> None:
@@ -178,7 +266,7 @@ def test_kept_predictions_are_those_of_the_chosen_epoch(tmp_path: Path) -> None:
     assert isinstance(verdict, FullTraining)
     assert verdict.kept is not None
     predictions, labels = read_kept(ArrayStore(Store(tmp_path, "arrays", Mode.replay)), verdict.kept, FACTS)
-    sent = np.frombuffer(ANSWER.frames[verdict.epoch - 1].payload, np.float32).reshape(8, 2)
+    sent = np.frombuffer(ANSWER.frames[4].payload, np.float32).reshape(8, 2)
     assert predictions.tobytes() == sent[5:].tobytes()
     assert np.array_equal(labels, HELD_OUT.targets)
     older = {key: value for key, value in to_json(verdict).items() if key != "kept"}
@@ -287,8 +375,7 @@ def classified() -> tuple[Finished, Setting, DataFacts, tuple[Examples, HeldOut]
     setting = replace(SETTING, contract=replace(CONTRACT, kind=Kind.classification, loss=Loss.cross_entropy))
     held_out = replace(HELD_OUT, targets=np.array([0, 1, 0]), scale=())
     outcome = answer([0.0] * 4)
-    *frames, end = (replace(frame, payload=bytes(len(frame.payload))) for frame in outcome.frames)
-    outcome = Finished((*frames, end))
+    outcome = Finished(tuple(replace(frame, payload=bytes(len(frame.payload))) for frame in outcome.frames))
     chosen_on = replace(EXAMPLES, validation_targets=np.array([1, 1, 0, 0, 1]))
     return outcome, setting, replace(FACTS, kind=Kind.classification), (chosen_on, held_out)
 

@@ -28,7 +28,7 @@ class Busy:
         self._now: Counter[str] = Counter()
         self.most: Counter[str] = Counter()
 
-    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits, *_: object) -> Finished | Died:
         """Meet the others that run."""
         gpu = header["lease"]["visible"]
         with self._lock:
@@ -52,7 +52,7 @@ def test_trainings_spread_over_all_gpus_and_never_crowd_one() -> None:
 def test_lease_that_failed_is_given_back() -> None:
     """A broken sandbox, or a stop, must not leave a GPU lent for ever."""
 
-    def fail(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
+    def fail(entry: str, header: Any, payload: bytes, limits: Limits, *_: object) -> Finished:
         raise SandboxError("broken")
 
     leases = Leases(fail, ["GPU-1234"], 1)
@@ -65,7 +65,7 @@ def test_job_without_a_device_needs_no_gpu() -> None:
     """A probe runs on the CPU, as it was sent, also where every GPU is lent; a training without any is refused."""
     sent = []
 
-    def note(entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
+    def note(entry: str, header: Any, payload: bytes, limits: Limits, *_: object) -> Finished:
         sent.append(header)
         return Finished(())
 

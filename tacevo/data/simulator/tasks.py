@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.choices import LightScene, SensorTask
+from tacevo.choices import LightScene, SensorTask, SimulatedSensor
 from tacevo.data.simulator.contact import (
     combined_radius,
     conforming_pressure,
@@ -94,6 +94,7 @@ class Simulated:
     light: LightScene
     #: Widths of a ridge, which is also that of a groove, in mm: one class each; used by `grating` only.
     spacings_mm: tuple[float, ...]
+    sensor: SimulatedSensor = SimulatedSensor.ViTacTip
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,7 +106,9 @@ class Simulated:
     def describe(self) -> Json:
         """Name everything that determines the images."""
         spacings = self.spacings_mm if self.task is SensorTask.grating else ()
+        kind: dict[str, Json] = {} if self.sensor is SimulatedSensor.ViTacTip else {"sensor": self.sensor.value}
         return {
+            **kind,
             "source": "simulated",
             "version": SIMULATOR_VERSION,
             "task": self.task.value,
@@ -134,7 +137,7 @@ class Simulated:
 def draw(source: Simulated, index: int) -> Picture:
     """Draw one picture: uint8, shape (3, image_size, image_size)."""
     press, _, rng = _press(source, index)
-    return picture(make_sensor(source.image_size, source.sensor_seed), press, rng, source.light)
+    return picture(make_sensor(source.image_size, source.sensor_seed), press, rng, source.light, source.sensor)
 
 
 def _press(source: Simulated, index: int) -> tuple[Press, tuple[float, ...], np.random.Generator]:

@@ -50,7 +50,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class TableSource:
     """A directory with a CSV table; the first row holds the column names."""
 
     root: Path
@@ -94,7 +94,18 @@ class Table:
         elif self.group_pattern is not None:
             names = [PurePath(row.name).as_posix() for row in rows]
             groups = {"groups": groups_in(names, self.group_pattern), "groups_chosen_by": "data.group_pattern"}
-        return row_catalogue(rows, skipped, self.image_size, self.white_point, names=self.target_columns, **groups)
+        return file_catalogue(
+            [row.path for row in rows],
+            [row.place for row in rows],
+            self.image_size,
+            self.white_point,
+            kind=Kind.regression,
+            names=self.target_columns,
+            labels=np.array([row.labels for row in rows], dtype=np.float64),
+            skipped=skipped,
+            ignored=unnamed_images(rows),
+            **groups,
+        )
 
     def _read(self) -> tuple[list[Row], int]:
         check_directory(self.root, "data.root", f"the directory of the table {self.table}")
@@ -111,24 +122,7 @@ class Table:
         )
 
 
-def row_catalogue(
-    rows: Sequence[Row], skipped: int, image_size: int, white_point: float | None, **fields: Any
-) -> Catalogue:
-    """List the images and values of a table's rows; `fields` are the other fields of the catalogue."""
-    return file_catalogue(
-        [row.path for row in rows],
-        [row.place for row in rows],
-        image_size,
-        white_point,
-        kind=Kind.regression,
-        labels=np.array([row.labels for row in rows], dtype=np.float64),
-        skipped=skipped,
-        ignored=_unnamed_images(rows),
-        **fields,
-    )
-
-
-def _unnamed_images(rows: Sequence[Row]) -> list[Path]:
+def unnamed_images(rows: Sequence[Row]) -> list[Path]:
     """Find the images that lie beside those of the rows, and that no row names."""
     named = {row.path for row in rows}
     directories = {row.directory.resolve(): row.directory for row in rows}  # a directory may be written in several ways

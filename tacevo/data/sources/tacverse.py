@@ -2,63 +2,91 @@
 
     <root>/Force_Regression/<Sensor>/<Sensor>.csv             columns image_name, fx, fy, fz; images beside it
     <root>/Grating_Classification/<Sensor>/<Pattern>/<size>_<group>_<frame>.jpg   or <size>_<group>.jpg
+    <root>/Shape_Classification/<Sensor>/<shape>/<...number>.jpg
     <root>/Hardness_Regression/<Sensor>/<Sensor>.csv          columns image_name, shore: an old export of ours
 
-Sizes are in mm, one class each; a group is one press. The release's own split (arXiv:2606.25877 and its code) takes
-60 % for training and 20 % for validation: of the force images in the order of their numbers, and of each size's
-presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25.
+Sizes are in mm; a group is one press. The release's own split (arXiv:2606.25877 and its code) takes 60 % for training
+and 20 % for validation: of the force images of a sensor in the order of their numbers, of each shape's images
+likewise, and of each size's presses in the order of theirs, so that 25 presses give 1-15, 16-20 and 21-25. Its
+protocols are made of these parts: `within` a sensor; `cross`, where another sensor is tested; `leave one sensor out`,
+where all but the tested one train; and `few-shot`, where some training images of the tested one are added.
 """
 
 import re
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.choices import SensorTask
+from tacevo.choices import GratingClasses, RecordedTask
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
-from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content
+from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content, directories
 from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
-from tacevo.data.sources.table import Row, read_rows, row_catalogue
+from tacevo.data.sources.table import Row, groups_in, read_rows, unnamed_images
 from tacevo.data.splitting import PARTS, Split, ordered_split
 from tacevo.errors import DataError
+from tacevo.randomness import stream
 from tacevo.records import Json, Kind
+from tacevo.storage.canonical import canonical
 
 DIRECTORIES = {
-    SensorTask.force: "Force_Regression",
-    SensorTask.grating: "Grating_Classification",
-    SensorTask.hardness: "Hardness_Regression",
+    RecordedTask.force: "Force_Regression",
+    RecordedTask.grating: "Grating_Classification",
+    RecordedTask.hardness: "Hardness_Regression",
+    RecordedTask.shape: "Shape_Classification",
 }
 
 IMAGE_COLUMN = "image_name"
 
 #: Columns of the labels and the names of the outputs, in the same order.
-COLUMNS = {SensorTask.force: ("fx", "fy", "fz"), SensorTask.hardness: ("shore",)}
+COLUMNS = {RecordedTask.force: ("fx", "fy", "fz"), RecordedTask.hardness: ("shore",)}
 
-OUTPUTS = {SensorTask.force: ("Fx", "Fy", "Fz"), SensorTask.hardness: ("shore",)}
+OUTPUTS = {"force": ("Fx", "Fy", "Fz"), "hardness": ("shore",)}
+
+#: Joins the names of several sensors or patterns.
+AND = "+"
 
 
-class _Frame(NamedTuple):
-    """One picture of one press onto a grating; pictures are in the order of these fields."""
+class _Image(NamedTuple):
+    """One image; images are in the order of these fields."""
 
-    #: In mm.
-    size: float
-    group: int
+    sensor: str
+    #: Gratings: the directory of the specimens.
+    pattern: str
+    #: What of a directory is split by itself: a size in mm or a shape; nothing of values.
+    kind: float | str
+    #: Gratings: the number of the press. Else the image's place in the order of its number.
+    press: int
     frame: int
     path: Path
+    place: str
+    #: Values, in the order of the outputs.
+    values: tuple[float, ...] = ()
+    #: The path below the directory of the task, as it is written.
+    name: str = ""
+
+
+class _Listing(NamedTuple):
+    """What the directories of a task hold."""
+
+    images: list[_Image]
+    skipped: int
+    ignored: list[Path]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TacVerse:
-    """One task and one sensor of the release."""
+    """One task of the release, of one or several sensors."""
 
     root: Path
-    task: SensorTask
-    #: The directory of the sensor, e.g. `ViTacTip`.
+    task: RecordedTask
+    #: The directory of the sensor, e.g. `ViTacTip`; several are joined by `+`.
     sensor: str
-    #: Gratings: the directory of the specimens, e.g. `Blackdot`.
+    #: Gratings: the directory of the specimens, e.g. `Blackdot`; several are joined by `+`.
     pattern: str | None
     #: Height and width that images are resized to, in pixels.
     image_size: int
@@ -66,58 +94,174 @@ class TacVerse:
     skip_missing: bool = False
     #: The stored value that becomes 255; None for the full range of the files.
     white_point: float | None = None
+    #: What finds in an image's path what images of one press share; None: unknown.
+    group_pattern: str | None = None
+    #: Gratings: the sizes that are taken, in mm; () for all that every directory has.
+    spacings_mm: tuple[float, ...] = ()
+    #: The most images that are taken: of each class alike, at even steps of their order; None for all.
+    images: int | None = None
+    #: Gratings: what the classes are.
+    classes: GratingClasses = GratingClasses.size
+    #: The sensor that is tested, which then does not train; with the release's split only.
+    test_sensor: str | None = None
+    #: How much of the tested sensor's training part trains, too: presses of each grating, images of each shape, or
+    #: images with forces, drawn by `seed`.
+    shots: int = 0
+    seed: int = 0
+
+    @property
+    def selected(self) -> tuple[str, ...]:
+        """The settings that select images, or what they are for, as a user writes them; none where all is taken."""
+        settings: dict[str, Json] = {
+            "spacings_mm": list(self.spacings_mm),
+            "images": self.images,
+            "classes": None if self.classes is GratingClasses.size else self.classes.value,
+            "test_sensor": self.test_sensor,
+            "shots": self.shots,
+        }
+        return tuple(
+            f"data.{name}={value if isinstance(value, str) else canonical(value)}"
+            for name, value in settings.items()
+            if value
+        )
 
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
+        images, _ = self._taken(self._listing().images)
         described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
-        described |= {"image_size": self.image_size, **chosen(self, "white_point")}
-        if self.task is SensorTask.grating:
-            frames = self._frames()
-            presses: Json = [list(frame[:3]) for frame in frames]
-            return {**described, "presses": presses, "images": files_hash(frame.path for frame in frames)}
-        rows, _ = self._rows()
-        labels: Json = [[row.path.name, list(row.labels)] for row in rows]
-        return {**described, "labels": labels, "images": files_hash(row.path for row in rows)}
+        described |= {"image_size": self.image_size, **chosen(self, "white_point", "group_pattern")}
+        described |= {"selected": list(self.selected)} if self.selected else {}
+        if len({image[:2] for image in images}) > 1:
+            described["directories"] = [list(image[:2]) for image in images]
+        if self.task in COLUMNS:
+            described["labels"] = [[image.path.name, list(image.values)] for image in images]
+        else:
+            described["presses"] = [list(image[2:5]) for image in images]
+        return {**described, "images": files_hash(image.path for image in images)}
 
     def catalogue(self) -> Catalogue:
-        """List labels and images: by image number, or by size, press and frame."""
-        return self._gratings() if self.task is SensorTask.grating else self._regression()
-
-    def _regression(self) -> Catalogue:
-        rows, skipped = self._rows()
-        return row_catalogue(
-            rows,
-            skipped,
-            self.image_size,
-            self.white_point,
-            names=OUTPUTS[self.task],
-            release=ordered_split(np.arange(len(rows))) if self.task is SensorTask.force else None,
-        )
-
-    def _gratings(self) -> Catalogue:
-        frames = self._frames()
-        sizes = sorted({frame.size for frame in frames})
-        presses = sorted({frame[:2] for frame in frames})
-        numbers = {press: number for number, press in enumerate(presses)}
-        groups = np.array([numbers[frame[:2]] for frame in frames], dtype=np.int64)
-        files = [frame.path for frame in frames]
+        """List labels and images: by sensor and pattern, then by number, or by class, press and frame."""
+        listing = self._listing()
+        images, release = self._taken(listing.images)
+        names, labels = self._labels(images)
         return file_catalogue(
-            files,
-            [path.name for path in files],
+            [image.path for image in images],
+            [image.place for image in images],
             self.image_size,
             self.white_point,
-            kind=Kind.classification,
-            names=tuple(f"{size:g} mm" for size in sizes),
-            labels=np.array([sizes.index(frame.size) for frame in frames], dtype=np.int64),
-            groups=groups,
-            release=_split_of_presses(presses, groups),
-            ignored=other_files(files[0].parent, "*", files),
+            kind=Kind.regression if self.task in COLUMNS else Kind.classification,
+            names=names,
+            labels=labels,
+            release=release,
+            skipped=listing.skipped,
+            ignored=listing.ignored,
+            selected=self.selected,
+            **self._groups(images),
         )
 
-    def _rows(self) -> tuple[list[Row], int]:
-        """Read the table in the order of the image numbers, which is that of time."""
-        directory = _enter(self.root, {"data.root": DIRECTORIES[self.task], "data.sensor": self.sensor})
-        table = directory / f"{self.sensor}.csv"
+    def _labels(self, images: Sequence[_Image]) -> tuple[tuple[str, ...], npt.NDArray[Any]]:
+        """Return names and values of the outputs, or names and numbers of the classes."""
+        if self.task in COLUMNS:
+            return OUTPUTS[self.task], np.array([image.values for image in images], dtype=np.float64)
+        keys = list(map(self._class_of, images))
+        classes = sorted(set(keys))
+        names = tuple(" ".join(f"{part:g} mm" if isinstance(part, float) else part for part in key) for key in classes)
+        numbers = {key: number for number, key in enumerate(classes)}
+        return names, np.array([numbers[key] for key in keys], dtype=np.int64)
+
+    def _class_of(self, image: _Image) -> tuple[Any, ...]:
+        """Return the parts of a class's name: a size, a family of patterns, both, or a shape."""
+        if self.task is RecordedTask.shape or self.classes is GratingClasses.size:
+            return (image.kind,)
+        family = "dot" if "dot" in image.pattern.lower() else "line"  # as the release's own code tells them apart
+        return (family,) if self.classes is GratingClasses.pattern else (family, image.kind)
+
+    def _groups(self, images: Sequence[_Image]) -> dict[str, Any]:
+        """Return which images were recorded together."""
+        if self.task is RecordedTask.grating:
+            numbers = {press: number for number, press in enumerate(dict.fromkeys(image[:4] for image in images))}
+            return {"groups": np.array([numbers[image[:4]] for image in images], dtype=np.int64)}
+        if self.group_pattern is None:
+            return {}
+        groups = groups_in([image.name for image in images], self.group_pattern)
+        return {"groups": groups, "groups_chosen_by": "data.group_pattern"}
+
+    def _taken(self, images: Sequence[_Image]) -> tuple[list[_Image], Split | None]:
+        """Take the sizes, the number and the sensors that are asked for; split what is taken as the release does."""
+        images = self._of_sizes(sorted(images))
+        if self.images is not None:
+            images = _at_most(self.images, images, self._class_of if self.task not in COLUMNS else lambda _: None)
+        if self.task is RecordedTask.hardness:
+            return images, None
+        parts = _released(images)
+        if self.test_sensor is not None:
+            parts = [self._part(image, part) for image, part in zip(images, parts, strict=True)]
+            self._add_shots(images, parts)
+        images = [image for image, part in zip(images, parts, strict=True) if part]
+        kept = np.array([part for part in parts if part])
+        return images, Split(**{part: np.flatnonzero(kept == part) for part in PARTS})
+
+    def _part(self, image: _Image, part: str) -> str:
+        """Return a part where sensors differ: the tested one has a test part, the others all but that; else nothing."""
+        return part if (image.sensor == self.test_sensor) == (part == "test") else ""
+
+    def _add_shots(self, images: Sequence[_Image], parts: list[str]) -> None:
+        """Put some presses of the tested sensor, which are of its training part, into the training part."""
+        if not self.shots:
+            return
+        pools = defaultdict(set)
+        for image, part in zip(images, _released(images), strict=True):
+            if image.sensor == self.test_sensor and part == "train":
+                pools[image.pattern, image.kind].add(image.press)
+        drawn = set()
+        for key, pool in pools.items():
+            order = stream(self.seed, "shots", *map(str, key)).permutation(sorted(pool))
+            drawn |= {(*key, press) for press in order[: self.shots].tolist()}
+        for row, image in enumerate(images):
+            if image.sensor == self.test_sensor and image[1:4] in drawn:
+                parts[row] = "train"
+
+    def _of_sizes(self, images: list[_Image]) -> list[_Image]:
+        """Keep the gratings of the chosen sizes, or of those that each directory has."""
+        if self.task is not RecordedTask.grating:
+            return images
+        sizes: defaultdict[tuple[str, str], set[Any]] = defaultdict(set)
+        for image in images:
+            sizes[image[:2]].add(image.kind)
+        common = set.intersection(*sizes.values())
+        absent = sorted(set(self.spacings_mm) - common)
+        if absent or not common:
+            everywhere = listed([f"{size:g}" for size in sorted(common)]) or "none"
+            raise DataError(
+                listed([f"{size:g}" for size in absent]) or "sizes that differ from directory to directory",
+                place="data.spacings_mm",
+                expected=f"sizes that {' and '.join('/'.join(key) for key in sizes)} have: {everywhere}",
+            )
+        wanted = set(self.spacings_mm) or common
+        return [image for image in images if image.kind in wanted]
+
+    def _listing(self) -> _Listing:
+        """Find the images of all sensors that train or are tested."""
+        named = self.sensor.split(AND)
+        _check_named("data.sensor", named)
+        sensors = {name: "data.sensor" for name in named if name != self.test_sensor}
+        if not sensors:
+            expected = f"another sensor than data.sensor={self.sensor}, or null"
+            raise DataError(str(self.test_sensor), place="data.test_sensor", expected=expected)
+        if self.test_sensor is not None:
+            sensors[self.test_sensor] = "data.test_sensor"
+        find: Callable[[str, str], _Listing] = self._rows if self.task in COLUMNS else self._presses
+        listings = [find(sensor, setting) for sensor, setting in sensors.items()]
+        return _Listing(
+            [image for listing in listings for image in listing.images],
+            sum(listing.skipped for listing in listings),
+            [path for listing in listings for path in listing.ignored],
+        )
+
+    def _rows(self, sensor: str, setting: str) -> _Listing:
+        """Read the table of a sensor in the order of the image numbers, which is that of time."""
+        directory = _enter(self.root, {"data.root": DIRECTORIES[self.task], setting: sensor})
+        table = directory / f"{sensor}.csv"
         check_file(table, "data.root", "a table beside the images, named after the sensor")
         rows, skipped = read_rows(
             table,
@@ -132,51 +276,115 @@ class TacVerse:
             [row.place for row in rows if not _number(row)],
             "end names with their number, as image_12.png",
         )
-        return sorted(rows, key=lambda row: (int(_number(row)), row.name)), skipped
+        ordered = sorted(rows, key=lambda row: (int(_number(row)), row.name))
+        images = [
+            _Image(sensor, "", "", number, 0, row.path, row.place, row.labels, f"{sensor}/{row.name}")
+            for number, row in enumerate(ordered)
+        ]
+        return _Listing(images, skipped, unnamed_images(rows))
 
-    def _frames(self) -> list[_Frame]:
-        """Find the images of all presses, ordered by size, press and frame."""
-        parent = _enter(self.root, {"data.root": DIRECTORIES[self.task], "data.sensor": self.sensor})
+    def _presses(self, sensor: str, setting: str) -> _Listing:
+        """Find the images of all gratings or shapes of a sensor."""
+        parent = _enter(self.root, {"data.root": DIRECTORIES[self.task], setting: sensor})
+        if self.task is RecordedTask.shape:
+            return _shapes(parent, sensor)
         if self.pattern is None:
             expected = "the directory of one pattern, for task=grating"
             raise DataError("null", place="data.pattern", expected=expected, remedy=content(parent))
-        directory = _enter(parent, {"data.pattern": self.pattern})
-        paths = image_files(directory, "*")
-        if not paths:
-            expected = f"a directory with {listed(sorted(SUFFIXES))} files"
-            raise DataError(str(directory), place="data.pattern", expected=expected, remedy=content(directory))
-        frames = sorted(frame for path in paths if (frame := _frame(path)) is not None)
-        named = {frame.path for frame in frames}
-        check_no_faults(
-            f"{directory} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
-            [path.name for path in paths if path not in named],
-            "rename or remove them",
-        )
-        twice = repeats((frame.path.name, frame[:3]) for frame in frames)
-        check_no_faults(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
-        return frames
+        images, ignored = [], []
+        _check_named("data.pattern", self.pattern.split(AND))
+        for pattern in self.pattern.split(AND):
+            directory = _enter(parent, {"data.pattern": pattern})
+            own = _gratings(directory, sensor, pattern)
+            images += own
+            ignored += other_files(directory, "*", [image.path for image in own])
+        return _Listing(images, 0, ignored)
 
 
-def _frame(path: Path) -> _Frame | None:
-    """Read a file name; None where it is not such a name."""
-    parts = re.fullmatch(r"(\d+(?:\.\d+)?)_(\d+)(?:_(\d+))?", path.stem, flags=re.ASCII)
-    if parts is None:
-        return None
-    return _Frame(size=float(parts[1]), group=int(parts[2]), frame=int(parts[3] or 0), path=path)
+def _check_named(setting: str, names: Sequence[str]) -> None:
+    """Refuse a list of directories that names one twice, or none."""
+    faults = [name or "''" for name in names if names.count(name) > 1 or not name]
+    remedy = f"name each directory once, as in A{AND}B"
+    check_no_faults("directories are named twice, or names are empty", faults, remedy, place=setting)
+
+
+def _gratings(directory: Path, sensor: str, pattern: str) -> list[_Image]:
+    """Find the images of one pattern; each name says which press it is of."""
+    paths = image_files(directory, "*")
+    if not paths:
+        expected = f"a directory with {listed(sorted(SUFFIXES))} files"
+        raise DataError(str(directory), place="data.pattern", expected=expected, remedy=content(directory))
+    images, unnamed = [], []
+    for path in paths:
+        parts = re.fullmatch(r"(\d+(?:\.\d+)?)_(\d+)(?:_(\d+))?", path.stem, flags=re.ASCII)
+        if parts is None:
+            unnamed.append(path.name)
+        else:
+            size, press, frame = float(parts[1]), int(parts[2]), int(parts[3] or 0)
+            images.append(_Image(sensor, pattern, size, press, frame, path, path.name))
+    check_no_faults(
+        f"{directory} has images that are not named <size>_<group>_<frame>, e.g. 0.35_12_3.jpg",
+        unnamed,
+        "rename or remove them",
+    )
+    twice = repeats((image.place, image[:5]) for image in sorted(images))
+    check_no_faults(f"{directory} has several images of one size, press and frame", twice, "keep one of each")
+    return images
+
+
+def _shapes(directory: Path, sensor: str) -> _Listing:
+    """Find the images of each shape; as the release's own code, by the last number in each name."""
+    names = directories(directory)
+    images, unnumbered, empty = [], [], []
+    for name in names:
+        paths = image_files(directory / name, "*")
+        empty += [] if paths else [name]
+        for path in paths:
+            digits = re.findall(r"\d+", path.stem, flags=re.ASCII)
+            place = f"{name}/{path.name}"
+            if digits:
+                images.append(_Image(sensor, "", name, int(digits[-1]), 0, path, place, (), f"{sensor}/{place}"))
+            else:
+                unnumbered.append(place)
+    expected = "the directory that has one directory of images per shape"
+    if not images:
+        raise DataError(str(directory), place="data.sensor", expected=expected, remedy=content(directory))
+    check_no_faults(f"{directory} has shapes without images", empty, "remove these directories", expected=expected)
+    check_no_faults(f"{directory} has images without a number", unnumbered, "put one into each name, as ball_12.jpg")
+    used = [image.path for image in images]
+    return _Listing(images, 0, other_files(directory, "**/*", used))
+
+
+def _at_most(most: int, images: Sequence[_Image], class_of: Callable[[_Image], Hashable]) -> list[_Image]:
+    """Take so many images: of each class alike, of the first ones perhaps one more, each at even steps."""
+    of_class: defaultdict[Hashable, list[int]] = defaultdict(list)
+    for row, image in enumerate(images):
+        of_class[class_of(image)].append(row)
+    each, more = divmod(most, len(of_class))
+    taken: list[int] = []
+    for number, rows in enumerate(of_class.values()):
+        count = min(len(rows), each + (number < more))
+        taken += [rows[step * len(rows) // count] for step in range(count)]
+    return [images[row] for row in sorted(taken)]
+
+
+def _released(images: Iterable[_Image]) -> list[str]:
+    """Name the part of each image: presses of one sensor, pattern and kind are split in their order."""
+    images = list(images)
+    presses = defaultdict(set)
+    for image in images:
+        presses[image[:3]].add(image.press)
+    part_of: dict[tuple[Any, ...], str] = {}
+    for key, own in presses.items():
+        split = ordered_split(np.array(sorted(own)))
+        part_of |= {(*key, int(press)): part for part in PARTS for press in getattr(split, part)}
+    return [part_of[image[:4]] for image in images]
 
 
 def _number(row: Row) -> str:
     """Return the digits that an image's name ends in."""
     stem = Path(row.name).stem
     return stem[len(stem.rstrip("0123456789")) :]
-
-
-def _split_of_presses(presses: list[tuple[float, int]], groups: npt.NDArray[np.int64]) -> Split:
-    """Split each size's presses in their order, and rows with them."""
-    sizes = np.array([size for size, _ in presses])
-    splits = [ordered_split(np.flatnonzero(sizes == size)) for size in np.unique(sizes)]
-    taken = {part: np.concatenate([getattr(split, part) for split in splits]) for part in PARTS}
-    return Split(**{part: np.flatnonzero(np.isin(groups, numbers)) for part, numbers in taken.items()})
 
 
 def _enter(directory: Path, names: dict[str, str]) -> Path:

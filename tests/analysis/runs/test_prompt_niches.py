@@ -76,10 +76,10 @@ def test_trials_of_a_search_lie_within_reach(name: str) -> None:
     """Every one that a published run recorded does, without the noise of its request; half of the niches do not."""
     place = opened(BUNDLES / name)
     path = place.one_run("the test reads one run")
-    found = collect(path, place.store)
+    collection = collect(path, place.store)
     _, ledger = read_finished(RunDirectory(path))
     lines = [line for line in ledger.lines if isinstance(line, CandidateLine) and line.prompt_niche is not None]
-    run, centroids = found.run, found.niches.prompts
+    run, centroids = collection.run, collection.niches.prompts
     reached = reachable_prompt_niches(run, centroids)
     assert len(reached) == len(centroids) / 2
     assert {line.prompt_niche for line in lines} <= reached

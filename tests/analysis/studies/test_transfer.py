@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from hand_runs import closed, run, trained
 from studies import around, study_of
 
@@ -12,7 +13,7 @@ from analysis.report.collection import Collection, Compared, tables_of, with_lar
 from analysis.runs.niches import Niches
 from analysis.statistics.tests import blocked_mann_whitney, holm
 from analysis.studies.comparison import compare
-from analysis.studies.transfer import is_alone, joint, transfers
+from analysis.studies.transfer import concordance, is_alone, joint, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent
@@ -67,6 +68,21 @@ def test_table_is_network_by_data_set() -> None:
         ("split_seed=7", 1, "a", 0.04, "worse"),
         ("split_seed=7", 1, "b", 0.01, "better"),
     ]
+
+
+def test_agreement_on_the_order_is_kendalls_w() -> None:
+    """By hand: one order on all data sets is 1; ranks 2, 1, 3 and 2, 3, 1 add up to 4 each, which is 0."""
+    same, again = study_of(ONE), elsewhere({name: [2 * value for value in ONE[name]] for name in ONE}, 7)
+    assert concordance([(same, None), (again, None)]) == pytest.approx(1)
+    assert concordance([(same, None), (again, None), (elsewhere(ONE, 8), None)]) == pytest.approx(1)
+    assert concordance(both()) == pytest.approx(0)
+    three = [(same, None), (elsewhere(ONE, 7), None), (elsewhere(OTHER, 8), None)]
+    # Rank sums 6, 5 and 7 around 6: W = 12 * 2 / (3 ** 2 * (3 ** 3 - 3)).
+    assert concordance(three) == pytest.approx(12 * 2 / (9 * 24))
+    two = {name: ONE[name] for name in ("baseline", "a")}
+    assert concordance([(study_of(two), None), (elsewhere(two, 7), None)]) is None
+    flat = dict.fromkeys(ONE, [0.5] * 4)
+    assert concordance([(study_of(flat), None), (elsewhere(flat, 7), None)]) is None
 
 
 def test_joint_answer_keeps_seeds_and_data_sets_apart() -> None:

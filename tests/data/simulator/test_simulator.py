@@ -16,7 +16,7 @@ from small_recordings import loaded, simulated
 from test_data_portable import PLAINEST, require_plainest
 from torch import nn
 
-from tacevo.choices import LightScene, SensorTask
+from tacevo.choices import LightScene, SensorTask, SimulatedSensor
 from tacevo.data.simulator.portable import normal
 from tacevo.data.simulator.sensor import Press, _marker_pixels, make_sensor
 from tacevo.data.simulator.tasks import (
@@ -60,6 +60,20 @@ def test_every_task_draws_at_every_size(task: SensorTask, size: int) -> None:
     assert image.dtype == np.uint8
     assert image[:, 0, 0].max() < 30
     assert 90 < middle.mean() < 230
+
+
+@pytest.mark.parametrize("task", SensorTask)
+def test_kinds_of_sensors_see_markers_the_object_or_both(task: SensorTask) -> None:
+    """The presses and their labels are the same; a kind is named where it is not the usual one."""
+    both = replace(FORCE, task=task, image_size=64)
+    kinds = {kind: replace(both, sensor=kind) for kind in SimulatedSensor}
+    labels = {source.catalogue().labels.tobytes() for source in kinds.values()}
+    pictures = {kind: draw(source, 3)[1].astype(float) for kind, source in kinds.items()}
+    assert len(labels) == 1
+    assert len({str(source.describe()) for source in kinds.values()}) == 3
+    assert kinds[SimulatedSensor.ViTacTip].describe() == both.describe()
+    assert pictures[SimulatedSensor.ViTac].mean() > 1.05 * pictures[SimulatedSensor.ViTacTip].mean()  # markers are dark
+    assert np.abs(pictures[SimulatedSensor.TacTip] - pictures[SimulatedSensor.ViTacTip]).max() > 15
 
 
 @pytest.mark.parametrize("task", [SensorTask.force, SensorTask.hardness])

@@ -1,13 +1,16 @@
 """The TacVerse layout: rows in the release's order, its own split, presses kept together, slips told by name."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from refusals import refused
 from small_recordings import loaded, save_forces, save_gratings, save_image
 
-from tacevo.choices import SensorTask, SplitRule
+from tacevo.choices import GratingClasses, RecordedTask, SplitRule
 from tacevo.data.loading import split_rows
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.tacverse import TacVerse
@@ -42,7 +45,7 @@ def test_hardness_is_read_but_has_no_split_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "Force_Regression").rename(folder)
     (folder / "ViTacTip" / "ViTacTip.csv").write_text("image_name,shore\nimage_1.png,20\nimage_0.png,17.5\n")
     catalogue = TacVerse(
-        root=tmp_path, task=SensorTask.hardness, sensor="ViTacTip", pattern=None, image_size=16
+        root=tmp_path, task=RecordedTask.hardness, sensor="ViTacTip", pattern=None, image_size=16
     ).catalogue()
     assert catalogue.names == ("shore",)
     assert catalogue.labels.tolist() == [[17.5], [20.0]]
@@ -147,3 +150,137 @@ def test_wrong_place_says_what_is_there(tmp_path: Path, change: dict[str, str | 
     wrong = {key: tmp_path / str(value) if key == "root" else value for key, value in change.items()}
     with refused(DataError, place=place, remedy=remedy):
         replace(source, **wrong).describe()  # type: ignore[arg-type]
+
+
+def save_release(root: Path, sensors: tuple[str, ...] = ("ViTacTip", "TacTip")) -> TacVerse:
+    """Write two patterns of each sensor: four sizes, of which each has ten presses of two frames."""
+    names = [f"{size}_{press}_{frame}.png" for size in (0.3, 0.5, 1.0, 1.75) for press in range(10) for frame in (1, 2)]
+    for sensor in sensors:
+        for pattern in ("Blackdot", "Blackline"):
+            for number, name in enumerate(names):
+                save_image(root / "Grating_Classification" / sensor / pattern / name, number)
+    return replace(save_gratings(root), pattern="Blackdot+Blackline")
+
+
+def save_shapes(root: Path, *sensors: str) -> TacVerse:
+    """Write ten images of each of two shapes."""
+    for sensor in sensors:
+        for shape in ("ring", "ball"):
+            for number in range(10):
+                save_image(root / "Shape_Classification" / sensor / shape / f"{shape}{number}.png", number)
+    return replace(save_gratings(root), task=RecordedTask.shape, sensor="+".join(sensors))
+
+
+def files_of(catalogue: Catalogue, part: str) -> list[str]:
+    """Return the paths of a part, below the root, without ending."""
+    paths = [catalogue.files[row] for row in getattr(released(catalogue), part)]  # type: ignore[index]
+    return [re.sub(r".*_Classification/|.png", "", path.as_posix()) for path in paths]
+
+
+def test_spacings_select_the_sizes_and_images_cap_them(tmp_path: Path) -> None:
+    """The classes follow; each has as many images, at even steps of its presses; what was selected is told."""
+    every = replace(save_release(tmp_path), pattern="Blackdot")
+    some = replace(every, spacings_mm=(1.0, 0.5))
+    assert some.catalogue().names == ("0.5 mm", "1 mm")
+    assert np.bincount(some.catalogue().labels).tolist() == [20, 20]
+    capped = replace(some, images=21).catalogue()
+    assert np.bincount(capped.labels).tolist() == [11, 10]
+    assert {name.split("_")[1] for name in files_of(capped, "train")} == set("012345")
+    assert capped.selected == ("data.spacings_mm=[1.0,0.5]", "data.images=21")
+    assert loaded(replace(some, images=21), tmp_path / "c", split=SplitRule.release).facts.selected == capped.selected
+    descriptions = [source.describe() for source in (every, some, replace(some, images=21), replace(every, images=21))]
+    assert all(a != b for number, a in enumerate(descriptions) for b in descriptions[:number])
+    assert every.catalogue().selected == ()
+    assert "selected" not in str(every.describe())
+    with refused(DataError, place="data.spacings_mm", expected="0.3, 0.5, 1, 1.75", got="2"):
+        replace(every, spacings_mm=(0.5, 2.0)).describe()
+
+
+def test_forces_are_capped_at_even_steps(tmp_path: Path) -> None:
+    """So the split in time is that of the whole recording; more than there are is all."""
+    source = save_forces(tmp_path, "".join(f"image_{number}.png,{number},0,0\n" for number in range(20)), images=20)
+    capped = replace(source, images=10).catalogue()
+    assert reds(capped) == list(range(0, 20, 2))
+    assert released(capped).test.tolist() == [8, 9]
+    assert reds(replace(source, images=99).catalogue()) == list(range(20))
+
+
+def test_pattern_in_a_name_groups_forces(tmp_path: Path) -> None:
+    """The release names no presses of forces; a recording's own names may."""
+    rows = "".join(f"press{number // 4}/image_{number}.png,{number},0,0\n" for number in range(24))
+    source = replace(save_forces(tmp_path, rows, images=0), group_pattern=r"ViTacTip/press(\d+)/")
+    for number in range(24):
+        save_image(tmp_path / "Force_Regression" / "ViTacTip" / f"press{number // 4}" / f"image_{number}.png", number)
+    split = split_rows(source.catalogue(), SplitRule.random, seed=0)
+    presses = [{row // 4 for row in part} for part in (split.train, split.validation, split.test)]
+    assert sum(map(len, presses)) == len(set().union(*presses)) == 6
+
+
+@pytest.mark.parametrize(
+    ("classes", "names"),
+    [
+        (GratingClasses.size, ("0.5 mm", "1 mm")),
+        (GratingClasses.pattern, ("dot", "line")),
+        (GratingClasses.joint, ("dot 0.5 mm", "dot 1 mm", "line 0.5 mm", "line 1 mm")),
+    ],
+)
+def test_patterns_are_classes_beside_sizes_or_in_their_place(
+    tmp_path: Path, classes: GratingClasses, names: tuple[str, ...]
+) -> None:
+    """Two patterns are read together; each size of each is split by its presses."""
+    source = replace(save_release(tmp_path), spacings_mm=(0.5, 1.0), classes=classes)
+    catalogue = source.catalogue()
+    assert catalogue.names == names
+    assert len(set(np.bincount(catalogue.labels).tolist())) == 1
+    for part, count in (("train", 6), ("validation", 2), ("test", 2)):
+        presses = {name.rpartition("_")[0] for name in files_of(catalogue, part)}
+        assert len(presses) == count * 4
+    assert catalogue.groups is not None
+    assert len(set(catalogue.groups.tolist())) == 40
+
+
+def test_shapes_are_split_by_their_numbers(tmp_path: Path) -> None:
+    """60/20/20 of each sensor's images of each shape, in the order of the last number in their names."""
+    catalogue = save_shapes(tmp_path, "ViTacTip", "TacTip").catalogue()
+    assert (catalogue.kind, catalogue.names) == (Kind.classification, ("ball", "ring"))
+    assert files_of(catalogue, "test") == [
+        f"{sensor}/{shape}/{shape}{number}"
+        for sensor in ("TacTip", "ViTacTip")
+        for shape in ("ball", "ring")
+        for number in (8, 9)
+    ]
+    save_image(tmp_path / "Shape_Classification" / "TacTip" / "ball" / "plain.png", 0)
+    with refused(DataError, got="TacTip has images without a number (1 found): ball/plain.png"):
+        save_shapes(tmp_path, "ViTacTip", "TacTip").catalogue()
+
+
+def test_protocols_of_the_release(tmp_path: Path) -> None:
+    """Others train and are validated on, one sensor is tested; shots of its training part train, too, by a seed."""
+    save_shapes(tmp_path, "A", "B", "C")
+    source = replace(save_shapes(tmp_path, "A", "B"), test_sensor="C")
+    left_out = source.catalogue()
+    parts = {
+        part: {name.split("/")[0] for name in files_of(left_out, part)} for part in ("train", "validation", "test")
+    }
+    assert parts == {"train": {"A", "B"}, "validation": {"A", "B"}, "test": {"C"}}
+    assert [len(getattr(released(left_out), part)) for part in parts] == [24, 8, 4]
+    few = [replace(source, shots=2, seed=seed).catalogue() for seed in (0, 0, 1)]
+    added = [[name for name in files_of(catalogue, "train") if name.startswith("C")] for catalogue in few]
+    assert added[0] == added[1] != added[2]
+    assert [len(names) for names in added] == [4, 4, 4]
+    assert all(int(name[-1]) < 6 for names in added for name in names)
+    assert [files_of(catalogue, "test") for catalogue in few] == [files_of(left_out, "test")] * 3
+    assert replace(source, shots=2).describe() != replace(source, shots=2, seed=1).describe()
+    whole = replace(source, sensor="A+B+C")
+    assert [path.as_posix() for path in whole.catalogue().files or ()] == [
+        path.as_posix() for path in left_out.files or ()
+    ]
+    with refused(DataError, place="data.test_sensor", expected="another sensor", got="B"):
+        replace(source, sensor="B", test_sensor="B").catalogue()
+
+
+@pytest.mark.parametrize("change", [{"sensor": "ViTacTip+ViTacTip"}, {"sensor": "ViTacTip+"}, {"pattern": "+Blackdot"}])
+def test_directory_that_is_named_twice_or_not_is_refused(tmp_path: Path, change: dict[str, Any]) -> None:
+    """An image would be there twice, or every directory would be read as one."""
+    with refused(DataError, place=f"data.{next(iter(change))}", got="directories are named twice, or names are empty"):
+        replace(save_release(tmp_path), **change).catalogue()

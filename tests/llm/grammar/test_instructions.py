@@ -17,7 +17,7 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.variations import vary
 from tacevo.randomness import stream
 
-TASKS = ("force", "grating", "hardness")
+TASKS = ("force", "grating", "hardness", "shape")
 BASELINES = {task: parse((LIBRARY / task / "baseline.py").read_text()) for task in TASKS}
 TEXTS: dict[tuple[str, str], str] = {
     (task, mutation["id"]): mutation["text"]

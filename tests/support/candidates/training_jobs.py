@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tacevo.records import Contract, Kind, Limits, Loss, Recipe, to_json
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.client import Finished
+from tacevo.sandbox.client import Finished, Score
 from tacevo.training.evaluation import Examples
 from tacevo.training.trainer import run
 
@@ -97,11 +97,15 @@ class Recorder:
 
     def __init__(self, answer: Finished) -> None:
         self.sent: list[tuple[Any, bytes]] = []
+        #: Of each job that is scored, its scores.
+        self.scores: list[list[float]] = []
         self._answer = answer
 
-    def run(self, entry: str, header: Any, payload: bytes, limits: Limits) -> Finished:
+    def run(self, entry: str, header: Any, payload: bytes, limits: Limits, score: Score | None = None) -> Finished:
         """Answer as a trainer would."""
         self.sent.append((header, payload))
+        if score is not None:
+            self.scores.append([score(frame.payload) for frame in self._answer.frames])
         return self._answer
 
 

@@ -39,8 +39,10 @@ def page_of_shipped_run() -> PageContents:
 
 def page_of(run: Path, store: Path, *, title: str) -> PageContents:
     """Return what the page of a run shows, without its sample images."""
-    found = collect(run, store)
-    material = RunMaterial(found=found, texts=read_texts(found.run)[0], tables=tables_of(found, None))
+    collection = collect(run, store)
+    material = RunMaterial(
+        collection=collection, texts=read_texts(collection.run)[0], tables=tables_of(collection, None)
+    )
     return page_contents([material], title=title, checked=[f"digest {64 * 'f'}"], commands=["tacevo replay it"])
 
 

@@ -32,7 +32,7 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
     run.path.mkdir(parents=True, exist_ok=True)
     vary = directory.read().terms.vary if directory.is_one else ()
     config = composed(*shared, *job.overrides, *seeded(vary, job.seed))
-    facts = replace(facts_without_data(config), counts=(config.data.images, 0, 0))
+    facts = replace(facts_without_data(config), counts=(config.data.images or 0, 0, 0))
     text, digest = sealed_text([header(task=job.name), ended(0)])
     run.write_text("ledger.jsonl", text)
     described = {"config": to_plain(config), "task": load_task(config, facts), "data": facts}

@@ -31,6 +31,17 @@ def echo(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     send(header, payload)
 
 
+def hear(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Send payloads, then what was said of each."""
+    said = [send(None, part.encode()) for part in header]
+    send(said, b"end")
+
+
+def send_without_waiting(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write many frames, and ask about none."""
+    _write_all(b"".join([_frame(4)] * 500) + _DONE)
+
+
 def look_around(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Report what a candidate can see of its own process."""
     send(
