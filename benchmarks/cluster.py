@@ -18,7 +18,7 @@ from benchmarks.synthetic import made_up, profile_of_baseline, synthetic_dataset
 from tacevo.cluster.cluster import Cluster
 from tacevo.cluster.facts import Order
 from tacevo.cluster.images import Images
-from tacevo.cluster.node import Node
+from tacevo.cluster.node import ClusterNode
 from tacevo.config.schema import RunConfig
 from tacevo.profile import Profile
 from tacevo.records import Json, Limits
@@ -41,7 +41,7 @@ class SleepingOrder(Order):
     seconds: float
 
 
-class SleepingNode(Node):
+class SleepingNode(ClusterNode):
     """The process of a node that sleeps in place of its sandbox, and says from when to when, by the machine's clock."""
 
     def __init__(self, order: SleepingOrder, images: Images | None) -> None:

@@ -17,7 +17,7 @@ from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import PRIMARY
-from tacevo.results.sweep import REFERENCE, Finished, RecordedSweep, load_sweep
+from tacevo.results.sweep import REFERENCE, FinishedJob, RecordedSweep, load_sweep
 from tacevo.results.sweep_checks import check_sweep
 from tacevo.text import counted
 
@@ -92,7 +92,7 @@ def _check_arm(sweep: RecordedSweep, reference: str | None) -> None:
         raise ConfigError(repr(reference), place="--reference", expected=expected)
 
 
-def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> Finished:
+def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> FinishedJob:
     """Choose the job in whose niches all are measured: the first with some over both descriptors, the reference first.
 
     Raises:

@@ -20,7 +20,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
 from tacevo.results.study_directory import FinishedStudy
-from tacevo.results.study_lines import FailedLine, Network, ScoreLine, StudyHeader
+from tacevo.results.study_lines import FailedLine, ScoreLine, StudyHeader, StudyNetwork
 from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
 from tacevo.text import counted, drawn
@@ -34,7 +34,7 @@ class Reestimates:
     #: Of its directory.
     name: str
     #: The baseline first; those that every seed trained.
-    networks: tuple[Network, ...]
+    networks: tuple[StudyNetwork, ...]
     #: The re-estimates of each of them, seed by seed.
     estimates: tuple[tuple[float, ...], ...]
     #: Of the search's trainings.
@@ -45,7 +45,7 @@ class Reestimates:
     #: `rankings` is.
     worth: pd.DataFrame | None = None
     #: The others, with which some seed failed; never the baseline.
-    failed: tuple[Network, ...] = ()
+    failed: tuple[StudyNetwork, ...] = ()
     #: What the recorded fitness of a network is, in words.
     record: str = drawn(1)
     #: What a fitness is of the losses of its training.

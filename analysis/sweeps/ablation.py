@@ -25,7 +25,7 @@ from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
-from tacevo.results.sweep import ALPHA, REFERENCE, Finished
+from tacevo.results.sweep import ALPHA, REFERENCE, FinishedJob
 from tacevo.results.tested import JobScore
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
@@ -102,7 +102,7 @@ class Ablation:
         return _samples(self.jobs, metric).get(arm, {})
 
 
-def jobs_frame(finished: Sequence[Finished], curves: pd.DataFrame) -> pd.DataFrame:
+def jobs_frame(finished: Sequence[FinishedJob], curves: pd.DataFrame) -> pd.DataFrame:
     """Measure finished runs, one a row (`JOBS`); `curves` as of `curves_frame`."""
     ends = curves.groupby("job").last()
     return as_jobs(
@@ -125,7 +125,7 @@ def as_jobs(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(numbered, columns=["job", *JOBS]).set_index("job").astype(JOBS)
 
 
-def curves_frame(finished: Sequence[Finished], common: CommonArchive) -> pd.DataFrame:
+def curves_frame(finished: Sequence[FinishedJob], common: CommonArchive) -> pd.DataFrame:
     """Return a row for each job and generation: arm, seed, and best fitness, coverage and QD-score of all until then.
 
     A run that its FLOPs ended before others stays where it ended. Best fitness is NaN before anything was trained.

@@ -17,7 +17,7 @@ from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
-from tacevo.results.sweep import REFERENCE, Finished, RecordedSweep
+from tacevo.results.sweep import REFERENCE, FinishedJob, RecordedSweep
 from tacevo.storage.plan import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
@@ -181,9 +181,9 @@ def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:
     return _pooled([_scaled(list(own.values()), metric) for own in samples.values()], "two seeds of a network")
 
 
-def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep, Finished]]:
+def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep, FinishedJob]]:
     """Return the jobs, each with its sweep, whose runs no earlier job of their seed has, candidate by candidate."""
-    distinct: list[tuple[RecordedSweep, Finished]] = []
+    distinct: list[tuple[RecordedSweep, FinishedJob]] = []
     known: dict[int, list[tuple[CandidateLine, ...]]] = {}
     for sweep in pilots:
         for one in sweep.finished:

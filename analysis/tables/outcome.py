@@ -12,7 +12,7 @@ from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import between, score_cell
 from analysis.tables.noise import BEATS, chance_note
 from tacevo.results.study import RecordedStudy
-from tacevo.results.study_lines import Network
+from tacevo.results.study_lines import StudyNetwork
 from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.text import counted, listed
 
@@ -77,7 +77,7 @@ def study_outcome(
 
 
 def _row(
-    study: RecordedStudy, network: Network, found: pd.DataFrame | None, again: Reestimates | None
+    study: RecordedStudy, network: StudyNetwork, found: pd.DataFrame | None, again: Reestimates | None
 ) -> dict[str, Cell]:
     cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
     if found is not None:

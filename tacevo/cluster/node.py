@@ -16,7 +16,7 @@ from tacevo.sandbox.confinement import in_force
 from tacevo.training.leases import leased
 
 
-class Node:
+class ClusterNode:
     """The process of one run on one node; Ray starts it, and starts it again where it was killed.
 
     `images` is None where nothing is trained.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Self, TypeVar
 
 from tacevo.choices import FitnessRule
-from tacevo.evolution.archive import AddStatus, Bounds
+from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
 
 T = TypeVar("T", bound="TrainedLine")
@@ -177,7 +177,7 @@ class GenerationLine(Record):
     coverage: float
     qd_score: float
     prompt_coverage: float
-    bounds: Bounds | None
+    bounds: AxisBounds | None
     #: SHA-256 of the occupants of both archives.
     archive: str
     prompt_archive: str

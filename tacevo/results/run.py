@@ -16,7 +16,7 @@ from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.costs import Spending
 from tacevo.environment import doubting
 from tacevo.errors import RunError
-from tacevo.evolution.archive import Bounds, best_distinct
+from tacevo.evolution.archive import AxisBounds, best_distinct
 from tacevo.evolution.chance import shortfall
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.files import (
@@ -138,7 +138,7 @@ class RecordedRun:
         return rules_of(self.ledger.lines)
 
     @property
-    def bounds(self) -> Bounds | None:
+    def bounds(self) -> AxisBounds | None:
         """What the archive ended with; None where nothing was trained, or there are no niches."""
         return self.generations[-1].bounds
 

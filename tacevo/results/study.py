@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory
-from tacevo.results.study_lines import Design, FailedLine, ScoreLine, Terms
+from tacevo.results.study_lines import Design, FailedLine, ScoreLine, StudyTerms
 from tacevo.text import listed
 
 BASELINE = "baseline"
@@ -33,7 +33,7 @@ class RecordedStudy(Design):
     """A finished study: what it was to find out, and its scores."""
 
     #: A noise run, which has none, is not a study.
-    terms: Terms
+    terms: StudyTerms
     #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
     units: tuple[str, ...]
     #: Units of the recording for one unit of training, one for each regressed value; () of a classification.

@@ -22,7 +22,7 @@ ALPHA = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finished:
+class FinishedJob:
     """A finished job."""
 
     job: Job
@@ -67,7 +67,7 @@ class RecordedSweep:
 
     path: Path
     #: At least one.
-    finished: tuple[Finished, ...]
+    finished: tuple[FinishedJob, ...]
     missing: tuple[Missing, ...]
     terms: SweepTerms = UNSTATED
     #: Finished jobs that were not tested as the sweep states, where it states that.
@@ -152,7 +152,7 @@ def state_of(directory: SweepDirectory, job: Job) -> tuple[Standing, str]:
     return (Standing.stopped if run.ledger.exists() else Standing.waiting), ""
 
 
-def _checked(job: Job, run: RecordedRun) -> Finished:
+def _checked(job: Job, run: RecordedRun) -> FinishedJob:
     """Check that a run is that of its job."""
     where = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
     if run.config.seed != job.seed:
@@ -160,7 +160,7 @@ def _checked(job: Job, run: RecordedRun) -> Finished:
     if (came := config_hash(run.config)) != job.config:
         expected = f"{job.config[:12]}, the hash that sweep.json states of job {job.name}"
         raise RunError(f"a run whose configuration has the hash {came[:12]}", expected=expected, **where)
-    return Finished(job=job, run=run)
+    return FinishedJob(job=job, run=run)
 
 
 def _check_distinct(path: Path, jobs: tuple[Job, ...]) -> None:

@@ -13,7 +13,7 @@ from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import TableSource
 from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
@@ -89,7 +89,7 @@ def source_of(config: RunConfig) -> Source:
                 light=data.light,
             )
         case DataSource.csv:
-            return Table(
+            return TableSource(
                 root=root,
                 table=data.table,
                 image_column=data.image_column,

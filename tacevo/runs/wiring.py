@@ -17,7 +17,7 @@ from tacevo.cluster.images import describe
 from tacevo.config.schema import ArchiveConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
-from tacevo.evolution.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
+from tacevo.evolution.archive import AxisBounds, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
@@ -100,14 +100,14 @@ def build_settings(config: RunConfig) -> Settings:
     )
 
 
-def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
+def _fixed_bounds(archive: ArchiveConfig) -> AxisBounds | None:
     """Return the bounds of the network archive's axes, where the configuration has them."""
     if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
         return None
     scale = archive.eff_ratio_scale
     ranges = [[on_axis(axis, end, scale) for end in getattr(archive, f"{axis}_bounds")] for axis in archive.axes]
     low, high = zip(*ranges, strict=True)
-    return Bounds(low=low, high=high)
+    return AxisBounds(low=low, high=high)
 
 
 def stores_of(config: RunConfig) -> Stores:

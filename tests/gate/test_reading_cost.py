@@ -9,7 +9,7 @@ import pytest
 from gate_cases import VALID, completion, contract, extracted, fenced, source_of
 
 from tacevo.gate import blocks
-from tacevo.gate.blocks import Parser
+from tacevo.gate.blocks import BlockParser
 from tacevo.gate.policy import problems
 from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.versions import later_version
@@ -102,7 +102,7 @@ def test_blocks_that_lack_each_other_cost_as_many_steps_as_there_are() -> None:
 def test_name_that_repeats_is_looked_for_once() -> None:
     """A pattern that tries each place of the name with every other one would take minutes."""
     text = f"class {'ImageRegressionCNN' * 25_000}x"
-    assert later_version(text, ast.parse(VALID), "ImageRegressionCNN", Parser(), own=True) is None
+    assert later_version(text, ast.parse(VALID), "ImageRegressionCNN", BlockParser(), own=True) is None
 
 
 def test_number_of_blocks_is_bounded() -> None:

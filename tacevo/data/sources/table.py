@@ -50,7 +50,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class TableSource:
     """A directory with a CSV table; the first row holds the column names."""
 
     root: Path

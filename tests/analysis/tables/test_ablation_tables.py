@@ -13,7 +13,7 @@ from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Tab
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
-from tacevo.results.sweep import Finished, Missing, RecordedSweep
+from tacevo.results.sweep import FinishedJob, Missing, RecordedSweep
 from tacevo.results.tested import JobScore
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
@@ -65,7 +65,7 @@ def test_identical_arm_shows_the_word() -> None:
     )
 
 
-def configured(arm: str, seed: int, bests: Sequence[float] = NONE, **settings: Any) -> Finished:
+def configured(arm: str, seed: int, bests: Sequence[float] = NONE, **settings: Any) -> FinishedJob:
     """Make a job of `none`'s search, or of another, under other settings."""
     (job,) = jobs_of(arm, bests[seed : seed + 1])
     return finished(arm, seed, job.run, settings=settings)
@@ -141,7 +141,7 @@ STATED = SweepTerms(
 )
 
 
-def scored(bests: Sequence[float], arm: str) -> list[Finished]:
+def scored(bests: Sequence[float], arm: str) -> list[FinishedJob]:
     """Make an arm's jobs, whose networks score a tenth of their fitness on the test images."""
     return [
         replace(
