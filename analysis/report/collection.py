@@ -11,9 +11,9 @@ from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
-from analysis.studies.images import ImageFindings, image_findings
-from analysis.studies.noise import Reestimates, load_reestimates, losses_by_source
+from analysis.studies.image_findings import ImageFindings, image_findings
 from analysis.studies.predictions import load_predictions
+from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.studies.transfer import is_alone, transfers
 from analysis.table import Table

@@ -17,7 +17,7 @@ from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
-from analysis.studies.metrics import SHARES
+from analysis.studies.metric_names import SHARES
 from analysis.studies.warnings import Caution, cautions
 from tacevo.config.study import Margin
 from tacevo.errors import RunError

@@ -11,7 +11,7 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
 from analysis.statistics.samples import Sample
 from analysis.studies.comparison import late, of_whole
-from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
+from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import plan_notes

@@ -5,8 +5,8 @@ import pandas as pd
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
 from analysis.studies.comparison import late, of_whole
-from analysis.studies.metrics import SHARES, metric_name
-from analysis.studies.noise import Reestimates
+from analysis.studies.metric_names import SHARES, metric_name
+from analysis.studies.reestimates import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import between, score_cell

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from analysis.studies.comparison import of_whole
-from analysis.studies.metrics import metric_name
+from analysis.studies.metric_names import metric_name
 from analysis.studies.transfer import OnData, concordance
 from analysis.table import Cell, PValue, Table
 from analysis.tables.comparison import score_cell
