@@ -9,13 +9,14 @@ import pandas as pd
 
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
+from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
 from analysis.studies.image_findings import ImageFindings, image_findings
 from analysis.studies.predictions import load_predictions
 from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
-from analysis.studies.transfer import is_alone, transfers
+from analysis.studies.transfer import OnData, is_alone, transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
@@ -35,7 +36,7 @@ from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
-from analysis.tables.transfer import transfer_table
+from analysis.tables.transfer import joint_table, transfer_table
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun, read_run
@@ -138,6 +139,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
         if one.record.terms is not None:
             try:
                 study = as_study(one)
+                study = replace(study, ceiling=ceiling_of(study, run.config))
             except RunError as error:
                 left_out.append(_reason(error, run))
                 continue
@@ -301,12 +303,19 @@ def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tupl
             *study_tables(compared.study, compared.comparisons, is_alone=is_alone(compared.study, everywhere)),
             *image_tables(compared.study, compared.images),
         ]
-        of_study += [transfer_table(one) for one in across if one[0][0] is compared.study]
+        own = [one for one in across if one[0][0] is compared.study]
+        of_study += [table for one in own for table in (transfer_table(one), *_joint(one))]
         tables += [_of_study(table, compared) for table in of_study]
     for one in found.reestimates:
         of_noise = [*noise_tables(one, run.task, run.record.trivial), *_corrected(run, one)]
         tables += [replace(table, name=f"{one.name}/{table.name}") for table in of_noise]
     return tuple(tables)
+
+
+def _joint(studies: Sequence[OnData]) -> list[Table]:
+    """Return the joint answer over data sets where there is a variant, and seeds to test it with."""
+    first, _ = studies[0]
+    return [joint_table(studies)] if len(first.networks) > 1 and first.seeds > 1 else []
 
 
 def _of_study(table: Table, compared: Compared) -> Table:

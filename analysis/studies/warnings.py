@@ -30,6 +30,10 @@ class Caution(StrEnum):
         "the margin of equivalence is at least as wide as all errors of the baseline, so even a network without an "
         "error would lie within it (margins.classification.kind=errors states it as a part of them)"
     )
+    ceiling = (
+        "the baseline is at the ceiling: what it lacks to the most that any network can expect on these data is less "
+        "than the margin, or than chance moves on so many test images, so next to nothing is left to win"
+    )
     few_seeds = "no result of so few seeds is significant after Holm's correction"
 
 

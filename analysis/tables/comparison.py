@@ -10,6 +10,7 @@ import pandas as pd
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
 from analysis.statistics.samples import Sample
+from analysis.studies.ceiling import chance_at
 from analysis.studies.comparison import late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
@@ -65,11 +66,13 @@ def scores_table(study: RecordedStudy) -> Table:
                 for network in study.networks
             ),
             *_trivial_row(study),
+            *([("ceiling", None, None, None, Percent(study.ceiling), *(None,) * 5)] if study.ceiling else []),
         ),
         notes=(
             *at_chance(study),
             *_scale_note(study),
             *_trivial_note(study),
+            *ceiling_note(study),
             "FLOPs: of one image, forwards. Chosen epoch: median of the seeds, quartiles in brackets.",
             _training(study),
         ),
@@ -125,7 +128,21 @@ def verdicts_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
             *_image_note(study, variants),
             *_late_note(study),
             *_trivial_note(study),
+            *ceiling_note(study),
         ),
+    )
+
+
+def ceiling_note(study: RecordedStudy) -> tuple[str, ...]:
+    """Say what no network can exceed on these data, where it is known."""
+    if study.ceiling is None:
+        return ()
+    images = study.data.counts[2]
+    low, high = chance_at(study.ceiling, images)
+    return (
+        f"Ceiling: {shown(Percent(study.ceiling))}, the accuracy of an observer who sees the width of every ridge, "
+        f"which errs and alone tells the class. On {counted(images, 'test image')} chance leaves it between "
+        f"{shown(Percent(low))} and {shown(Percent(high))}.",
     )
 
 

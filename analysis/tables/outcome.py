@@ -67,6 +67,7 @@ def study_outcome(
         rows=tuple(tuple(row.values()) for row in rows),
         notes=(
             *at_chance(study),
+            *_at_ceiling(found),
             *_late(study, found),
             *_few(found),
             *([_ONE_SPLIT] if is_alone else []),
@@ -192,6 +193,11 @@ def _late(study: RecordedStudy, found: pd.DataFrame | None) -> tuple[str, ...]:
         f"Not converged? {shown(Percent(parts[most]))} of the seeds of {most} are best in the last tenth of epochs: "
         "better may only mean faster.",
     )
+
+
+def _at_ceiling(found: pd.DataFrame | None) -> tuple[str, ...]:
+    told = found is not None and any(Caution.ceiling in one.cautions for one in of_whole(found).itertuples())
+    return ("At the ceiling: next to nothing is left to win over the baseline on these data (tables).",) if told else ()
 
 
 def _few(found: pd.DataFrame | None) -> tuple[str, ...]:

@@ -141,7 +141,7 @@ class DataConfig(Record):
     table: str
     image_column: str  #: its column of paths
     target_columns: tuple[str, ...]  #: its columns of labels
-    #: TacVerse: the directories to read; several are joined by +.
+    #: Simulated: ViTacTip, ViTac (no markers) or TacTip (opaque). TacVerse: the directories to read, joined by +.
     sensor: Text
     pattern: Text | None  #: for gratings
     #: Tables: leave out rows whose image is missing, instead of refusing the table.

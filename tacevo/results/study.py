@@ -42,6 +42,8 @@ class RecordedStudy(Design):
     #: name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`, `cross_entropy`. A confusion counts
     #: test images by (true class, predicted class).
     scores: tuple[ScoreLine, ...]
+    #: The accuracy that no network can expect to exceed on these data; None where it is not known.
+    ceiling: float | None = None
 
     @property
     def kind(self) -> Kind:

@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from tacevo.choices import DataSource, RecordedTask, SensorTask
+from tacevo.choices import DataSource, RecordedTask, SensorTask, SimulatedSensor
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import check_fit
 from tacevo.data.dataset import Dataset
@@ -87,6 +87,7 @@ def source_of(config: RunConfig) -> Source:
                 spacings_mm=tuple(data.spacings_mm),
                 sensor_seed=data.sensor_seed,
                 light=data.light,
+                sensor=SimulatedSensor(data.sensor),  # which `check_together` has looked at
             )
         case DataSource.csv:
             return TableSource(

@@ -156,7 +156,7 @@ def part_saved(config: RunConfig, images: int) -> float:
     except TacevoError:
         return 0.0
     more = config.training.epochs * images / config.training.batch_size - 1
-    costs = [
+    costs: list[float] = [
         one + more * (median(several) - one) / (epochs - 1)
         for one, several in zip(least, zip(*turns, strict=True), strict=True)
     ]

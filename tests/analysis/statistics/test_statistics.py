@@ -9,8 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import fisher_exact, mannwhitneyu
+from statsmodels.stats.descriptivestats import sign_test
 
-from analysis.statistics.tests import Alternative, Method, holm, hypergeometric_p, mann_whitney, smallest_p
+from analysis.statistics.tests import (
+    Alternative,
+    Method,
+    blocked_mann_whitney,
+    holm,
+    hypergeometric_p,
+    mann_whitney,
+    sign_p,
+    smallest_p,
+)
 
 SIDES: tuple[Alternative, ...] = ("two-sided", "greater", "less")
 #: Few different values, so that most samples have ties.
@@ -92,6 +102,51 @@ def test_exchanging_the_samples_mirrors_u(x: list[float], y: list[float]) -> Non
     there, back = mann_whitney(x, y), mann_whitney(y, x)
     assert there.u + back.u == len(x) * len(y)
     assert there.p == pytest.approx(back.p)
+
+
+@given(TIED, TIED, TIED, TIED)
+def test_blocked_p_is_the_share_of_deals_within_blocks(
+    x: list[float], y: list[float], above: list[float], below: list[float]
+) -> None:
+    """Every deal of one block beside every deal of the other, counted; ranks of different blocks never meet."""
+    blocks = [(x[:4], y[:4]), (above[:4], below[:4])]
+    found = blocked_mann_whitney(
+        [([100 + value for value in blocks[0][0]], [100 + v for v in blocks[0][1]]), blocks[1]]
+    )
+    each = []
+    for first, second in blocks:
+        values = [*first, *second]
+        deals = itertools.combinations(range(len(values)), len(first))
+        each.append(
+            [
+                pairs_won([values[at] for at in deal], [one for at, one in enumerate(values) if at not in deal])
+                for deal in deals
+            ]
+        )
+    here, sums = found.u, [one + other for one, other in itertools.product(*each)]
+    assert here == sum(pairs_won(*block) for block in blocks)
+    tails = (sum(deal <= here for deal in sums), sum(deal >= here for deal in sums))
+    assert found.p == pytest.approx(min(1.0, 2 * min(tails) / len(sums)))
+
+
+@pytest.mark.parametrize("size", [20, 40])
+def test_one_block_is_the_test_without_blocks(size: int) -> None:
+    """Counted as SciPy counts, and of too many values approximated as SciPy does."""
+    draw = np.random.default_rng(2)
+    x, y = draw.normal(size=size).round(1), draw.normal(0.4, size=size).round(1)
+    found, alone = blocked_mann_whitney([(x, y)]), mann_whitney(x, y)
+    assert (found.u, found.method) == (alone.u, alone.method)
+    assert found.p == pytest.approx(alone.p, rel=1e-6)
+    two = blocked_mann_whitney([(x, y), (x + 9, y + 9)])
+    assert two.p < found.p
+
+
+def test_sign_test_is_statsmodels() -> None:
+    """Ties are left out; without a case there is no evidence."""
+    for better, worse in ((6, 0), (3, 1), (2, 9), (4, 4)):
+        library = sign_test([1.0] * better + [-1.0] * worse + [0.0] * 3)[1]
+        assert sign_p(better, worse) == pytest.approx(library)
+    assert sign_p(0, 0) == 1
 
 
 @pytest.mark.parametrize("bad", [[1.0, np.nan, 2.0, np.inf], [np.nan] * 3])

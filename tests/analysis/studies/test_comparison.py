@@ -11,10 +11,14 @@ from statsmodels.stats.multitest import multipletests
 from studies import FOUR, around, study_of, study_of_outputs
 
 from analysis.statistics.effects import EFFECTS
+from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import COMPARISONS, Verdict, compare, late, of_whole
 from analysis.studies.warnings import Caution
+from analysis.tables.comparison import scores_table, verdicts_table
 from tacevo.choices import MarginKind
+from tacevo.config.compose import compose
 from tacevo.config.study import Margin
+from tacevo.data.simulator.tasks import ideal_accuracy
 from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
@@ -195,6 +199,39 @@ def test_margin_wider_than_all_errors_is_told(value: float, kind: MarginKind, is
     (row,) = compare(study).itertuples()
     assert (Caution.wide_margin in row.cautions) == is_wide
     assert row.margin == pytest.approx(0.005 if kind is MarginKind.errors else value)
+
+
+@pytest.mark.parametrize(
+    ("median", "value", "images", "is_at"),
+    [
+        (0.93, 0.01, 100_000, False),
+        (0.945, 0.01, 100_000, True),
+        (0.945, 0.001, 100_000, False),
+        (0.93, 0.001, 100, True),
+    ],
+)
+def test_baseline_at_the_ceiling_is_told(median: float, value: float, images: int, is_at: bool) -> None:
+    """Within the margin of 95 %, or within what chance does on few images: then no verdict can be of a large gain."""
+    accuracies = {"baseline": around(median, step=1e-5), "variant 1": around(median + 0.001, step=1e-5)}
+    study = judged(study_of(accuracies, kind=Kind.classification), value=value, kind=MarginKind.absolute)
+    study = replace(study, data=replace(study.data, counts=(1, 1, images)))
+    (unknown,), (known,) = (compare(replace(study, ceiling=ceiling)).itertuples() for ceiling in (None, 0.95))
+    assert Caution.ceiling not in unknown.cautions
+    assert (Caution.ceiling in known.cautions) == is_at
+    assert known.verdict == unknown.verdict
+    assert any("Ceiling: 95" in note for note in verdicts_table(replace(study, ceiling=0.95), compare(study)).notes)
+    assert [row[0] for row in scores_table(replace(study, ceiling=0.95)).rows][-1] == "ceiling"
+
+
+def test_ceiling_is_that_of_the_studied_data() -> None:
+    """By the run's spacings, or those of other data; a recording and forces have none that is known."""
+    study = study_of({"baseline": [0.9]}, kind=Kind.classification)
+    run = compose(["experiment=demo"])
+    assert ceiling_of(study, run) == ideal_accuracy(run.data.spacings_mm)
+    other = replace(study, other_data=(("spacings_mm", [1.0, 1.1]),))
+    assert ceiling_of(other, run) == ideal_accuracy([1.0, 1.1])
+    assert ceiling_of(replace(study, other_data=(("source", "tacverse"),)), run) is None
+    assert ceiling_of(study, compose(["experiment=published_force"])) is None
 
 
 def test_baseline_without_errors_has_no_margin_in_errors() -> None:

@@ -11,13 +11,14 @@ from studies import around, study_of
 
 from analysis.report.collection import Collection, Compared, tables_of, with_largest_studies
 from analysis.runs.niches import Niches
+from analysis.statistics.tests import blocked_mann_whitney, holm
 from analysis.studies.comparison import compare
-from analysis.studies.transfer import concordance, is_alone, transfers
+from analysis.studies.transfer import concordance, is_alone, joint, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
-from analysis.tables.transfer import OWN, transfer_table
+from analysis.tables.transfer import OWN, joint_table, transfer_table
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
@@ -84,6 +85,26 @@ def test_agreement_on_the_order_is_kendalls_w() -> None:
     assert concordance([(study_of(flat), None), (elsewhere(flat, 7), None)]) is None
 
 
+def test_joint_answer_keeps_seeds_and_data_sets_apart() -> None:
+    """Six data sets that agree say something of others; five do not, and two that disagree say nothing, by hand."""
+    agree = [elsewhere({name: ONE[name] for name in ("baseline", "a")}, split) for split in range(6)]
+    found = joint([(study, None) for study in agree]).iloc[0]
+    assert (found.better, found.equal, found.worse, found.ahead) == (6, 0, 0, 1)
+    assert (found.here, found.elsewhere, found.p_elsewhere) == ("better", "better", 2 / 2**6)
+    five = joint([(study, None) for study in agree[:5]]).iloc[0]
+    assert (five.here, five.elsewhere) == ("better", "undecided")
+    for row in joint([(study, None) for study, _ in both()]).itertuples():
+        assert (row.better, row.worse, row.ahead, row.p_here, row.here) == (1, 1, 0.5, 1, "undecided")
+    table = joint_table([(study, None) for study in agree])
+    assert any("from 6 data sets on" in note for note in table.notes)
+    three = joint([(study, None) for study in (study_of(ONE), elsewhere(ONE, 1), elsewhere(ONE, 2))])
+    assert three.here.tolist() == ["better", "worse"]
+    alone = [blocked_mann_whitney([(ONE[name], ONE["baseline"])] * 3).p for name in "ab"]
+    assert tuple(three.p_here) == holm(alone)
+    higher = [replace(study_of({"baseline": [0.5] * 4, "a": [0.6] * 4}, kind=Kind.classification))] * 2
+    assert joint([(study, None) for study in higher]).better.tolist() == [2]
+
+
 def test_shares_are_percentages() -> None:
     """And without a comparison, there are the medians."""
     own = study_of({"baseline": [0.5] * 4, "a": [0.5] * 4, "b": [0.75] * 4}, kind=Kind.classification)
@@ -107,7 +128,7 @@ def test_warning_of_one_split_goes_with_a_second_one() -> None:
     assert warned == {"study1/scores", "study1/verdicts"}
     tables = tables_of(collection(study_of(ONE), elsewhere(OTHER, 7)), None)
     assert not [table.name for table in tables if ONE_SPLIT in table.notes]
-    assert "study1/transfer" in {table.name for table in tables}
+    assert {"study1/transfer", "study1/transfer_joint"} <= {table.name for table in tables}
 
 
 def test_paper_takes_the_largest_study_on_each_data_set() -> None:
