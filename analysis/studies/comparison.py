@@ -74,9 +74,9 @@ def compare(study: RecordedStudy, *, seed: int = 0) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COMPARISONS)).astype(COMPARISONS)
 
 
-def of_whole(found: pd.DataFrame | None) -> pd.DataFrame:
+def of_whole(comparisons: pd.DataFrame | None) -> pd.DataFrame:
     """Return the rows of the primary metric itself; none without comparisons."""
-    return pd.DataFrame(columns=list(COMPARISONS)) if found is None else found[found.output.isna()]
+    return pd.DataFrame(columns=list(COMPARISONS)) if comparisons is None else comparisons[comparisons.output.isna()]
 
 
 def late(study: RecordedStudy) -> dict[str, float]:
