@@ -45,8 +45,8 @@ def _agreement(studies: Sequence[OnData]) -> list[str]:
     if agreement is None:
         return []
     return [
-        f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 is "
-        "one order everywhere, 0 is no agreement."
+        f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 "
+        "is one order everywhere, 0 is no agreement."
     ]
 
 
