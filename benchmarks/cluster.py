@@ -17,8 +17,8 @@ from typing import Any
 from benchmarks.synthetic import made_up, profile_of_baseline, synthetic_dataset, synthetic_setting
 from tacevo.cluster.cluster import Cluster
 from tacevo.cluster.facts import Order
-from tacevo.cluster.images import Images
 from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import Images
 from tacevo.config.schema import RunConfig
 from tacevo.profile import Profile
 from tacevo.records import Json, Limits
