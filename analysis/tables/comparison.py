@@ -12,7 +12,7 @@ from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_c
 from analysis.statistics.samples import Sample
 from analysis.studies.ceiling import chance_at
 from analysis.studies.comparison import Verdict, late, of_whole
-from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
+from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import plan_notes
