@@ -167,10 +167,10 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
     """A stranger's run.json cannot read the environment into a study, which is published; odd paths are only paths."""
     monkeypatch.setenv("TACEVO_SECRET", "s3cr3t")
     run = compose(SMALLEST)
-    data = replace(run.data, root="/mnt/a${b}/set", sensor="${oc.env:TACEVO_SECRET}", image_column="${seed}")
+    data = replace(run.data, root="/mnt/a${b}/set", table="${oc.env:TACEVO_SECRET}", image_column="${seed}")
     theirs = replace(run, data=data, task=replace(run.task, system="${oc.env:TACEVO_SECRET}"))
     composed = compose_data(theirs, overrides)
-    assert (composed.data.sensor, composed.data.image_column) == (data.sensor, data.image_column)
+    assert (composed.data.table, composed.data.image_column) == (data.table, data.image_column)
     assert composed.data.root == ("mine" if "data.root=mine" in overrides else data.root)
     assert composed.task == theirs.task
 
