@@ -28,7 +28,7 @@ from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
-from tacevo.data.sources.images import decode
+from tacevo.data.sources.image_files import decode
 from tacevo.evolution.archive import Archive, Elite, Tessellation, insert
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, to_json

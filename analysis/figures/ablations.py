@@ -24,7 +24,7 @@ from analysis.figures.style import (
     new_figure,
 )
 from analysis.sweeps.ablation import CURVES, QUARTILES, Ablation, by_generation
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.arm_metrics import Metric
 
 #: A name of Matplotlib's, or an offset with the lengths of dashes and gaps.
 _Dash = str | tuple[int, tuple[int, ...]]

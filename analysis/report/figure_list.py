@@ -10,10 +10,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.figures.ablations import curves, final_values
+from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.pareto import pareto
-from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
@@ -26,7 +26,7 @@ from analysis.runs.niches import Niches
 from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
-from analysis.studies.noise import losses_by_source
+from analysis.studies.reestimates import losses_by_source
 from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE

@@ -8,8 +8,8 @@ import pandas as pd
 
 from analysis.runs.niches import load_niches
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
+from analysis.sweeps.arm_metrics import TESTS, Metric
 from analysis.sweeps.common_archive import common_archive, extents
-from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables, common_note, extents_note
 from analysis.tables.instruction_tables import instructions_table, mix_table

@@ -133,13 +133,13 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     return tuple(rounded(float(p)) for p in corrected)
 
 
-def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) -> float:
+def hypergeometric_p(hits: int, *, drawn: int, marked: int, population: int) -> float:
     """Return the chance that a draw without replacement holds at least as many marked ones as were found.
 
     This is Fisher's exact test, one-sided.
 
     Args:
-        found: marked ones in the draw, in [0, min(drawn, marked)].
+        hits: marked ones in the draw, in [0, min(drawn, marked)].
         drawn: size of the draw, in [0, population].
         marked: marked ones in the population, in [0, population].
         population: its size.
@@ -147,7 +147,7 @@ def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) ->
     Returns:
         In (0, 1].
     """
-    return rounded(float(hypergeom.sf(found - 1, population, marked, drawn)))
+    return rounded(float(hypergeom.sf(hits - 1, population, marked, drawn)))
 
 
 def smallest_p(n: int, m: int) -> float:

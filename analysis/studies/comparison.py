@@ -18,7 +18,7 @@ from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.ceiling import is_at_ceiling
-from analysis.studies.metrics import SHARES
+from analysis.studies.metric_names import SHARES
 from analysis.studies.warnings import Caution, cautions
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
@@ -74,9 +74,9 @@ def compare(study: RecordedStudy, *, seed: int = 0) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COMPARISONS)).astype(COMPARISONS)
 
 
-def of_whole(found: pd.DataFrame | None) -> pd.DataFrame:
+def of_whole(comparisons: pd.DataFrame | None) -> pd.DataFrame:
     """Return the rows of the primary metric itself; none without comparisons."""
-    return pd.DataFrame(columns=list(COMPARISONS)) if found is None else found[found.output.isna()]
+    return pd.DataFrame(columns=list(COMPARISONS)) if comparisons is None else comparisons[comparisons.output.isna()]
 
 
 def late(study: RecordedStudy) -> dict[str, float]:

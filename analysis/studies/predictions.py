@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tacevo.errors import RunError
 from tacevo.records import Mode
 from tacevo.results.study import RecordedStudy
-from tacevo.storage.arrays import KIND, ArrayStore
+from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.store import Store
 from tacevo.text import listed
 from tacevo.training.full import read_kept, score

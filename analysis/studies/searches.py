@@ -14,7 +14,7 @@ import pandas as pd
 
 from analysis.statistics.effects import EFFECTS, effects, median, superiority
 from analysis.statistics.tests import holm, mann_whitney
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from tacevo.randomness import stream
 from tacevo.results.study import RecordedStudy
 

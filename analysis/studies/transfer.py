@@ -22,8 +22,8 @@ OnData = tuple[RecordedStudy, pd.DataFrame | None]
 def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
     """Find the studies of a run that differ in their data only: one of each data set, that of the run's data first."""
     groups: dict[str, dict[str, OnData]] = {}
-    for study, found in studies:
-        groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, found))
+    for study, comparisons in studies:
+        groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, comparisons))
     return tuple(
         tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), pair[0].where)))
         for group in groups.values()
@@ -84,13 +84,13 @@ def joint(studies: Sequence[OnData]) -> pd.DataFrame:
         ahead = test.u / sum(len(x) * len(y) for x, y in pairs)
         row = {"network": name, "better": better, "equal": len(leads) - better - worse, "worse": worse}
         rows.append(row | {"ahead": rounded(ahead), "p_here": test.p, "p_elsewhere": sign_p(better, worse)})
-    found = pd.DataFrame(rows, columns=[name for name in JOINT if name not in {"here", "elsewhere"}])
-    for where, leads in (("here", found.ahead > 0.5), ("elsewhere", found.better > found.worse)):
-        corrected = holm(found[f"p_{where}"].tolist())
+    frame = pd.DataFrame(rows, columns=[name for name in JOINT if name not in {"here", "elsewhere"}])
+    for where, leads in (("here", frame.ahead > 0.5), ("elsewhere", frame.better > frame.worse)):
+        corrected = holm(frame[f"p_{where}"].tolist())
         words = leads.map({True: Verdict.better.value, False: Verdict.worse.value})
         is_shown = np.array(corrected) <= first.terms.alpha
-        found = found.assign(**{f"p_{where}": corrected, where: words.where(is_shown, Verdict.undecided.value)})
-    return found[list(JOINT)].astype(JOINT)
+        frame = frame.assign(**{f"p_{where}": corrected, where: words.where(is_shown, Verdict.undecided.value)})
+    return frame[list(JOINT)].astype(JOINT)
 
 
 def is_alone(study: RecordedStudy, others: Iterable[RecordedStudy]) -> bool:

@@ -51,21 +51,21 @@ def cautions(x: ArrayLike, y: ArrayLike, *, least_p: float, alpha: float) -> tup
     """
     first, second = checked(x, name="x"), checked(y, name="y")
     test = mann_whitney(first, second)
-    found = {
+    conditions = {
         Caution.identical: min(np.ptp(first), np.ptp(second)) == 0,
         Caution.ties: test.method is Method.exact_ties,
         Caution.approximate: test.method is Method.normal,
         Caution.spreads: _far_apart(_spread(first), _spread(second)),
         Caution.few_seeds: least_p > alpha,
     }
-    return tuple(caution for caution, holds in found.items() if holds)
+    return tuple(caution for caution, holds in conditions.items() if holds)
 
 
 def caution_notes(given: Iterable[tuple[str, Iterable[Caution]]]) -> tuple[str, ...]:
     """Write a sentence for each caution, with the names of all that it concerns."""
     concerned: dict[Caution, list[str]] = {}
-    for name, found in given:
-        for caution in found:
+    for name, own in given:
+        for caution in own:
             concerned.setdefault(caution, []).append(name)
     return tuple(f"{listed(names)}: {caution.value}." for caution, names in concerned.items())
 

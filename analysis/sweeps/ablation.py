@@ -20,8 +20,8 @@ from analysis.runs.dynamics import improvement, spending, spent_on_training
 from analysis.statistics.effects import EFFECTS, effects, median
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.warnings import cautions
+from analysis.sweeps.arm_metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from analysis.sweeps.common_archive import CommonArchive, filled
-from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun

@@ -18,7 +18,7 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
 from tacevo.results.sweep import REFERENCE, FinishedJob, RecordedSweep
-from tacevo.storage.plan import Measure
+from tacevo.storage.plan_file import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.text import counted, listed

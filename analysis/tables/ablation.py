@@ -10,7 +10,7 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
-from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, Metric
+from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, Metric
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.instruction_tables import grammar_note

@@ -11,8 +11,8 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
 from analysis.statistics.samples import Sample
 from analysis.studies.ceiling import chance_at
-from analysis.studies.comparison import late, of_whole
-from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
+from analysis.studies.comparison import Verdict, late, of_whole
+from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import plan_notes
@@ -124,6 +124,7 @@ def verdicts_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
             *_scale_note(study),
             *_mean_note(study, found),
             *_method_notes(study, variants),
+            *_small_note(study, variants),
             *caution_notes(zip(variants.network, variants.cautions, strict=True)),
             *_image_note(study, variants),
             *_late_note(study),
@@ -341,6 +342,16 @@ def _left_out_note(study: RecordedStudy, found: pd.DataFrame) -> tuple[str, ...]
     if not left_out:
         return ()
     return (f"Not compared on {listed(left_out)}: the baseline's median error is 0, so there is no relative margin.",)
+
+
+def _small_note(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]:
+    """Name the variants of which a difference was shown that is smaller than the margin."""
+    differ = variants.verdict.isin([Verdict.better, Verdict.worse])
+    small = variants[differ & (variants.p_equivalence_holm <= study.terms.alpha)]
+    if small.empty:
+        return ()
+    words = listed(f"{one.network} ({one.verdict})" for one in small.itertuples())
+    return (f"Equivalent by the margin as well: {words}. A difference was shown that is smaller than the margin.",)
 
 
 def _image_note(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]:

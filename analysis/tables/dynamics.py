@@ -19,7 +19,7 @@ from analysis.runs.dynamics import (
     temperature_follows_age,
 )
 from analysis.runs.lineage import lineage
-from analysis.studies.noise import Reestimates, by_seeds
+from analysis.studies.reestimates import Reestimates, by_seeds
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
 from analysis.tables.instruction_tables import grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported

@@ -5,9 +5,9 @@ from statistics import fmean
 import pandas as pd
 
 from analysis.statistics.effects import LEVEL
-from analysis.statistics.images import IMAGE_RESAMPLES
-from analysis.studies.images import ImageFindings
-from analysis.studies.metrics import SHARES, metric_name, recorded_scale, recorded_unit
+from analysis.statistics.image_statistics import IMAGE_RESAMPLES
+from analysis.studies.image_findings import ImageFindings
+from analysis.studies.metric_names import SHARES, metric_name, recorded_scale, recorded_unit
 from analysis.table import Between, Layout, Percent, PValue, Table
 from analysis.tables.comparison import scaled, score_cell
 from tacevo.records import Kind

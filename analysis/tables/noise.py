@@ -4,7 +4,7 @@ import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent, Table
 from analysis.tables.comparison import between
 from analysis.tables.dynamics import TRIVIAL_LOSS

@@ -7,7 +7,7 @@ import numpy as np
 
 from analysis.statistics.tests import sign_p
 from analysis.studies.comparison import of_whole
-from analysis.studies.metrics import metric_name
+from analysis.studies.metric_names import metric_name
 from analysis.studies.transfer import OnData, concordance, joint
 from analysis.table import Cell, Percent, PValue, Table
 from analysis.tables.comparison import score_cell
@@ -48,12 +48,12 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
 
 def _agreement(studies: Sequence[OnData]) -> list[str]:
     """Say how far the data sets agree on the order of the networks."""
-    found = concordance(studies)
-    if found is None:
+    agreement = concordance(studies)
+    if agreement is None:
         return []
     return [
-        f"The order of the networks by their medians agrees over the data sets with Kendall's W = {found:.2f}: 1 is "
-        "one order everywhere, 0 is no agreement."
+        f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 "
+        "is one order everywhere, 0 is no agreement."
     ]
 
 
@@ -94,9 +94,9 @@ def _fewest(study: RecordedStudy) -> str:
 
 
 def _rows(on: OnData) -> Iterator[tuple[Cell, ...]]:
-    study, found = on
+    study, comparisons = on
     head = study.where or OWN, study.data.counts[2]
-    verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(found).itertuples()}
+    verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(comparisons).itertuples()}
     for network in study.networks:
         median = rounded(float(np.median(study.values(network.name, study.primary))))
         yield *head, network.name, score_cell(study.primary, median), *verdicts.get(network.name, (None, None))

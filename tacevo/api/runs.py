@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
 from analysis.runs import dynamics
 from analysis.runs.pareto import beside_costs, on_front
-from analysis.studies.noise import losses_by_source
+from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
-from tacevo.api import frames, network
+from tacevo.api import frames, trusted_network
 from tacevo.api.replaying import replay
 from tacevo.api.studies import Study
 from tacevo.api.tables import Named, Table, with_plain_names
@@ -151,7 +151,7 @@ class Run:
                 remedy=f"read run.source({candidate!r}) first",
             )
         source = self._read_source(candidate)
-        return network.build(source, f"candidate_{candidate}", self.recorded.record.task.contract)
+        return trusted_network.build(source, f"candidate_{candidate}", self.recorded.record.task.contract)
 
     def export(
         self,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.sweeps.ablation import Ablation
-from analysis.sweeps.metrics import TESTED, TESTS, Metric
+from analysis.sweeps.arm_metrics import TESTED, TESTS, Metric
 from analysis.table import Table as Rows
 from tacevo.api import frames
 from tacevo.api.replaying import replay

@@ -12,10 +12,10 @@ from pathlib import Path
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import LOCK, RUN_FILES, STORE, SWEEP, candidate_entry, sealed
 from tacevo.bundles.open import Opened, located
-from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
+from tacevo.bundles.readme import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, files_below, rerun, rerun_all
 from tacevo.choices import Provider
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.identity import config_hash
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
@@ -28,7 +28,7 @@ from tacevo.results.summary import summarise
 from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
-from tacevo.storage.arrays import KIND
+from tacevo.storage.array_store import KIND
 from tacevo.storage.canonical import readable, value_at
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably

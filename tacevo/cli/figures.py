@@ -11,7 +11,7 @@ from rich.console import Console
 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
 from analysis.report.writing import left_of_studies, write_tables
-from analysis.sweeps.metrics import TESTED, Metric
+from analysis.sweeps.arm_metrics import TESTED, Metric
 from analysis.table import Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep

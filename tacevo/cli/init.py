@@ -8,10 +8,10 @@ from pathlib import Path
 
 from tacevo.choices import SensorTask
 from tacevo.cli.common import DONE, Parser, add_config_dir
-from tacevo.config.folder import own_root
+from tacevo.config.conf_folder import own_root
 from tacevo.config.new_task import write_task
 from tacevo.config.schema import TaskConfig
-from tacevo.config.tasks import left_of_others
+from tacevo.config.task_texts import left_of_others
 from tacevo.environment import as_typed
 from tacevo.records import Kind
 

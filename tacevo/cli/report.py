@@ -9,7 +9,7 @@ from analysis.report.collection import side_by_side, with_largest_studies
 from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.following import follow
 from analysis.report.page.html import as_html
-from tacevo.api.report import page_of
+from tacevo.api.page import page_of
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import existing_store, output_directory, place_of_results

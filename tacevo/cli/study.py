@@ -31,10 +31,10 @@ from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.sweep import load_sweep
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
-from tacevo.storage.plan import plan_text
+from tacevo.storage.plan_file import plan_text
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.given import record_given
+from tacevo.studies.given_run import record_given
 from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import as_override, counted, listed

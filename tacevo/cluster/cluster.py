@@ -22,9 +22,9 @@ from typing import Any, Self
 from tacevo.choices import Confinement
 from tacevo.cluster.connection import connect, is_guarded, leave
 from tacevo.cluster.facts import Order
-from tacevo.cluster.images import Images
-from tacevo.cluster.members import ClusterMember, Described, join, works
 from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import Images
+from tacevo.cluster.node_members import ClusterMember, Described, join, works
 from tacevo.cluster.slot import run_job
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tacevo.cluster import images as files
+from tacevo.cluster import node_images as files
 from tacevo.cluster.facts import Facts, Order, facts_here
-from tacevo.cluster.images import Images
+from tacevo.cluster.node_images import Images
 from tacevo.environment import machine
 from tacevo.errors import SandboxError
 from tacevo.sandbox.client import Sandbox, Zygote

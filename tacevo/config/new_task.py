@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from tacevo.config.compose import compose
-from tacevo.config.folder import config_roots, groups, own_root, read_named
+from tacevo.config.conf_folder import config_roots, groups, own_root, read_named
 from tacevo.config.schema import TaskConfig
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.config.supplement import read_supplement

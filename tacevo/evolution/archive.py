@@ -215,7 +215,7 @@ class AxisBounds(Record):
     low: Point
     high: Point
 
-    def covering(self, point: Point) -> "Bounds":
+    def covering(self, point: Point) -> "AxisBounds":
         """Widen the bounds just so far that they contain a point."""
         low = tuple(map(min, self.low, point))
         high = tuple(map(max, self.high, point))

@@ -9,7 +9,7 @@ from pathlib import Path
 from tacevo.reproduce.replay import replay
 from tacevo.results.run import read_run
 from tacevo.runs.progress import Progress
-from tacevo.storage.arrays import KIND
+from tacevo.storage.array_store import KIND
 from tacevo.storage.entries import CANDIDATES, ReadBudget, pack, unpack
 from tacevo.storage.files import write_durably
 from tacevo.storage.listing import take_in

@@ -19,7 +19,16 @@ from tacevo.errors import RunError
 from tacevo.evolution.archive import AxisBounds, best_distinct
 from tacevo.evolution.chance import shortfall
 from tacevo.evolution.descriptors import on_axis
-from tacevo.evolution.files import (
+from tacevo.evolution.lines import (
+    CandidateLine,
+    GenerationLine,
+    ReevaluationLine,
+    not_sent,
+    trained_networks,
+    training_flops,
+)
+from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.evolution.search_files import (
     EliteEntry,
     Line,
     NetworkArchiveFile,
@@ -31,15 +40,6 @@ from tacevo.evolution.files import (
     read_finished,
     rules_of,
 )
-from tacevo.evolution.lines import (
-    CandidateLine,
-    GenerationLine,
-    ReevaluationLine,
-    not_sent,
-    trained_networks,
-    training_flops,
-)
-from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.rules import Rules

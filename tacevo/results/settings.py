@@ -6,7 +6,7 @@ from pathlib import Path
 from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
-from tacevo.config.tasks import contract_of
+from tacevo.config.task_texts import contract_of
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import to_json

@@ -100,8 +100,8 @@ def as_study(finished: FinishedStudy) -> RecordedStudy:
     """
     path, record, scores = finished.path, finished.record, finished.scores
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
-    found, facts = scores.header, scores.header.data
-    if found.terms is None:
+    header, facts = scores.header, scores.header.data
+    if header.terms is None:
         raise RunError("a noise run, which has none", place=str(path), expected="a study with test scores")
     for name in ("units", "scale"):
         given: tuple[object, ...] = getattr(record, name)
@@ -109,7 +109,7 @@ def as_study(finished: FinishedStudy) -> RecordedStudy:
             expected = f"one for each of {listed(facts.names)}"
             raise RunError(listed(map(str, given)), place=f"{path}/study.json, {name}", expected=expected)
     study = RecordedStudy(
-        **{field.name: getattr(found, field.name) for field in fields(Design)},
+        **{field.name: getattr(header, field.name) for field in fields(Design)},
         units=record.units,
         scale=record.scale,
         scores=tuple(row for row in scores.rows if isinstance(row, ScoreLine)),

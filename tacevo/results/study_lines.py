@@ -16,7 +16,7 @@ from tacevo.config.study import Margin
 from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rounding import rounded
 from tacevo.rules import FIRST_STUDY
-from tacevo.storage.plan import SeedPlan
+from tacevo.storage.plan_file import SeedPlan
 from tacevo.training.full import Kept
 from tacevo.typed import FreeJson
 

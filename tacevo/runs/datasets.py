@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from tacevo.choices import DataSource, RecordedTask, SensorTask, SimulatedSensor
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import check_fit
+from tacevo.config.task_texts import check_fit
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
 from tacevo.data.simulator.tasks import Simulated

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from tacevo.choices import DataSource, SensorTask
 from tacevo.config.schema import RunConfig, TaskConfig
-from tacevo.config.tasks import left_of_others
+from tacevo.config.task_texts import left_of_others
 from tacevo.data.dataset import Dataset
 from tacevo.data.exposure import doubtful_images
 from tacevo.data.source import Catalogue, listed

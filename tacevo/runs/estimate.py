@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tacevo.choices import ExecutorKind
 from tacevo.config.schema import UNCHOSEN, RunConfig, deliveries
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import TacevoError

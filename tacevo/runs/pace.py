@@ -18,7 +18,7 @@ import numpy as np
 
 from tacevo.choices import Device, ExecutorKind, Numerics
 from tacevo.config.schema import OutputConfig, RunConfig, StoreConfig
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import split_rows
 from tacevo.environment import usable_cores

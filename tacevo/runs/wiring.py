@@ -13,7 +13,7 @@ from tacevo.choices import ArchiveKind, BoundsRule, Device, ExecutorKind
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import check_head, import_ray
 from tacevo.cluster.facts import Order
-from tacevo.cluster.images import describe
+from tacevo.cluster.node_images import describe
 from tacevo.config.schema import ArchiveConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
@@ -30,7 +30,7 @@ from tacevo.runs.datasets import examples_of, held_out_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Score, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
-from tacevo.storage.arrays import KIND, ArrayStore
+from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.store import Store, Stores
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Setting

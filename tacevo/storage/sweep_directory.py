@@ -19,7 +19,7 @@ from tacevo.errors import RunError, TacevoError
 from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
-from tacevo.storage.plan import SeedPlan
+from tacevo.storage.plan_file import SeedPlan
 from tacevo.storage.run_directory import RunDirectory, name_instead
 from tacevo.typed import parse
 

@@ -41,7 +41,7 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.storage.files import in_use
-from tacevo.storage.plan import SeedPlan, read_plan
+from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
 from tacevo.studies.networks import given_networks, networks_of
 from tacevo.text import counted, listed

@@ -12,7 +12,7 @@ from analysis.report.collection import Compared, outcomes, read_studies
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.niches import load_niches
 from analysis.studies.comparison import of_whole
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Table
 from analysis.tables.comparison import scores_table, verdicts_table
 from analysis.tables.noise import noise_table
@@ -23,7 +23,7 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import FailedLine, ScoreLine, StudyRecord
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.entries import Point, config_params
+from tacevo.tracking.params import Point, config_params
 from tacevo.tracking.writer import SearchWriter
 
 #: What MLflow does not take in the name of a metric: that of an output may be any text.

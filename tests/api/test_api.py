@@ -17,7 +17,7 @@ from refusals import refused
 import tacevo
 from analysis.runs.pareto import PARETO
 from analysis.sweeps.ablation import Ablation
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.arm_metrics import Metric
 from tacevo.api import frames
 from tacevo.api.sweeps import metric_of
 from tacevo.cli.app import main

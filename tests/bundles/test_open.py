@@ -19,8 +19,8 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
-from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import status_of
+from tacevo.sweeps.sweeping import plan
 
 
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:

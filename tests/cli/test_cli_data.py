@@ -26,7 +26,7 @@ SMALL = ["task=force", "data.images=40", "data.image_size=16"]
 @pytest.fixture(autouse=True)
 def _elsewhere(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Work in a directory of the test's own, and draw two images on a sheet, which takes a tenth of the time of 40."""
-    monkeypatch.setattr("tacevo.data.figures.SHEET_IMAGES", 2)
+    monkeypatch.setattr("tacevo.data.pictures.SHEET_IMAGES", 2)
 
 
 def write_classes(root: Path, *, equal: int = 1) -> list[str]:

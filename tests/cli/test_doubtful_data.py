@@ -21,7 +21,7 @@ needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not b
 @pytest.fixture(autouse=True)
 def _elsewhere(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Work in a directory of the test's own, and draw two images on a sheet, which takes a tenth of the time of 40."""
-    monkeypatch.setattr("tacevo.data.figures.SHEET_IMAGES", 2)
+    monkeypatch.setattr("tacevo.data.pictures.SHEET_IMAGES", 2)
 
 
 def save(images: Iterable[np.typing.NDArray[Any]], names: str = "fx,fy,fz") -> list[str]:

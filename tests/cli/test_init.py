@@ -11,10 +11,10 @@ from mounts import read_only
 from refusals import refused
 
 from tacevo.cli.app import main
-from tacevo.config import folder
+from tacevo.config import conf_folder
 from tacevo.config.compose import compose
 from tacevo.config.new_task import write_task
-from tacevo.config.tasks import facts_without_data, left_of_others, load_task
+from tacevo.config.task_texts import facts_without_data, left_of_others, load_task
 from tacevo.errors import ConfigError
 from tacevo.runs.datasets import source_of
 
@@ -23,7 +23,7 @@ from tacevo.runs.datasets import source_of
 def conf(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the conf/ of a checkout of the test's own."""
     shutil.copytree(ROOT / "conf", place / "conf")
-    monkeypatch.setattr(folder, "__file__", str(place / "tacevo" / "config" / "folder.py"))
+    monkeypatch.setattr(conf_folder, "__file__", str(place / "tacevo" / "config" / "folder.py"))
     return place / "conf"
 
 

@@ -8,7 +8,7 @@ from refusals import refused
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.config.new_task import write_task
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.errors import ConfigError
 
 #: As the supplement is laid out, with made-up sentences.

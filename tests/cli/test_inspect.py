@@ -13,7 +13,7 @@ from refusals import refused
 from tacevo.cli.app import main
 from tacevo.cli.inspect import _sandbox, task_without_data
 from tacevo.cli.show import show_run
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.plain import to_plain
 from tacevo.errors import RunError, SandboxError
 from tacevo.evolution.lines import ReevaluationLine, RepairedAnswer

@@ -16,12 +16,12 @@ import pytest
 from refusals import refused
 
 from tacevo.choices import Confinement, Device, Numerics
-from tacevo.cluster import images as files
+from tacevo.cluster import node_images as files
 from tacevo.cluster.connection import check_head, import_ray, is_guarded, kept_environment
 from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
-from tacevo.cluster.images import Images
-from tacevo.cluster.members import join, works
 from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import Images
+from tacevo.cluster.node_members import join, works
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.runs.wiring import check_means

@@ -16,12 +16,12 @@ from checkout import ROOT
 from refusals import refused
 
 from tacevo.choices import Axis, Provider, Scale, TemperatureRule
-from tacevo.config.ablation import check_change, parse_arm, read_arm, split_arm
+from tacevo.config.arms import check_change, parse_arm, read_arm, split_arm
 from tacevo.config.compose import compose
-from tacevo.config.folder import groups
+from tacevo.config.conf_folder import groups
 from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import facts_without_data
+from tacevo.config.task_texts import facts_without_data
 from tacevo.errors import ConfigError
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import AddStatus

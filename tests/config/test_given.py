@@ -10,7 +10,7 @@ from smallest import SMALLEST
 
 from tacevo.choices import ArchiveKind, DataSource, PromptPolicy, SplitRule
 from tacevo.config.compose import compose, compose_data
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.given import compose_given, gives_networks
 from tacevo.config.identity import task_hash
 from tacevo.errors import ConfigError

@@ -8,7 +8,7 @@ from checkout import ROOT
 
 from tacevo.cli.app import _parsed
 from tacevo.config.compose import compose, compose_estimate, spread
-from tacevo.config.folder import check_experiment
+from tacevo.config.conf_folder import check_experiment
 
 PAGES = (
     *sorted(ROOT.glob("*.md")),

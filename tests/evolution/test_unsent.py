@@ -10,8 +10,8 @@ from hand_sweeps import finished, run_to, sweep_of
 from ledger_lines import header
 from refusals import refused
 
+from analysis.figures.by_generation import temperature
 from analysis.figures.maps import prompt_map
-from analysis.figures.progress import temperature
 from analysis.report.figure_list import run_pictures
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches

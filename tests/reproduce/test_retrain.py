@@ -23,8 +23,8 @@ from tacevo.choices import Device, Numerics
 from tacevo.cli import reproduce as commands
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, DataError, DivergenceError
-from tacevo.evolution.files import read_ledger
 from tacevo.evolution.lines import CandidateLine
+from tacevo.evolution.search_files import read_ledger
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.reproduce.retrain import (
     _check_equal,

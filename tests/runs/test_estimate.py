@@ -16,7 +16,7 @@ from tacevo.choices import Device, ExecutorKind
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
 from tacevo.evolution.proposals import plan_initial

@@ -11,12 +11,12 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.cli.app import main
 from tacevo.cli.search import print_end
 from tacevo.config.compose import compose
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.errors import LLMError
 from tacevo.evolution.development import Outcome
-from tacevo.evolution.files import read_ledger
 from tacevo.evolution.lines import GenerationLine
 from tacevo.evolution.proposals import Proposal
+from tacevo.evolution.search_files import read_ledger
 from tacevo.llm.grammar.provider import answer
 from tacevo.llm.recording import Keep, RecordingLLM
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage

@@ -12,7 +12,7 @@ from refusals import refused
 
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Mode
-from tacevo.storage.arrays import KIND, ArrayStore, digest_of
+from tacevo.storage.array_store import KIND, ArrayStore, digest_of
 from tacevo.storage.listing import take_in, verify
 from tacevo.storage.store import Store
 

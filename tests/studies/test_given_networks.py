@@ -19,7 +19,7 @@ from tacevo.records import Given, Operator
 from tacevo.results.run import read_run
 from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.runs.progress import Progress
-from tacevo.studies.given import _check_different
+from tacevo.studies.given_run import _check_different
 from tacevo.studies.study import replay_studies
 
 pytestmark = pytest.mark.timeout(300)

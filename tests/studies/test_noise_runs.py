@@ -14,7 +14,7 @@ from smallest import Once
 
 from analysis.report.collection import collect, tables_of
 from analysis.rounding import shown
-from analysis.studies.noise import load_reestimates
+from analysis.studies.reestimates import load_reestimates
 from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
 from tacevo.errors import RunError

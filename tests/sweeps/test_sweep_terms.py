@@ -17,10 +17,10 @@ from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.results.sweep_jobs import check_jobs
-from tacevo.storage.plan import plan_text
+from tacevo.storage.plan_file import plan_text
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory, SweepTerms
-from tacevo.sweeps.plan import sweep
-from tacevo.sweeps.searches import overrides_of
+from tacevo.sweeps.search_process import overrides_of
+from tacevo.sweeps.sweeping import sweep
 from tacevo.sweeps.terms import Asked, read_varied
 
 ALL = Path("all")

@@ -33,7 +33,7 @@ from waiting import eventually
 
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.evolution.files import Line
+from tacevo.evolution.search_files import Line
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.process import Mirror
 
@@ -313,7 +313,7 @@ def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> N
     """Two searches begin at once: one creates it, the other finds it, and an error of another kind is not hidden."""
     from mlflow.exceptions import MlflowException
 
-    from tacevo.tracking.client import find_or_create_experiment
+    from tacevo.tracking.mlflow_store import find_or_create_experiment
 
     def client(*experiments: SimpleNamespace | None) -> Any:
         answers = iter(experiments)
@@ -332,7 +332,7 @@ def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> N
 
 def test_database_that_another_mirror_has_made_meanwhile_is_kept(tmp_path: Path) -> None:
     """What a killed mirror left beside it is removed."""
-    from tacevo.tracking.client import _create
+    from tacevo.tracking.mlflow_store import _create
 
     (tmp_path / "mlflow.db").write_bytes(b"made")
     part = tmp_path / ".mlflow.db.part"

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
-from analysis.report.page.sources import kept_lines, source_contents
+from analysis.report.page.source_texts import kept_lines, source_contents
 from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
@@ -23,16 +23,16 @@ from analysis.runs.niches import cells
 from analysis.runs.pareto import REESTIMATED, beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
-from analysis.studies.metrics import metric_name
-from analysis.studies.noise import by_seeds, losses_by_source
+from analysis.studies.metric_names import metric_name
+from analysis.studies.reestimates import by_seeds, losses_by_source
 from analysis.table import Table
 from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
-from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
+from tacevo.evolution.search_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER

@@ -8,7 +8,7 @@ import pandas as pd
 from analysis.report.page.of_run import table_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import CURVES, QUARTILES, by_generation
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.arm_metrics import Metric
 
 #: What is shown of every arm at the end, as far as it is known.
 ENDS = (

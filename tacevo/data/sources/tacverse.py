@@ -25,7 +25,7 @@ import numpy.typing as npt
 from tacevo.choices import GratingClasses, RecordedTask
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content, directories
-from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files, other_files
 from tacevo.data.sources.table import Row, groups_in, read_rows, unnamed_images
 from tacevo.data.splitting import PARTS, Split, ordered_split
 from tacevo.errors import DataError

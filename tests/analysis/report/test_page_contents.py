@@ -12,7 +12,7 @@ from hand_runs import altered, closed, elite, rejected, run, trained
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.of_run import RunMaterial, read_texts, run_contents, run_sources
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.sources import kept_lines, marked
+from analysis.report.page.source_texts import kept_lines, marked
 from analysis.report.sweep_collection import collect_sweep
 from analysis.rounding import shown
 from analysis.runs.niches import Niches

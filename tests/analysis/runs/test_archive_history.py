@@ -8,8 +8,8 @@ from hand_runs import closed, rejected, run, trained
 from analysis.report.collection import collect
 from analysis.runs.archive_history import archive_history, archive_medians
 from tacevo.bundles.open import opened
-from tacevo.evolution.files import read_ledger
 from tacevo.evolution.lines import GenerationLine
+from tacevo.evolution.search_files import read_ledger
 from tacevo.records import to_json
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.run_directory import RunDirectory

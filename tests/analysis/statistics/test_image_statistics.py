@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.special import softmax
 from scipy.stats import rankdata, wilcoxon
 
-from analysis.statistics.images import (
+from analysis.statistics.image_statistics import (
     average,
     drawn_again,
     mean_difference,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import f_oneway, kendalltau, spearmanr
 
-from analysis.statistics.noise import agreement, expected, icc, noise, rankings
+from analysis.statistics.seed_noise import agreement, expected, icc, noise, rankings
 
 #: Six targets by four judges: the example of Shrout and Fleiss (1979), whose ICC(1) is 0.17.
 SHROUT_FLEISS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]

@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from analysis.statistics.effects import Interval, effects, median, superiority
 from analysis.statistics.equivalence import equivalence
-from analysis.statistics.noise import icc
+from analysis.statistics.seed_noise import icc
 from analysis.statistics.tests import holm, mann_whitney
 
 TRIALS = 200

@@ -24,9 +24,9 @@ from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
 
-def verdicts(found: pd.DataFrame) -> list[str]:
+def verdicts(comparisons: pd.DataFrame) -> list[str]:
     """List the words, in the order of the variants."""
-    words: list[str] = of_whole(found).verdict.tolist()
+    words: list[str] = of_whole(comparisons).verdict.tolist()
     return words
 
 
@@ -49,13 +49,13 @@ def test_higher_accuracy_is_better() -> None:
 
 def test_p_is_scipys_and_its_correction_statsmodels() -> None:
     """Over all variants of the study."""
-    found = compare(study_of(FOUR))
+    comparisons = compare(study_of(FOUR))
     baseline, *variants = FOUR.values()
     p_values = [mannwhitneyu(values, baseline, method="exact").pvalue for values in variants]
-    assert found.p[:2].tolist() == pytest.approx(p_values[:2])
-    assert found.p_holm.tolist() == pytest.approx(multipletests(found.p, method="holm")[1])
-    equal = multipletests(found.p_equivalence, method="holm")[1]
-    assert found.p_equivalence_holm.tolist() == pytest.approx(equal)
+    assert comparisons.p[:2].tolist() == pytest.approx(p_values[:2])
+    assert comparisons.p_holm.tolist() == pytest.approx(multipletests(comparisons.p, method="holm")[1])
+    equal = multipletests(comparisons.p_equivalence, method="holm")[1]
+    assert comparisons.p_equivalence_holm.tolist() == pytest.approx(equal)
 
 
 #: Far worse on Fx, better on Fz; the second variant is as good as equal on both.
@@ -75,9 +75,9 @@ OUTPUTS = {
 
 def test_each_output_has_verdicts_of_its_own() -> None:
     """A variant that is worse in the mean is called better on the output where it is."""
-    found = compare(study_of_outputs(OUTPUTS))
-    assert verdicts(found) == [Verdict.worse, Verdict.equivalent]
-    assert {name: variants.verdict.tolist() for name, variants in found.groupby("output")} == {
+    comparisons = compare(study_of_outputs(OUTPUTS))
+    assert verdicts(comparisons) == [Verdict.worse, Verdict.equivalent]
+    assert {name: variants.verdict.tolist() for name, variants in comparisons.groupby("output")} == {
         "Fx": [Verdict.worse, Verdict.equivalent],
         "Fz": [Verdict.better, Verdict.equivalent],
     }
@@ -86,8 +86,8 @@ def test_each_output_has_verdicts_of_its_own() -> None:
 def test_outputs_are_one_family() -> None:
     """All pairs of variant and output, because a reader may pick any; the mean's correction does not count them."""
     near = {**OUTPUTS["Fz"], "variant 1": around(0.00387, step=0.00004)}
-    found = compare(study_of_outputs({**OUTPUTS, "Fz": near}))
-    pairs = found[found.output.notna()]
+    comparisons = compare(study_of_outputs({**OUTPUTS, "Fz": near}))
+    pairs = comparisons[comparisons.output.notna()]
     p_values = [
         mannwhitneyu(values[name], values["baseline"], method="exact").pvalue
         for values in (OUTPUTS["Fx"], near)
@@ -97,13 +97,13 @@ def test_outputs_are_one_family() -> None:
     assert pairs.p_holm.tolist() == pytest.approx(multipletests(p_values, method="holm")[1])
     equal = multipletests(pairs.p_equivalence, method="holm")[1]
     assert pairs.p_equivalence_holm.tolist() == pytest.approx(equal)
-    assert found.p_holm[0] == pytest.approx(2 * found.p[0])
+    assert comparisons.p_holm[0] == pytest.approx(2 * comparisons.p[0])
 
 
 def test_relative_margin_is_of_the_output() -> None:
     """A tenth of the baseline's median there, and not of its mean."""
-    found = compare(study_of_outputs(OUTPUTS))
-    margins = found.groupby("output").margin.first()
+    comparisons = compare(study_of_outputs(OUTPUTS))
+    margins = comparisons.groupby("output").margin.first()
     assert margins[list(OUTPUTS)].tolist() == pytest.approx([0.002, 0.0004])
 
 
@@ -127,16 +127,16 @@ def test_late_trainings_are_shared_out_by_network() -> None:
 
 def test_absence_of_evidence_is_undecided() -> None:
     """Noise of no difference at all is not called a match."""
-    found = compare(study_of({"baseline": around(0.01, step=0.001), "variant 1": around(0.0101, step=0.001)}))
-    assert found.p_holm[0] > 0.7
-    assert verdicts(found) == [Verdict.undecided]
+    comparisons = compare(study_of({"baseline": around(0.01, step=0.001), "variant 1": around(0.0101, step=0.001)}))
+    assert comparisons.p_holm[0] > 0.7
+    assert verdicts(comparisons) == [Verdict.undecided]
 
 
 def test_difference_smaller_than_the_margin_is_a_difference() -> None:
     """Shown to be there and shown to be small: better, and the equivalence stands beside it."""
-    found = compare(study_of({"baseline": around(0.01, step=1e-5), "variant 1": around(0.0098, step=1e-5)}))
-    assert verdicts(found) == [Verdict.better]
-    assert found.p_equivalence_holm[0] < 0.05
+    comparisons = compare(study_of({"baseline": around(0.01, step=1e-5), "variant 1": around(0.0098, step=1e-5)}))
+    assert verdicts(comparisons) == [Verdict.better]
+    assert comparisons.p_equivalence_holm[0] < 0.05
 
 
 def test_correction_can_undo_a_verdict() -> None:

@@ -8,7 +8,7 @@ from hand_runs import elite
 from studies import network
 
 from analysis.studies.corrected import CORRECTED, correct
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Percent
 from analysis.tables.noise import corrected_table
 

@@ -12,7 +12,7 @@ from statsmodels.stats.multitest import multipletests
 from studies import around, network, study_of
 
 from analysis.report.collection import side_by_side
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.studies.searches import CHOSEN, StudiedSearch, best_by_reestimates
 from analysis.table import Between
 from analysis.tables.rendering import as_markdown

@@ -59,8 +59,8 @@ def collection(*studies: RecordedStudy) -> Collection:
 def test_table_is_network_by_data_set() -> None:
     """The run's own data come first; by hand, the variants change places on the other split."""
     studies = [study for study, _ in both()]
-    (found,) = transfers((study, compare(study)) for study in studies)
-    assert [(*row[:4], row[5]) for row in transfer_table(found).rows] == [
+    (group,) = transfers((study, compare(study)) for study in studies)
+    assert [(*row[:4], row[5]) for row in transfer_table(group).rows] == [
         (OWN, 1, "baseline", 0.02, None),
         (OWN, 1, "a", 0.01, "better"),
         (OWN, 1, "b", 0.04, "worse"),
@@ -88,9 +88,9 @@ def test_agreement_on_the_order_is_kendalls_w() -> None:
 def test_joint_answer_keeps_seeds_and_data_sets_apart() -> None:
     """Six data sets that agree say something of others; five do not, and two that disagree say nothing, by hand."""
     agree = [elsewhere({name: ONE[name] for name in ("baseline", "a")}, split) for split in range(6)]
-    found = joint([(study, None) for study in agree]).iloc[0]
-    assert (found.better, found.equal, found.worse, found.ahead) == (6, 0, 0, 1)
-    assert (found.here, found.elsewhere, found.p_elsewhere) == ("better", "better", 2 / 2**6)
+    group = joint([(study, None) for study in agree]).iloc[0]
+    assert (group.better, group.equal, group.worse, group.ahead) == (6, 0, 0, 1)
+    assert (group.here, group.elsewhere, group.p_elsewhere) == ("better", "better", 2 / 2**6)
     five = joint([(study, None) for study in agree[:5]]).iloc[0]
     assert (five.here, five.elsewhere) == ("better", "undecided")
     for row in joint([(study, None) for study, _ in both()]).itertuples():
@@ -109,8 +109,8 @@ def test_shares_are_percentages() -> None:
     """And without a comparison, there are the medians."""
     own = study_of({"baseline": [0.5] * 4, "a": [0.5] * 4, "b": [0.75] * 4}, kind=Kind.classification)
     moved = replace(own, data=replace(own.data, fingerprint="e" * 64), other_data=(("light", "dim"),))
-    (found,) = transfers([(own, None), (moved, None)])
-    assert transfer_table(found).rows[2][3:] == (Percent(0.75), None, None)
+    (group,) = transfers([(own, None), (moved, None)])
+    assert transfer_table(group).rows[2][3:] == (Percent(0.75), None, None)
 
 
 def test_studies_that_differ_otherwise_are_not_set_beside_each_other() -> None:
@@ -153,8 +153,8 @@ def test_study_that_follows_a_plan_is_compared_with_one_elsewhere() -> None:
     pilot = study_pilot([(run([trained(0, 0)], []), study_of(ONE))])
     written = plan(pilot, Wish(effect=0.1, alpha=0.05, power=0.8, comparisons=2)).plan
     planned, other = replace(study_of(ONE), plan=written), elsewhere(OTHER, 7)
-    (found,) = transfers([(planned, None), (study_of(ONE), None), (other, None)])
-    assert [study.where for study, _ in found] == ["", "split_seed=7"]
+    (group,) = transfers([(planned, None), (study_of(ONE), None), (other, None)])
+    assert [study.where for study, _ in group] == ["", "split_seed=7"]
     assert not is_alone(planned, [other])
     assert is_alone(planned, [study_of(ONE)])
     assert not transfers([(planned, None), (study_of(ONE), None)])

@@ -23,7 +23,7 @@ from analysis.sweeps.ablation import (
     jobs_frame,
     slots_of,
 )
-from analysis.sweeps.metrics import TESTED, Metric
+from analysis.sweeps.arm_metrics import TESTED, Metric
 from tacevo.costs import Spending
 from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job

@@ -25,7 +25,7 @@ from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Kind, Stage
 from tacevo.results.sweep import RecordedSweep
 from tacevo.results.tested import JobScore
-from tacevo.storage.plan import Measure
+from tacevo.storage.plan_file import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining, SweepTerms
 

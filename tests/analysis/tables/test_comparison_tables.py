@@ -56,6 +56,17 @@ def test_accuracy_has_one_face() -> None:
     assert "a margin of 1.00 percentage points, as" in verdicts_table(study, comparisons).notes[1]
 
 
+def test_difference_below_the_margin_is_told() -> None:
+    """A network may be better and equivalent in one study: a note names it, and no other."""
+    study = study_of(
+        {name: around(middle, step=1e-5) for name, middle in (("baseline", 0.95), ("near", 0.952), ("far", 0.98))},
+        kind=Kind.classification,
+    )
+    (note,) = (note for note in verdicts_table(study, compare(study)).notes if note.startswith("Equivalent by the"))
+    assert "near (better)." in note
+    assert not any(note.startswith("Equivalent by the") for note in verdicts_table(STUDY, compare(STUDY)).notes)
+
+
 def test_margin_below_a_test_image_is_told() -> None:
     """One point of 9 images; two ninths are more than an image, and need no word; an error has no such step."""
     accuracies = study_of({name: [0.9 + v for v in values] for name, values in FOUR.items()}, kind=Kind.classification)

@@ -8,8 +8,8 @@ import pytest
 from hand_runs import altered, closed, elite, run, trained
 from studies import network
 
-from analysis.statistics.noise import agreement, icc, rankings, worth
-from analysis.studies.noise import Reestimates
+from analysis.statistics.seed_noise import agreement, icc, rankings, worth
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import OTHER_SEEDS, improvement_table
 from analysis.tables.noise import noise_table, noise_tables

@@ -8,7 +8,7 @@ from studies import FOUR, around, network, study_of, study_of_outputs
 from analysis.rounding import shown
 from analysis.statistics.effects import median
 from analysis.studies.comparison import compare
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent, PValue
 from analysis.tables.comparison import scores_table
 from analysis.tables.noise import noise_table

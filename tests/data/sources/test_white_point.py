@@ -10,7 +10,7 @@ from PIL import Image
 from refusals import refused
 from small_recordings import loaded, save_arrays, save_deep_colour, save_table
 
-from tacevo.data.sources.images import decode, to_8_bits
+from tacevo.data.sources.image_files import decode, to_8_bits
 from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
 

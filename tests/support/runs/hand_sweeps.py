@@ -14,7 +14,7 @@ from tacevo.costs import Spending
 from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
 from tacevo.results.sweep import FinishedJob, RecordedSweep
-from tacevo.storage.plan import Measure, SeedPlan
+from tacevo.storage.plan_file import Measure, SeedPlan
 from tacevo.storage.sweep_directory import Job
 
 VERSIONS: Any = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}

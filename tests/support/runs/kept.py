@@ -12,7 +12,7 @@ from studies import study_of
 from analysis.studies.predictions import Predictions
 from tacevo.records import Kind
 from tacevo.results.study import PRIMARY, RecordedStudy
-from tacevo.storage.arrays import ArrayStore, digest_of
+from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.training.full import Kept, score
 

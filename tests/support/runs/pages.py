@@ -9,7 +9,7 @@ from playwright.sync_api import Page
 
 from analysis.report.collection import collect, tables_of
 from analysis.report.page.of_run import RunMaterial, read_texts
-from analysis.report.page.sources import marked
+from analysis.report.page.source_texts import marked
 from analysis.report.page.whole import PageContents, page_contents
 from tacevo.bundles.open import opened
 from tacevo.evolution.archive import AddStatus

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.statistics.effects import Interval
-from analysis.statistics.noise import agreement, icc, noise, rankings, worth
+from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
 from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
@@ -41,8 +41,8 @@ class Reestimates:
     epochs: int
     #: How the networks rank after each epoch, beside their test scores; None of a noise run.
     rankings: pd.DataFrame | None = None
-    #: What a fitness after the search's epochs is worth by each rule (`analysis.statistics.noise.WORTH`); None where
-    #: `rankings` is.
+    #: What a fitness after the search's epochs is worth by each rule (`analysis.statistics.seed_noise.WORTH`); None
+    #: where `rankings` is.
     worth: pd.DataFrame | None = None
     #: The others, with which some seed failed; never the baseline.
     failed: tuple[StudyNetwork, ...] = ()
@@ -75,7 +75,7 @@ class Reestimates:
 
     @cached_property
     def noise(self) -> pd.DataFrame:
-        """Each network and its id, its record beside its re-estimates (`analysis.statistics.noise.NOISE`)."""
+        """Each network and its id, its record beside its re-estimates (`analysis.statistics.seed_noise.NOISE`)."""
         frame = noise([network.fitness for network in self.networks], self.estimates)
         frame.insert(0, "network", [network.name for network in self.networks])
         frame.insert(1, "candidate", [network.id for network in self.networks])

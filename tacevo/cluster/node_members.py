@@ -8,8 +8,8 @@ from typing import Any
 
 from tacevo.choices import Confinement
 from tacevo.cluster.facts import Order, check_alike, facts_here
-from tacevo.cluster.images import CHUNK, Images
 from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import CHUNK, Images
 from tacevo.cluster.slot import name_of
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.sandbox.protocol import describe

@@ -17,10 +17,10 @@ from tacevo.choices import Varied
 from tacevo.config.compose import compose, compose_estimate, spread
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
-from tacevo.evolution.files import read_ledger
+from tacevo.evolution.search_files import read_ledger
 from tacevo.redaction import check_address, secret_variables
 from tacevo.results.publishable import published_overrides
 from tacevo.results.sweep import Standing
