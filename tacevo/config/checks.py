@@ -139,6 +139,8 @@ def _check_llm(llm: LLMConfig) -> None:
     _check_that(known, "llm.delivery", f"direct for llm={llm.provider}", llm.delivery)
     asked = llm.provider is not Provider.grammar
     _check_that(asked or llm.label is None, "llm.label", f"null for llm={llm.provider}", llm.label)
+    closed = None if llm.space is None else to_json(llm.space)
+    _check_that(not asked or closed is None, "llm.space", f"null for llm={llm.provider}, which no space binds", closed)
     is_usual = llm.system is SystemTurn.system
     _check_that(asked or is_usual, "llm.system", f"system for llm={llm.provider}", llm.system)
     kept = llm.budget_usd is None or llm.mode is not Mode.live
