@@ -110,7 +110,7 @@ def _check_data(data: DataConfig) -> None:
     trained = 1 - Fraction(str(data.validation_part)) - Fraction(str(data.test_part))  # as they are written
     expected = "less than 1 together with data.validation_part, so that images are left for training"
     _check_that(trained > 0, "data.test_part", expected, data.test_part)
-    what = "file" if data.source is DataSource.numpy else "directory"
+    what = "file" if data.source in {DataSource.numpy, DataSource.table} else "directory"
     _check_that(
         simulated or bool(data.root), "data.root", f"the {what} of the data set for data={data.source}", data.root
     )
