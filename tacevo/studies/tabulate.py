@@ -21,7 +21,7 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.space import Genome, genomes, member
 from tacevo.profile import Admitted
-from tacevo.records import Mode, Rejection, Task
+from tacevo.records import DataFacts, Mode, Rejection, Task
 from tacevo.results.space_table import Header, SpaceTable, TableNetwork, TableTraining, write_table
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, trivial_of
@@ -50,24 +50,24 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
         data = load_data(config, view)
         task = load_task(config, data.facts)
         with Workbench(config, task, data.facts, Mode.record, data=data, say=view.say, zygote=zygote) as bench:
-            header = header_of(config, task, data)
+            header = header_of(config, task, data.facts, trivial_of(config, task, data))
             with telling(lambda: True):  # whatever has ended is in the stores
                 networks = _probed(bench, members(config, task), view)
                 trainings = _trained(bench, header.seeds, networks, data, view)
     return write_table(target, header, networks, trainings)
 
 
-def header_of(config: RunConfig, task: Task, data: Dataset, *, made_up: bool = False) -> Header:
+def header_of(config: RunConfig, task: Task, facts: DataFacts, trivial: float, *, made_up: bool = False) -> Header:
     """Return what the rows of a configuration's table follow from."""
     return Header(
         made_up=made_up,
         config=to_plain(config),
         task=task,
-        data=data.facts,
+        data=facts,
         seeds=tuple(training_seed(config.seed, number) for number in range(config.training.seeds)),
         rules=CURRENT,
         study=STUDY,
-        trivial=trivial_of(config, task, data),
+        trivial=trivial,
         versions=versions(),
         machine=machine(),
     )
