@@ -16,7 +16,7 @@ from analysis.studies.image_findings import ImageFindings, image_findings
 from analysis.studies.predictions import load_predictions
 from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
-from analysis.studies.transfer import OnData, is_alone, transfers
+from analysis.studies.transfer import is_alone, transfers
 from analysis.table import Table
 from analysis.tables.comparison import study_tables
 from analysis.tables.dynamics import (
