@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 #: The public names, each with its module, which is imported when the name is used: torch and pandas take seconds.
 _PLACES = {
     "open": "api.opening",
+    "open_table": "api.space_tables",
     "search": "api.actions",
     "study": "api.actions",
     "noise": "api.actions",
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from tacevo.api.actions import noise, publish, search, study
     from tacevo.api.opening import open
     from tacevo.api.runs import Run
+    from tacevo.api.space_tables import open_table
     from tacevo.api.studies import Study
     from tacevo.api.sweeps import Sweep
     from tacevo.api.tables import Table
@@ -50,6 +52,7 @@ __all__ = [
     "TacevoError",
     "noise",
     "open",
+    "open_table",
     "publish",
     "search",
     "study",

@@ -15,6 +15,8 @@ class DataSource(StrEnum):
     folder = "folder"
     tacverse = "tacverse"
     numpy = "numpy"
+    #: The table of a space: none are there, and evaluations are looked up.
+    table = "table"
 
 
 class SensorTask(StrEnum):

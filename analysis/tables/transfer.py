@@ -20,6 +20,13 @@ from tacevo.text import counted
 OWN = "the run's"
 
 
+def transfer_tables(studies: Sequence[OnData]) -> list[Table]:
+    """Return the table of transfer and, where there is a variant and seeds to test it with, the joint answer."""
+    first, _ = studies[0]
+    is_tested = len(first.networks) > 1 and first.seeds > 1
+    return [transfer_table(studies), *([joint_table(studies)] if is_tested else [])]
+
+
 def transfer_table(studies: Sequence[OnData]) -> Table:
     """Show each network on each data set: its median, and its verdict against the baseline there."""
     first, _ = studies[0]

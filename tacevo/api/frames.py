@@ -125,6 +125,43 @@ JOBS: Columns = {
     "digest": "str",
 }
 
+#: Of the table of a space; the genes are those of `tacevo.space.Space`.
+TABLE_NETWORKS: Columns = {
+    "network": "Int64",
+    "depth": "Int64",
+    "width": "Int64",
+    "activation": "str",
+    "norm": "str",
+    "down": "str",
+    "residual": "boolean",
+    "pooling": "str",
+    "hidden": "Int64",
+    "dropout": "float64",
+    "parameters": "Int64",
+    "flops": "Int64",
+    "arch_div": "float64",
+    "eff_ratio": "float64",
+    "refused": "str",
+    "source": "str",
+}
+
+TABLE_TRAININGS: Columns = {
+    "network": "Int64",
+    "seed": "Int64",
+    "epoch": "Int64",
+    "train_loss": "float64",
+    "validation_loss": "float64",
+}
+
+#: Before a column for each metric.
+TABLE_SCORES: Columns = {
+    "network": "Int64",
+    "seed": "Int64",
+    "epoch": "Int64",
+    "validation_loss": "float64",
+    "failed": "str",
+}
+
 
 def frame(rows: Iterable[Mapping[str, Any]], columns: Columns, *, index: str | None = None) -> pd.DataFrame:
     """Return a DataFrame of these columns and dtypes, also where there are no rows; a key that a row lacks is missing.

@@ -12,13 +12,13 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from tacevo.bundles.texts import check_papers
-from tacevo.bundles.zipfiles import LONGEST_NAME, packed, read_members
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError, TacevoError
 from tacevo.storage.entries import CANDIDATES, ReadBudget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST
 from tacevo.storage.store import Entry
+from tacevo.storage.zipfiles import LONGEST_NAME, packed, read_members
 
 #: The store entries (`tacevo.storage.entries`).
 STORE = "store.jsonl.xz"

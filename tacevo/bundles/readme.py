@@ -143,6 +143,8 @@ def origin_of_data(config: RunConfig) -> str:
     """Say where the images come from."""
     if config.data.source is DataSource.simulated:
         return "Images of a simulated sensor, not of a real one."
+    if config.data.source is DataSource.table:
+        return "Evaluations were looked up in the table of a space (data=table), which is not part of this bundle."
     return f"Recorded images (data={config.data.source}), which are not part of this bundle."
 
 
@@ -208,6 +210,10 @@ def _origin(run: RecordedRun, folder: str) -> str:
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"
             f"    tacevo data simulate {shlex.join(settings)} out=DIR"
+        )
+    if data.source is DataSource.table:
+        return (
+            f"None are needed: evaluations were looked up in a table. To retrain, lay it as `{data.root}` (data.root)."
         )
     return (
         f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{data.root}` "

@@ -22,6 +22,7 @@ GROUPS = {
         "extend": ("arguments", "search on from the end of a published run"),
         "study": ("arguments", "train a run's best networks and the baseline fully, with many seeds, and test them"),
         "noise": ("arguments", "train a run's elites again with other seeds, to see how much of each fitness was luck"),
+        "tabulate": ("arguments", "train every network of a closed space, for searches that look evaluations up"),
         "plan": ("arguments", "compute how many seeds are needed to detect an effect of a given size, and the cost"),
     },
     "reproduce": {

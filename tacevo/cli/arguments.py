@@ -185,6 +185,21 @@ def add_plan(parser: Parser) -> None:
     _add_kind(kinds.add_parser("sweep", help="jobs of each arm"), "SWEEP", "sweep", "arms beside the reference")
 
 
+def add_tabulate(parser: Parser) -> None:
+    """Describe `tacevo tabulate`."""
+    parser.description = (
+        "Probe every network of a closed space (llm.space) and train it fully with training.seeds seeds for "
+        "training.epochs epochs; write all of it into one file, for searches with data=table. The same command "
+        "continues a stopped one."
+    )
+    parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="the file to write, such as table.zip")
+    add_config_dir(parser)
+    parser.set_defaults(
+        command=_later("tabulate", "tabulate"), interrupted="what was trained is kept, and the same command continues"
+    )
+
+
 def _add_kind(parser: argparse.ArgumentParser, source: str, kind: str, compared: str) -> None:
     of_study = "a pilot run (directory or bundle; all its finished studies are used), or the directory of one study"
     of_sweep = "a pilot sweep (directory or bundle)"

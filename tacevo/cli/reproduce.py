@@ -14,7 +14,9 @@ from tacevo.costs import in_words, total
 from tacevo.reproduce.compare import compare
 from tacevo.reproduce.replay import replay as replay_search
 from tacevo.reproduce.retrain import retrain
+from tacevo.reproduce.space_table import retrain_table, verify_table
 from tacevo.results.run import read_run
+from tacevo.results.space_table import is_table, read_table
 from tacevo.rules import KEPT_SINCE, PAGES
 from tacevo.runs.progress import Progress
 from tacevo.text import counted, listed, printable
@@ -28,6 +30,8 @@ def run_replay(options: argparse.Namespace) -> int:
     if options.diff is not None:
         return _diff(options)
 
+    if is_table(Path(options.run)):
+        return _replay_table(options)
     with Progress() as view:
         place = opened(Path(options.run))
         if options.retrain is not None:
@@ -39,6 +43,21 @@ def run_replay(options: argparse.Namespace) -> int:
             told.append(_retrain(done.runs, options, view))
     for text in [*told, _verdict(done), f"digest: {done.digest}"]:
         print(printable(text))
+    return DONE
+
+
+def _replay_table(options: argparse.Namespace) -> int:
+    """Verify the table of a space."""
+    with Progress() as view:
+        table = read_table(Path(options.run))
+        verify_table(table)
+        told = [table.name]
+        if options.retrain is not None:
+            draw = options.draw or 1 + secrets.randbelow(_DRAWS)
+            told.append(retrain_table(table, options.retrain or None, draw, options.store, view))
+    for text in [*told, "EQUAL: every network of the space, with its source; losses are compared by --retrain alone"]:
+        print(printable(text))
+    print(f"digest: {table.digest}")
     return DONE
 
 

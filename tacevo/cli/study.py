@@ -16,7 +16,7 @@ from analysis.studies.transfer import transfers
 from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.tables.plan import plan_table
-from analysis.tables.transfer import transfer_table
+from analysis.tables.transfer import transfer_tables
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, output_directory
 from tacevo.cli.tables import print_table, say
@@ -113,7 +113,8 @@ def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
     own = [one.study for one in studies if one.name in names]
     for group in transfers((one.study, one.comparisons) for one in studies):
         if any(one is study for one, _ in group for study in own):
-            print_table(transfer_table(group), Console())
+            for table in transfer_tables(group):
+                print_table(table, Console())
     print(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
     return max(statuses)
 

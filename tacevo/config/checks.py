@@ -111,7 +111,7 @@ def _check_data(data: DataConfig) -> None:
     trained = 1 - Fraction(str(data.validation_part)) - Fraction(str(data.test_part))  # as they are written
     expected = "less than 1 together with data.validation_part, so that images are left for training"
     _check_that(trained > 0, "data.test_part", expected, data.test_part)
-    what = "file" if data.source is DataSource.numpy else "directory"
+    what = "file" if data.source in {DataSource.numpy, DataSource.table} else "directory"
     _check_that(
         simulated or bool(data.root), "data.root", f"the {what} of the data set for data={data.source}", data.root
     )
@@ -142,6 +142,8 @@ def _check_llm(llm: LLMConfig) -> None:
     _check_that(known, "llm.delivery", f"direct for llm={llm.provider}", llm.delivery)
     asked = llm.provider is not Provider.grammar
     _check_that(asked or llm.label is None, "llm.label", f"null for llm={llm.provider}", llm.label)
+    closed = None if llm.space is None else to_json(llm.space)
+    _check_that(not asked or closed is None, "llm.space", f"null for llm={llm.provider}, which no space binds", closed)
     is_usual = llm.system is SystemTurn.system
     _check_that(asked or is_usual, "llm.system", f"system for llm={llm.provider}", llm.system)
     kept = llm.budget_usd is None or llm.mode is not Mode.live

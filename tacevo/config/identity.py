@@ -52,7 +52,7 @@ def task_hash(task: Task) -> str:
 
 def llm_identity(llm: LLMConfig) -> dict[str, Json]:
     """Return the settings of a model that decide its answers; those that came later only where they are set."""
-    named = ("provider", "model", "max_tokens", "slip_rate", "system", *OPTIONAL_SAMPLING)
+    named = ("provider", "model", "max_tokens", "slip_rate", "system", "space", *OPTIONAL_SAMPLING)
     return {name: value for name, value in written(replace(llm, model=llm.name)).items() if name in named}
 
 

@@ -43,6 +43,7 @@ from tacevo.choices import (
 from tacevo.errors import ConfigError
 from tacevo.records import Delivery, Kind, Loss, Mode, Record
 from tacevo.redaction import check_address, names_place
+from tacevo.space import Space
 
 
 def is_a(words: str, holds: Callable[[Any], object]) -> AfterValidator:
@@ -241,8 +242,10 @@ class LLMConfig(Record):
     #: What stands for the model's name in requests, stores, ledger, MLflow and bundles, where that name is a path of
     #: this machine. Only run.json keeps the path, as `llm.model`: the same command continues the run by it.
     label: Annotated[Text, is_a("a name, not a path", lambda value: not names_place(value))] | None = None
+    #: Grammar: the closed space in which its answers lie (`llm=grammar_space`); null for the whole grammar.
+    space: Space | None = None
 
-    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label"})
+    LATER: ClassVar[frozenset[str]] = frozenset({"system", "label", "space"})
 
     @property
     def name(self) -> str:

@@ -22,6 +22,7 @@ USED: Mapping[DataSource, frozenset[str]] = {
     | {"root", "sensor", "pattern", "skip_missing", "white_point", "group_pattern"}
     | {"select", "images", "spacings_mm", "classes", "test_sensor", "shots"},
     DataSource.numpy: _COMMON | {"root", "white_point"},
+    DataSource.table: frozenset({"source", "root", "image_size"}),
 }
 
 

@@ -8,6 +8,7 @@ a run rest on is trained in any case.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Set
+from typing import TypeVar
 
 from tacevo.choices import Device, Numerics
 from tacevo.environment import deviations, machine, versions
@@ -16,15 +17,15 @@ from tacevo.evolution.lines import TrainedLine, of_training
 from tacevo.randomness import stream
 from tacevo.records import Json, Mode, Reason, Rejection, Training
 from tacevo.results.run import RecordedRun
+from tacevo.results.space_table import Header
 from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.study_lines import StudyRecord
 from tacevo.rules import TRAININGS, check_known
-from tacevo.runs.datasets import load_same
+from tacevo.runs.datasets import load_same, trivial_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, training_seed
 from tacevo.sandbox.confinement import check_confinement
 from tacevo.storage.run_directory import RunRecord
-from tacevo.training.losses import trivial_loss
 from tacevo.training.numerics import check_machine
 
 #: Fields of a ledger line that hold a training's numbers, in the order in which they are compared.
@@ -35,6 +36,8 @@ _BY_MACHINE = {Reason.out_of_time, Reason.out_of_memory}
 
 #: Packages whose version may change training bits.
 _COMPUTING = ("torch", "numpy")
+
+T = TypeVar("T")
 
 #: A training with the first run that has it.
 Evaluation = tuple[RecordedRun, TrainedLine]
@@ -132,7 +135,7 @@ def _retrain(run: RecordedRun, lines: Sequence[TrainedLine], view: Progress, nam
         (run.directory.read_source(line.id, str(line.source)), training_seed(config.seed, line.seed)) for line in lines
     ]
     data = load_same(config, run.record.data, view)
-    _check_trivial(run, trivial_loss(run.record.task.contract.loss, data.targets[data.validation]))
+    _check_trivial(run, trivial_of(config, run.record.task, data))
     with Workbench(config, run.record.task, data.facts, Mode.live, data=data) as bench:
         evaluator = bench.evaluator(run.rules)
         retrained = bench.executor.map(lambda job: evaluator.retrain(*job), jobs)
@@ -158,7 +161,7 @@ def describe(lines: Sequence[TrainedLine], of: int, choice: str) -> str:
     return "\n".join(said)
 
 
-def sampled(keys: Sequence[str | None], count: int, seed: int) -> list[str | None]:
+def sampled(keys: Sequence[T], count: int, seed: int) -> list[T]:
     """Draw keys without repetition, in their order."""
     places = stream(seed, "retrain").choice(len(keys), count, replace=False)
     return [keys[place] for place in sorted(places.tolist())]
@@ -185,7 +188,7 @@ def difference(line: TrainedLine, result: Training | Rejection) -> str | None:
 
 
 def doubts_of(
-    made: RunRecord | StudyRecord,
+    made: RunRecord | StudyRecord | Header,
     numerics: Numerics,
     device: Device,
     packages: Mapping[str, str],

@@ -17,10 +17,12 @@ from tacevo.data.sources.table import TableSource
 from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
-from tacevo.records import DataFacts
+from tacevo.records import DataFacts, Task
+from tacevo.runs.looked_up import data_of, table_of
 from tacevo.runs.progress import Progress
 from tacevo.training.evaluation import Examples
 from tacevo.training.full import HeldOut
+from tacevo.training.losses import trivial_loss
 
 T = TypeVar("T", RecordedTask, SensorTask)
 
@@ -49,8 +51,11 @@ def load_data(config: RunConfig, view: Progress, *, catalogue: Catalogue | None 
 
     Raises:
         DataError: it is missing or broken.
-        ConfigError: it does not suit the task.
+        ConfigError: it does not suit the task, or is a table that does not suit the run.
+        BundleError: it is a table that is damaged.
     """
+    if config.data.source is DataSource.table:
+        return data_of(table_of(config))
     return load(
         source_of(config),
         split=config.data.split,
@@ -73,7 +78,7 @@ def source_of(config: RunConfig) -> Source:
     """Name where a configuration's images come from; nothing is read yet.
 
     Raises:
-        ConfigError: the source does not know the task.
+        ConfigError: the source does not know the task, or has no images.
     """
     data = config.data
     root = Path(data.root or "")
@@ -127,6 +132,13 @@ def source_of(config: RunConfig) -> Source:
             )
         case DataSource.numpy:
             return Arrays(root=root, image_size=data.image_size, white_point=data.white_point)
+        case DataSource.table:
+            raise ConfigError(
+                "the table of a space, which holds no images",
+                place="data=table",
+                expected="images",
+                remedy="`tacevo.open_table(FILE).scores` are the test scores of all its networks",
+            )
 
 
 def _among(tasks: type[T], config: RunConfig) -> T:
@@ -140,6 +152,13 @@ def _among(tasks: type[T], config: RunConfig) -> T:
             expected=f"one of {', '.join(tasks)}",
             remedy="choose other data",
         ) from error
+
+
+def trivial_of(config: RunConfig, task: Task, data: Dataset) -> float:
+    """Return the trivial loss of a run's validation images, which a table recorded."""
+    if config.data.source is DataSource.table:
+        return table_of(config).header.trivial
+    return trivial_loss(task.contract.loss, data.targets[data.validation])
 
 
 def examples_of(data: Dataset) -> Examples:

@@ -30,7 +30,7 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
             f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
         )
-    if config.data.source is not DataSource.simulated:
+    if config.data.source not in {DataSource.simulated, DataSource.table}:
         doubts += doubtful_images(source_of(config).catalogue() if catalogue is None else catalogue, dataset)
     return doubts
 

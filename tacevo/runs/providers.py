@@ -25,8 +25,9 @@ from tacevo.llm.grammar.provider import GrammarLLM
 from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import KeepingLLM, RecordingLLM, ever_answered, ever_refused, unkept
-from tacevo.records import Delivery, Mode, Price, Setting
+from tacevo.records import Delivery, Mode, Price, Setting, to_json
 from tacevo.redaction import names_place
+from tacevo.storage.canonical import content_hash
 from tacevo.storage.store import Store, Stores
 from tacevo.typed import parse
 
@@ -114,7 +115,8 @@ def check_temperature(overrides: Sequence[str], config: RunConfig) -> None:
 def provider_settings(llm: LLMConfig) -> tuple[tuple[str, Setting], ...]:
     """Name what else an answer depends on, beside the request's own fields; what is not set is not named."""
     if llm.provider is Provider.grammar:
-        return (("slip_rate", llm.slip_rate),)
+        slips: tuple[str, Setting] = ("slip_rate", llm.slip_rate)
+        return (slips,) if llm.space is None else (slips, ("space", content_hash(to_json(llm.space))))
     chosen = {key: getattr(llm, key) for key in OPTIONAL_SAMPLING}
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in chosen.items() if value)
 
@@ -130,7 +132,7 @@ def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
                     expected=f"{GRAMMAR} for llm=grammar",
                     remedy="an earlier grammar's run replays from its record; a new search asks this one",
                 )
-            return GrammarLLM(slip_rate=llm.slip_rate)
+            return GrammarLLM(slip_rate=llm.slip_rate, space=llm.space)
         case Provider.anthropic:
             from tacevo.llm import anthropic, batches
 

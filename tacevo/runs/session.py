@@ -28,7 +28,7 @@ from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise, tell
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
-from tacevo.runs.datasets import load_data
+from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.doubts import doubts_of
 from tacevo.runs.pace import part_saved, trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
@@ -43,7 +43,6 @@ from tacevo.storage.ledger import Ledger, Sealed, sealed_text
 from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.store import remove_leftovers_in_stores
 from tacevo.tracking.process import Mirror
-from tacevo.training.losses import trivial_loss
 
 #: Seconds that a finished search or study waits for the mirror; what is left, the mirror finishes on its own.
 MIRROR_SECONDS = 30.0
@@ -118,7 +117,7 @@ def record(
         _commit_header(ledger, header, directory)
         directory.remove_leftovers()
         remove_leftovers_in_stores(Path(config.store.root))
-        trivial = trivial_loss(task.contract.loss, data.targets[data.validation])
+        trivial = trivial_of(config, task, data)
         _begin(directory, config, task, facts, trivial)
         view.say(f"run: {directory.path} ({_stage(ledger)})")
         least = "the least that the same answer to every validation image can have"

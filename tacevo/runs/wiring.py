@@ -9,7 +9,7 @@ from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import NoReturn, Self
 
-from tacevo.choices import ArchiveKind, BoundsRule, Device, ExecutorKind
+from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, ExecutorKind
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import check_head, import_ray
 from tacevo.cluster.facts import Order
@@ -27,6 +27,7 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import examples_of, held_out_of
+from tacevo.runs.looked_up import LookedUp, Probes, table_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Score, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
@@ -142,9 +143,9 @@ def training_seed(seed: int, number: int) -> int:
 def start_zygote(config: RunConfig) -> AbstractContextManager[Zygote | None]:
     """Start the process that imports torch: that takes seconds, in which the search can load its data and plan.
 
-    It is None where candidates run elsewhere.
+    It is None where candidates run elsewhere, or nowhere.
     """
-    if config.executor.kind is ExecutorKind.ray:
+    if config.executor.kind is ExecutorKind.ray or config.data.source is DataSource.table:
         return contextlib.nullcontext()
     order = _order(config)
     return Zygote(order.entries, order.environment, equip=order.equip)
@@ -157,6 +158,8 @@ def check_means(config: RunConfig) -> None:
         SandboxError: they cannot be confined so here.
         ConfigError: this machine cannot compute so; or Ray is asked for and not installed, or not at its address.
     """
+    if config.data.source is DataSource.table:
+        return  # nothing runs
     match config.executor.kind:
         case ExecutorKind.local:
             check_confinement(config.sandbox.require)
@@ -247,11 +250,17 @@ class Workbench:
 
     def evaluator(self, rules: Rules) -> Evaluator:
         """Return what trains candidates as a search under these rules does; under older ones it stores nothing."""
+        store, setting = self._store("evaluations", self._mode_under(rules)), self._setting(rules.training)
+        examples = None if self.data is None else examples_of(self.data)
+        if examples is not None and self.config.data.source is DataSource.table:
+            table = table_of(self.config)
+            numbered = [training_seed(self.config.seed, number) for number in range(len(table.header.seeds))]
+            return LookedUp(table, numbered, store=store, setting=setting, examples=examples, rules=rules.training)
         return Evaluator(
             run=self._sandbox(self.mode),
-            store=self._store("evaluations", self._mode_under(rules)),
-            setting=self._setting(rules.training),
-            examples=None if self.data is None else examples_of(self.data),
+            store=store,
+            setting=setting,
+            examples=examples,
             rules=rules.training,
         )
 
@@ -304,6 +313,8 @@ class Workbench:
         return noting
 
     def _runner(self) -> Run:
+        if self.run is None and self.config.data.source is DataSource.table:
+            self.run = Probes(table_of(self.config))
         if self.run is None:
             match self.config.executor.kind:
                 case ExecutorKind.local:

@@ -12,7 +12,7 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ChosenBy, FitnessRule
+from tacevo.choices import ChosenBy, DataSource, FitnessRule
 from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
@@ -155,7 +155,9 @@ def _carry_out(
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
     run = replace(plan.config, executor=executor, data=elsewhere or plan.config.data)
     check_means(run)
-    catalogue = source_of(run).catalogue()
+    # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
+    is_looked_up = run.data.source is DataSource.table and plan.header.terms is None
+    catalogue = None if is_looked_up else source_of(run).catalogue()
     if elsewhere is None:
         data = load_same(run, plan.header.data, view, catalogue=catalogue)
     else:
@@ -163,7 +165,7 @@ def _carry_out(
         plan = _moved(plan, elsewhere, data.facts)
     remove_leftovers_in_stores(Path(run.store.root))
     directory = find_study(plan.run.directory.path, plan.header, searched=bool(plan.run.answered))
-    units = units_of(catalogue) if data.scale else ()
+    units = units_of(catalogue) if data.scale and catalogue is not None else ()
     directory.begin(plan.header, scale=data.scale, units=units, versions=versions(), machine=machine())
     workbench = Workbench(run, plan.run.record.task, data.facts, Mode.record, data=data, say=view.say)
     with in_use(directory.path), workbench as bench:

@@ -49,6 +49,7 @@ def test_public_names_are_frozen() -> None:
         "TacevoError",
         "noise",
         "open",
+        "open_table",
         "publish",
         "search",
         "study",

@@ -7,6 +7,7 @@ from checkout import ROOT
 
 from analysis.runs.dynamics import GENERATIONS
 from analysis.runs.pareto import PARETO
+from analysis.statistics.spaces import BY_EPOCHS
 from analysis.sweeps.ablation import ARMS
 from tacevo.api import frames
 from tacevo.api.frames import Columns, frame
@@ -23,6 +24,10 @@ LISTED: dict[str, Columns] = {
     "study.reestimates": frames.REESTIMATES,
     "sweep.jobs": frames.JOBS,
     "sweep.contrasts(METRIC)": {"arm": "str", **ARMS},
+    "table.networks": frames.TABLE_NETWORKS,
+    "table.trainings": frames.TABLE_TRAININGS,
+    "table.scores": frames.TABLE_SCORES,
+    "table.worth": BY_EPOCHS,
 }
 
 
@@ -42,7 +47,7 @@ def test_every_column_is_listed() -> None:
 
 
 #: Frames that `frame` makes; the others are the analysis's.
-OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)"}
+OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)", "table.worth"}
 
 MADE = {name: columns for name, columns in LISTED.items() if name not in OTHERS}
 

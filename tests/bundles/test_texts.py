@@ -11,12 +11,12 @@ from refusals import refused as refusing
 
 from tacevo.bundles.open import opened
 from tacevo.bundles.texts import check_texts
-from tacevo.bundles.zipfiles import packed
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, TacevoError
 from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.storage.canonical import readable
 from tacevo.storage.run_directory import MANIFEST
+from tacevo.storage.zipfiles import packed
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "bundles"
 

@@ -278,6 +278,7 @@ def test_every_setting_decides_or_does_not() -> None:
     """A new setting must be put into one of the two lists; data enter by their fingerprint, tasks by their text."""
     listed = DECIDES.keys() | DECIDES_WHEN_HOSTED.keys() | DECIDES_NOTHING.keys()
     listed |= {"llm.label"}  # which stands for the model, below
+    listed |= {"llm.space"}  # which decides where there is one: tests/llm/grammar/test_space.py
     listed |= {"archive.kept", "archive.reevaluated"}  # which decide with archive.kind=best or extract only, below
     listed |= {"proposals.population", "proposals.tournament"}  # which decide in a tournament only, below
     # Of which each needs other settings beside it: tests/training/test_determinism.py.

@@ -17,7 +17,7 @@ PAGES = (
 )
 
 #: Written on purpose with a part left out, or with a task that `tacevo init` makes first.
-NOT_WHOLE = re.compile(r"\.\.\.| @|task=shear")
+NOT_WHOLE = re.compile(r"\.\.\.| @|task=(shear|\w+-paper)")
 
 
 def commands() -> list[str]:

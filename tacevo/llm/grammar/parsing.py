@@ -7,6 +7,7 @@ the two texts. Equal texts prove that nothing was overlooked or misread.
 import ast
 import re
 from enum import StrEnum
+from functools import lru_cache
 from typing import TypeVar
 
 from tacevo.llm.grammar.network import (
@@ -34,6 +35,7 @@ class UnreadableError(ValueError):
     """The source is not a network as the grammar writes it; the message is part of the answer."""
 
 
+@lru_cache(maxsize=4096)  # a parent is read for each of its children
 def parse(source: str) -> Network:
     """Read a network from source text, whatever its layout, imports, comments and docstrings.
 

@@ -18,11 +18,13 @@ from tacevo.llm.grammar.instructions import transform
 from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.parsing import UnreadableError, parse
 from tacevo.llm.grammar.slips import Slip, draw, proper, spoil
+from tacevo.llm.grammar.space import crossed, mutated, wandered
 from tacevo.llm.grammar.variations import wander, warm
 from tacevo.llm.prices import CHARACTERS_PER_TOKEN, likely_tokens
 from tacevo.llm.recording import Keep, unkept
 from tacevo.randomness import stream
 from tacevo.records import Completion, Request, to_json
+from tacevo.space import Space
 from tacevo.storage.canonical import content_hash
 
 #: What every completion names as its model; it changes whenever equal requests may get other answers.
@@ -39,15 +41,17 @@ class GrammarLLM:
 
     #: Probability in [0, 1] that an answer carries one of the faults of `slips.Slip`.
     slip_rate: float
+    #: Where every network of an answer lies; None for the whole grammar.
+    space: Space | None = None
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer the requests in their order (see `tacevo.llm.recording.KeepingLLM`)."""
         for position, request in enumerate(requests):
-            yield position, keep(request, answer(request, slip_rate=self.slip_rate))
+            yield position, keep(request, answer(request, slip_rate=self.slip_rate, space=self.space))
 
 
-def answer(request: Request, *, slip_rate: float) -> Completion:
-    """Answer one request: a pure function of the request and the slip rate.
+def answer(request: Request, *, slip_rate: float, space: Space | None = None) -> Completion:
+    """Answer one request: a pure function of the request, the slip rate and the space.
 
     Its first message holds one parent and an instruction for a mutation, two for a crossover; for a sample it is
     `sample_text`, to the letter. The draws depend neither on the slip rate nor on the request's provider settings
@@ -56,7 +60,7 @@ def answer(request: Request, *, slip_rate: float) -> Completion:
     """
     digest = content_hash(to_json(replace(request, settings=(), temperature=0.0)))
     try:
-        child = _child(request, stream(0, "grammar", digest))
+        child = _child(request, space, stream(0, "grammar", digest))
     except UnreadableError as error:
         return _completion(request, f"I cannot read the request, so this answer holds no code: {error}.\n")
     rng = stream(0, "grammar", "slip", digest)
@@ -65,7 +69,7 @@ def answer(request: Request, *, slip_rate: float) -> Completion:
     return _completion(request, text, is_cut=slip is Slip.cut_off)
 
 
-def _child(request: Request, rng: np.random.Generator) -> Network:
+def _child(request: Request, space: Space | None, rng: np.random.Generator) -> Network:
     """Make the network that a request asks for."""
     content = request.messages[0].content
     instruction = _INSTRUCTION.search(content)
@@ -74,7 +78,11 @@ def _child(request: Request, rng: np.random.Generator) -> Network:
     if instruction is None or len(parents) not in {1, 2}:
         raise UnreadableError(f"one or two parents and an instruction were expected; found {len(parents)} parents")
     if content == sample_text(sources[0]):
-        return wander(parents[0], rng)
+        return wander(parents[0], rng) if space is None else wandered(space, parents[0], rng)
+    if space is not None and len(parents) == 1:
+        return mutated(space, parents[0], instruction[1], request.temperature, rng)
+    if space is not None:
+        return crossed(space, parents[0], parents[1], request.temperature, rng)
     if len(parents) == 1:
         return transform(parents[0], instruction[1], rng, request.temperature)
     return warm(cross(parents[0], parents[1], instruction[1], rng), request.temperature, rng)

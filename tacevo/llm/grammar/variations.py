@@ -18,10 +18,11 @@ _Option = TypeVar("_Option")
 #: A move whose details the generator settles.
 Variation = Callable[[Network, np.random.Generator], Network]
 
-_MOST_EDITS = 4
+#: The most edits that temperature adds.
+MOST_EDITS = 4
 
 #: The most edits between the start of a random walk and the network that it draws.
-_FARTHEST = 24
+FARTHEST = 24
 
 
 def pick(rng: np.random.Generator, options: Sequence[_Option]) -> _Option:
@@ -43,7 +44,7 @@ def warm(network: Network, temperature: float, rng: np.random.Generator) -> Netw
 
     They are the first of an order that T does not change: a warmer network has those of a colder one, and then more.
     """
-    chances = sorted(rng.random() for _ in range(_MOST_EDITS))
+    chances = sorted(rng.random() for _ in range(MOST_EDITS))
     for chance in chances:
         if chance < temperature / 2:
             network = vary(network, SMALL_EDITS, rng)
@@ -56,7 +57,7 @@ def wander(network: Network, rng: np.random.Generator) -> Network:
     The edits are those of a search, so that a control without selection differs from it in the selection. Networks
     whose parts are all drawn by themselves are mostly beyond the bounds, and large (docs/grammar.md).
     """
-    for _ in range(int(rng.integers(1, _FARTHEST + 1))):
+    for _ in range(int(rng.integers(1, FARTHEST + 1))):
         network = vary(network, SMALL_EDITS, rng)
     return network
 

@@ -13,9 +13,9 @@ import pytest
 from bundles import zipped
 from refusals import refused
 
-from tacevo.bundles.zipfiles import LONGEST_NAME, MOST_MEMBERS, MOST_OF_A_MEMBER, packed, read_members
 from tacevo.errors import BundleError, StoreError, TacevoError
 from tacevo.storage.entries import FREE_BYTES, MOST_RATIO, ReadBudget
+from tacevo.storage.zipfiles import LONGEST_NAME, MOST_MEMBERS, MOST_OF_A_MEMBER, packed, read_members
 
 ANY = re.compile(".*", re.DOTALL)
 

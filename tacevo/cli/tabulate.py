@@ -1,0 +1,28 @@
+"""The command `tacevo tabulate`."""
+
+import argparse
+import shlex
+from pathlib import Path
+
+from tacevo.cli.common import DIFFERENT, DONE
+from tacevo.config.compose import compose
+from tacevo.config.conf_folder import check_experiment
+from tacevo.environment import as_typed
+from tacevo.runs.progress import Progress
+from tacevo.studies.tabulate import tabulate
+
+
+def run_tabulate(options: argparse.Namespace) -> int:
+    """Make the table of a space; the status is 1 if a network was refused or failed to train."""
+    config = compose(options.overrides)
+    check_experiment(options.overrides)
+    with Progress() as view:
+        table = tabulate(config, Path(options.output), view)
+    print(f"table:  {options.output} ({table.name})")
+    for line in table.failures:
+        print(f"failed: {line}")
+    place = shlex.quote(options.output)
+    print(f"verify: {as_typed('tacevo')} replay {place} --retrain 5")
+    print(f"next:   {as_typed('tacevo')} search experiment=space data=table data.root={place}")
+    print(f"digest: {table.digest}")
+    return DIFFERENT if table.failures else DONE

@@ -1,0 +1,91 @@
+"""The table of a space, verified: its rows follow from each other, and some of them are trained again, bit for bit."""
+
+from dataclasses import replace
+
+from tacevo.choices import Confinement
+from tacevo.config.schema import StoreConfig
+from tacevo.environment import machine, usable_cores, versions
+from tacevo.errors import BundleError, DivergenceError
+from tacevo.records import Mode, to_json
+from tacevo.reproduce.retrain import doubts_of, sampled
+from tacevo.results.space_table import SpaceTable
+from tacevo.runs.datasets import load_same, trivial_of
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench, check_means
+from tacevo.storage.canonical import differences
+from tacevo.studies.tabulate import members
+from tacevo.text import counted
+
+
+def verify_table(table: SpaceTable) -> None:
+    """Check that a table holds exactly the networks of its space, each genome with its source.
+
+    Raises:
+        BundleError: it is damaged so that this cannot be compared.
+        DivergenceError: the first network that is another one.
+    """
+    config = table.header.settings
+    if config.llm.space is None:
+        raise BundleError("null", place=f"{table.path}, config.llm.space", expected="a closed space")
+    expected = members(config, table.header.task)
+    for row, (network, (genome, source)) in enumerate(zip(table.networks, expected, strict=False)):
+        if (network.genome, network.source) != (genome, source):
+            place = f"{table.path}, networks.jsonl, line {row + 1}"
+            raise DivergenceError("another", place=place, expected=f"the network of the genome {genome}")
+    if len(table.networks) != len(expected):
+        got, space = counted(len(table.networks), "network"), f"{len(expected)}, those of its space"
+        raise DivergenceError(got, place=str(table.path), expected=space)
+
+
+def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | None, view: Progress) -> str:
+    """Train rows of a table again, and compare every bit; say what was compared.
+
+    Args:
+        table: a verified one.
+        count: how many rows to draw; None for all of them.
+        draw: the number that the draw follows from, which no author of the table may know.
+        store: where the images are kept, if not where the table's maker had them.
+        view: shows the progress, and why equal bits are not promised.
+
+    Raises:
+        BundleError: it is made up; or its networks would run without walls.
+        DivergenceError: the first difference.
+        DataError: the data set is missing, or is another one.
+    """
+    header, config = table.header, table.header.settings
+    if header.made_up:
+        expected = "one whose networks were trained"
+        raise BundleError("a made-up table", place=str(table.path), expected=expected)
+    if config.sandbox.require is Confinement.none:
+        got = "sandbox.require=none, with which its networks would run here without walls"
+        raise BundleError(got, place=str(table.path), expected="a table whose networks can be confined")
+    workers = min(config.executor.workers, usable_cores())
+    executor = replace(config.executor, workers=workers, address=None)
+    config = replace(config, executor=executor, store=config.store if store is None else StoreConfig(root=store))
+    check_means(config)
+    doubts = doubts_of(header, config.numerics.kind, config.training.device, versions(), machine())
+    for doubt in doubts:
+        view.say(f"equal bits are not promised: {doubt}")
+    rows = list(range(len(table.trainings)))
+    if count is not None and count < len(rows):
+        rows = sampled(rows, count, draw)
+    data = load_same(config, header.data, view)
+    if (trivial := trivial_of(config, header.task, data)) != header.trivial:
+        place = f"{table.path}, trivial"
+        raise DivergenceError(str(header.trivial), place=place, expected=f"{trivial}, by the validation labels")
+    with Workbench(config, header.task, data.facts, Mode.live, data=data, say=view.say) as bench:
+        evaluator = bench.studies(header.study, data.scale, predictions=False)
+        trainings = [table.trainings[row] for row in rows]
+        jobs = [(table.networks[one.network].source, header.seeds[one.seed]) for one in trainings]
+        verdicts = bench.executor.map(lambda job: evaluator.retrain(*job), jobs)
+        for done, (row, training, verdict) in enumerate(zip(rows, trainings, verdicts, strict=True), start=1):
+            recorded = training.verdict
+            now, then = ({**to_json(each), "detail": ""} for each in (verdict, recorded))  # that is for people
+            if now != then:
+                first = ".".join(map(str, next(iter(differences(then, now)), ())))
+                place, remedy = f"{table.path}, trainings.jsonl, line {row + 1}", "; ".join(doubts)
+                raise DivergenceError(f"another {first}", place=place, expected="what was recorded", remedy=remedy)
+            view.say(f"line {row + 1}: as recorded ({done} of {len(rows)})")
+    drawn = "" if count is None else f", drawn at random (--draw {draw} repeats this)"
+    every = counted(len(table.trainings), "training")
+    return f"{len(rows)} of {every} were trained again: every bit is as recorded{drawn}"

@@ -1,0 +1,309 @@
+"""The table of a space: one file with every network of it, its profile and its full training with each of some seeds.
+
+A zip file with a manifest, as published runs have it. Reading compares all members with the manifest, each source with
+its hash, and finds each network trained with each seed once. What it does not: whether records follow from each other
+(`tacevo.reproduce.space_table`).
+"""
+
+import contextlib
+import hashlib
+import re
+import struct
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from annotated_types import Ge, MinLen
+
+from tacevo.config.plain import from_plain
+from tacevo.config.schema import RunConfig
+from tacevo.errors import BundleError, TacevoError
+from tacevo.profile import Profile
+from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json
+from tacevo.rules import Rules
+from tacevo.storage.canonical import canonical, readable
+from tacevo.storage.entries import ReadBudget
+from tacevo.storage.files import write_durably
+from tacevo.storage.zipfiles import packed, read_members
+from tacevo.text import counted
+from tacevo.training.full import FullTraining
+from tacevo.typed import FreeJson, parse
+
+T = TypeVar("T")
+
+HEADER, NETWORKS, TRAININGS, CARD, MANIFEST = (
+    "table.json",
+    "networks.jsonl",
+    "trainings.jsonl",
+    "README.md",
+    "manifest.sha256",
+)
+
+_MEMBERS = {HEADER, NETWORKS, TRAININGS, CARD, MANIFEST}
+
+_PLACES = re.compile("|".join(map(re.escape, sorted(_MEMBERS))))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header(Record):
+    """What all rows follow from."""
+
+    #: Layout of the file.
+    schema: Literal[1] = 1
+    #: Whether no network was trained: what stands in place of trainings was drawn, to measure the tools by.
+    made_up: bool
+    #: As `tacevo.config.plain.to_plain` writes it: the space is `llm.space`, a training is `training`.
+    config: dict[str, FreeJson]
+    task: Task
+    data: DataFacts
+    #: Of the trainings.
+    seeds: Annotated[tuple[int, ...], MinLen(1)]
+    rules: Rules
+    #: Number of the rules of full trainings (`tacevo.rules.STUDY`).
+    study: int
+    #: Of the validation images (`tacevo.training.losses`).
+    trivial: Annotated[float, Ge(0)]
+    versions: dict[str, str]
+    machine: dict[str, FreeJson]
+
+    @property
+    def settings(self) -> RunConfig:
+        """The configuration.
+
+        Raises:
+            ConfigError: this version does not know it.
+        """
+        return from_plain(self.config)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableNetwork(Record):
+    """A network of the table."""
+
+    #: Value of each gene; None of the task's baseline, whose file is not written by the grammar.
+    genome: dict[str, bool | int | float | str] | None
+    source: str
+    #: SHA-256 of the source.
+    sha256: str
+    #: Exactly one of these two is there: what the gate measured, or why it refused the network.
+    profile: Profile | None = None
+    rejection: Rejection | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableTraining(Record):
+    """A network trained with one seed."""
+
+    #: Row of the network, and of the seed in the header; from 0.
+    network: Annotated[int, Ge(0)]
+    seed: Annotated[int, Ge(0)]
+    #: Exactly one of these two is there.
+    full: FullTraining | None = None
+    rejection: Rejection | None = None
+
+    @property
+    def verdict(self) -> FullTraining | Rejection:
+        """What came of it."""
+        verdict = self.full or self.rejection
+        assert verdict is not None  # as reading checks
+        return verdict
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SpaceTable:
+    """A table that was read; each network that the gate admitted has a training with each seed."""
+
+    path: Path
+    #: SHA-256 of the manifest.
+    digest: str
+    header: Header
+    networks: tuple[TableNetwork, ...]
+    #: By network, then by seed.
+    trainings: tuple[TableTraining, ...]
+
+    @cached_property
+    def by_source(self) -> Mapping[str, int]:
+        """The row of each source."""
+        return {network.source: row for row, network in enumerate(self.networks)}
+
+    @cached_property
+    def verdicts(self) -> Mapping[tuple[int, int], FullTraining | Rejection]:
+        """What came of each training, by the rows of network and seed."""
+        return {(row.network, row.seed): row.verdict for row in self.trainings}
+
+    @property
+    def name(self) -> str:
+        """What it is of, in a line."""
+        header = self.header
+        what = "MADE UP, not trained: " if header.made_up else ""
+        seeds = counted(len(header.seeds), "seed")
+        return f"{what}{counted(len(self.networks), 'network')} for {header.task.name}, {seeds} each"
+
+    @property
+    def failures(self) -> list[str]:
+        """What was refused by the gate or failed to train, a line each."""
+        refused = [
+            f"network {row}: {network.rejection.reason}"
+            for row, network in enumerate(self.networks)
+            if network.rejection is not None
+        ]
+        failed = [
+            f"network {row.network}, seed {row.seed}: {row.rejection.reason}"
+            for row in self.trainings
+            if row.rejection is not None
+        ]
+        return refused + failed
+
+
+def is_table(path: Path) -> bool:
+    """Answer whether a file is a zip file with the header of a table; it is not verified."""
+    unreadable = (zipfile.BadZipFile, NotImplementedError, OSError, ValueError, struct.error)
+    with contextlib.suppress(*unreadable), zipfile.ZipFile(path) as archive:
+        return HEADER in archive.namelist()
+    return False
+
+
+def write_table(
+    path: Path, header: Header, networks: Sequence[TableNetwork], trainings: Sequence[TableTraining]
+) -> SpaceTable:
+    """Write a table, and read it again; equal rows give equal bytes. Trainings are by network, then by seed."""
+    members = {
+        HEADER: readable(to_json(header)).encode(),
+        NETWORKS: _lines(networks),
+        TRAININGS: _lines(trainings),
+        CARD: card(header, networks).encode(),
+    }
+    manifest = "".join(f"{_sha256(data)}  {name}\n" for name, data in sorted(members.items()))
+    write_durably(path, packed({**members, MANIFEST: manifest.encode()}))
+    return read_table(path)
+
+
+def read_table(path: Path) -> SpaceTable:
+    """Read a table, and compare its members with its manifest; one that was read before and stands as it did is shared.
+
+    Raises:
+        BundleError: it is damaged or is another file, or a network or a training is missing.
+    """
+    try:
+        status = path.stat()
+    except OSError as error:
+        remedy = "`tacevo tabulate` makes one"
+        got = error.strerror or "nothing"
+        raise BundleError(got, place=str(path), expected="the table of a space", remedy=remedy) from error
+    return _read(path, status.st_mtime_ns, status.st_size)
+
+
+@cache
+def _read(path: Path, _: int, size: int) -> SpaceTable:
+    try:
+        members = read_members(path, _PLACES, ReadBudget(path, size))
+    except TacevoError as error:
+        error.expected = "the table of a space, as `tacevo tabulate` writes it"
+        raise
+    if missing := sorted(_MEMBERS - members.keys()):
+        raise BundleError(f"a file without {', '.join(missing)}", place=str(path), expected="the table of a space")
+    manifest = members.pop(MANIFEST)
+    if manifest.decode(errors="replace") != "".join(f"{_sha256(members[n])}  {n}\n" for n in sorted(members)):
+        raise _damaged(path, MANIFEST, "the checksums of the other members", "others")
+    table = SpaceTable(
+        path=path,
+        digest=_sha256(manifest),
+        header=parse(Header, members[HEADER], place=f"{path}, {HEADER}", error=BundleError),
+        networks=tuple(_rows(TableNetwork, members, NETWORKS, path)),
+        trainings=tuple(_rows(TableTraining, members, TRAININGS, path)),
+    )
+    _check_rows(table)
+    if members[CARD].decode(errors="replace") != card(table.header, table.networks):
+        raise _damaged(path, CARD, "the card of these rows", "another text")
+    return table
+
+
+def _check_rows(table: SpaceTable) -> None:
+    """Check that each network is there once with its hash, and each of its trainings, of the epochs of the header."""
+    networks, header, path = table.networks, table.header, table.path
+    for row, network in enumerate(networks):
+        place = f"{NETWORKS}, line {row + 1}"
+        if network.sha256 != _sha256(network.source.encode()):
+            raise _damaged(path, place, "the SHA-256 of the source", network.sha256[:12])
+        if (network.profile is None) == (network.rejection is None):
+            raise _damaged(path, place, "a profile or a rejection", "both or neither")
+    if len(table.by_source) < len(networks):
+        raise _damaged(path, NETWORKS, "each source once", "one twice")
+    wanted = [
+        (row, seed)
+        for row, network in enumerate(networks)
+        if network.profile is not None
+        for seed in range(len(header.seeds))
+    ]
+    if [(row.network, row.seed) for row in table.trainings] != wanted:
+        raise _damaged(path, TRAININGS, "each admitted network with each seed once, in order", "other rows")
+    epochs = header.settings.training.epochs
+    for number, training in enumerate(table.trainings, start=1):
+        place, full = f"{TRAININGS}, line {number}", training.full
+        if (full is None) == (training.rejection is None):
+            raise _damaged(path, place, "a training or a rejection", "both or neither")
+        if full is not None:
+            losses = full.training.validation_losses
+            if not len(losses) == len(full.training.train_losses) == epochs:
+                raise _damaged(path, place, f"the losses of {epochs} epochs", str(len(losses)))
+            if full.epoch != losses.index(min(losses)) + 1:
+                raise _damaged(path, place, "the epoch of the lowest validation loss", str(full.epoch))
+
+
+def card(header: Header, networks: Sequence[TableNetwork]) -> str:
+    """Write what a table is of, how it was made, and what it cannot say."""
+    config, (train, validation, test) = header.settings, header.data.counts
+    training, refused = config.training, sum(network.rejection is not None for network in networks)
+    seeds = counted(len(header.seeds), "seed")
+    kept = {
+        key: value
+        for key, value in to_json(config.data).items()
+        if value is not None and value is not False and value != []
+    }
+    made = (
+        "**This table is MADE UP.** No network was trained: its losses were drawn at random, to measure tools by. "
+        "Nothing about networks follows from it.\n\n"
+        if header.made_up
+        else ""
+    )
+    return (
+        f"# {'MADE-UP table' if header.made_up else 'Table'} of a space: {header.task.name}\n\n{made}"
+        f"{len(networks)} networks, {refused} of them refused by the gate; the others trained for {training.epochs} "
+        f"epochs with each of {seeds} (batches of {training.batch_size}, Adam, learning rate "
+        f"{training.learning_rate:g}, numerics {config.numerics.kind}, {training.device}).\n\n"
+        f"Data: {train} images train, {validation} validate, {test} test, {header.data.image_size} px; fingerprint "
+        f"{header.data.fingerprint}.\n\n    {canonical(kept)}\n\n"
+        f"Space (`llm.space`):\n\n    {canonical(None if config.llm.space is None else to_json(config.llm.space))}\n\n"
+        f"Versions: {canonical(header.versions)}\n\nMachine: {canonical(header.machine)}\n\n"
+        "`table.json` holds the configuration, `networks.jsonl` a network a line (genome, source, profile), "
+        "`trainings.jsonl` a training a line: losses of each epoch, the epoch of the lowest validation loss and its "
+        "test metrics. `tacevo replay FILE --retrain N` trains N rows again, bit for bit.\n\n"
+        "What it cannot say: anything of networks outside its space, of other data, or of another recipe. With few "
+        "seeds the best network of a table is partly luck.\n"
+    )
+
+
+def _lines(rows: Iterable[Record]) -> bytes:
+    return "".join(f"{canonical(_without_none(to_json(row)))}\n" for row in rows).encode()
+
+
+def _without_none(row: Json) -> Json:
+    """Leave out what a row does not have, but for a baseline's genome."""
+    assert isinstance(row, dict)
+    return {name: value for name, value in row.items() if value is not None or name == "genome"}
+
+
+def _rows(kind: type[T], members: Mapping[str, bytes], name: str, path: Path) -> Iterable[T]:
+    for number, line in enumerate(members[name].splitlines(), start=1):
+        yield parse(kind, line, place=f"{path}, {name}, line {number}", error=BundleError)
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _damaged(path: Path, place: str, expected: str, got: str) -> BundleError:
+    return BundleError(got, place=f"{path}, {place}", expected=expected, remedy="fetch the file again")

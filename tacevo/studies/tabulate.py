@@ -1,0 +1,138 @@
+"""`tacevo tabulate`: every network of a closed space, probed, and trained fully with each of some seeds.
+
+The trainings are those of studies, in the same store: a table that was stopped goes on where it was, and any executor
+makes the same one. What costs most begins first, so that no long training is left alone at the end.
+"""
+
+import hashlib
+import time
+from collections.abc import Sequence
+from concurrent.futures import as_completed
+from pathlib import Path
+
+from tacevo.choices import DataSource
+from tacevo.config.plain import to_plain
+from tacevo.config.schema import RunConfig
+from tacevo.config.task_texts import load_task
+from tacevo.data.dataset import Dataset
+from tacevo.environment import machine, versions
+from tacevo.errors import ConfigError, telling
+from tacevo.llm.grammar.parsing import parse
+from tacevo.llm.grammar.rendering import render
+from tacevo.llm.grammar.space import Genome, genomes, member
+from tacevo.profile import Admitted
+from tacevo.records import DataFacts, Mode, Rejection, Task
+from tacevo.results.space_table import Header, SpaceTable, TableNetwork, TableTraining, write_table
+from tacevo.rules import CURRENT, STUDY
+from tacevo.runs.datasets import load_data, trivial_of
+from tacevo.runs.progress import Progress
+from tacevo.runs.wiring import Workbench, check_means, start_zygote, training_seed
+from tacevo.text import counted, lasting
+
+#: Lines that say how much is done, over a whole table.
+_TOLD = 20
+
+
+def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
+    """Train every network of `llm.space` as `training` says, with `training.seeds` seeds, and write their table.
+
+    Raises:
+        ConfigError: the configuration has no space, or its data are a table.
+        TacevoError: see its subclasses; what was computed so far is kept.
+        KeyboardInterrupt: the user stopped it; the same command continues.
+    """
+    if config.llm.space is None:
+        raise ConfigError("null", place="llm.space", expected="a closed space", remedy="set llm=grammar_space")
+    if config.data.source is DataSource.table:
+        raise ConfigError("table", place="data", expected="images to train on")
+    check_means(config)
+    with start_zygote(config) as zygote:
+        data = load_data(config, view)
+        task = load_task(config, data.facts)
+        with Workbench(config, task, data.facts, Mode.record, data=data, say=view.say, zygote=zygote) as bench:
+            header = header_of(config, task, data.facts, trivial_of(config, task, data))
+            with telling(lambda: True):  # whatever has ended is in the stores
+                networks = _probed(bench, members(config, task), view)
+                trainings = _trained(bench, header.seeds, networks, data, view)
+    return write_table(target, header, networks, trainings)
+
+
+def header_of(config: RunConfig, task: Task, facts: DataFacts, trivial: float, *, made_up: bool = False) -> Header:
+    """Return what the rows of a configuration's table follow from."""
+    return Header(
+        made_up=made_up,
+        config=to_plain(config),
+        task=task,
+        data=facts,
+        seeds=tuple(training_seed(config.seed, number) for number in range(config.training.seeds)),
+        rules=CURRENT,
+        study=STUDY,
+        trivial=trivial,
+        versions=versions(),
+        machine=machine(),
+    )
+
+
+def members(config: RunConfig, task: Task) -> list[tuple[Genome | None, str]]:
+    """List the task's baseline, as its file has it, and every network of a configuration's space: genome and source."""
+    assert config.llm.space is not None  # as `tabulate` checks
+    signature = parse(task.baseline).signature
+    return [(None, task.baseline), *((each, render(member(each, signature))) for each in genomes(config.llm.space))]
+
+
+def _probed(bench: Workbench, networks: Sequence[tuple[Genome | None, str]], view: Progress) -> list[TableNetwork]:
+    gate, rows = bench.gate(CURRENT), []
+    view.say(f"{counted(len(networks), 'network')}: the gate measures each")
+    for row in bench.executor.map(lambda pair: network_of(gate.inspect(pair[1]), *pair), networks):
+        rows.append(row)
+        view.advance("networks", len(rows), len(networks))
+    return rows
+
+
+def network_of(verdict: Admitted | Rejection, genome: Genome | None, source: str) -> TableNetwork:
+    """Return the row of a network that the gate has judged."""
+    return TableNetwork(
+        genome=None if genome is None else dict(genome),
+        source=source,
+        sha256=hashlib.sha256(source.encode()).hexdigest(),
+        profile=None if isinstance(verdict, Rejection) else verdict.profile,
+        rejection=verdict if isinstance(verdict, Rejection) else None,
+    )
+
+
+def _trained(
+    bench: Workbench, seeds: Sequence[int], networks: Sequence[TableNetwork], data: Dataset, view: Progress
+) -> list[TableTraining]:
+    """Train each network with each seed, and say how much is left, by FLOPs."""
+    evaluator = bench.studies(STUDY, data.scale)
+    costs = {
+        (row, seed): network.profile.training_flops
+        for row, network in enumerate(networks)
+        if network.profile is not None
+        for seed in range(len(seeds))
+    }
+    order = sorted(costs, key=lambda job: -costs[job])
+    recorded = {job for job in order if evaluator.is_recorded(networks[job[0]].source, seeds[job[1]])}
+    view.say(f"{counted(len(order), 'training')}, {len(recorded)} of them recorded already")
+    left, began, done = sum(costs[job] for job in order if job not in recorded), time.monotonic(), 0
+    total, rows = left, {}
+    futures = {
+        bench.executor.submit(evaluator.evaluate, networks[row].source, seeds[seed]): (row, seed) for row, seed in order
+    }
+    for future in as_completed(futures):
+        job, verdict = futures[future], future.result()
+        rows[job] = TableTraining(
+            network=job[0],
+            seed=job[1],
+            full=None if isinstance(verdict, Rejection) else verdict,
+            rejection=verdict if isinstance(verdict, Rejection) else None,
+        )
+        view.advance("trainings", len(rows), len(order))
+        if job in recorded:
+            continue
+        left, done = left - costs[job], done + 1
+        if left and _TOLD * len(rows) // len(order) > _TOLD * (len(rows) - 1) // len(order):
+            rest = (time.monotonic() - began) * left / (total - left)
+            time_left = f"; {lasting(rest)} left" if rest >= 60 else ""
+            view.say(f"{len(rows)} of {len(order)} trainings are done{time_left}")
+    return [rows[job] for job in sorted(rows)]

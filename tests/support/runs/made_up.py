@@ -1,0 +1,81 @@
+"""Made-up tables of a space: random losses in place of trainings, to test and to measure what reads a table."""
+
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+
+from tacevo.config.compose import compose
+from tacevo.config.task_texts import facts_without_data, load_task
+from tacevo.profile import Admitted, Graph, Node, Profile
+from tacevo.randomness import stream
+from tacevo.records import Reason, Rejection, Stage, Training
+from tacevo.results.space_table import SpaceTable, TableTraining, write_table
+from tacevo.studies.tabulate import header_of, members, network_of
+from tacevo.training.full import FullTraining, Kept
+
+#: A space of eight networks, beside the baseline.
+TINY = [
+    "experiment=space",
+    "tracking=none",
+    *(
+        f"llm.space.{gene}"
+        for gene in ("depth=[2]", "width=[16]", "activation=[relu]", "norm=[none]", "down=[max]", "pooling=[average]")
+    ),
+]
+
+
+def made_up_table(path: Path, *overrides: str, failing: int | None = None) -> SpaceTable:
+    """Write the table of `experiment=space` with these overrides; the network of a row may fail with every seed."""
+    config = compose(["experiment=space", *overrides])
+    names = tuple(f"{number} mm" for number in range(config.task.outputs))
+    facts = replace(facts_without_data(config), names=names, fingerprint="f" * 64, counts=(400, 200, 1400))
+    task = load_task(config, facts)
+    header = header_of(config, task, facts, 1.94, made_up=True)
+    rows = [
+        network_of(Admitted(source=source, profile=_profile(row)), genome, source)
+        for row, (genome, source) in enumerate(members(config, task))
+    ]
+    trainings = [
+        _training(row, seed, config.training.epochs, failed=row == failing)
+        for row in range(len(rows))
+        for seed in range(len(header.seeds))
+    ]
+    return write_table(path, header, rows, trainings)
+
+
+def _profile(row: int) -> Profile:
+    ops = ("conv2d", "relu", "max_pool2d", "conv2d", "relu", "flatten", "linear", "relu", "linear")
+    nodes = tuple(Node(op=op, weighted=op in {"conv2d", "linear"}, width=16 + row % 48) for op in ops)
+    edges = tuple((index, index + 1) for index in range(len(nodes) - 1))
+    graph = Graph(nodes=nodes, edges=edges, channels=(16, 32 + row), kernels=(3, 3), hidden=(256,))
+    return Profile(parameters=10_000 + 997 * row, flops=1_000_000 + 7919 * row, modules=9, graph=graph)
+
+
+def _training(row: int, seed: int, epochs: int, *, failed: bool) -> TableTraining:
+    """Draw a curve that falls towards a level of the network's own, with noise of each epoch."""
+    if failed:
+        rejection = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="made up")
+        return TableTraining(network=row, seed=seed, rejection=rejection)
+    level = 0.3 + stream(0, "made up", row).random()
+    rng = stream(0, "made up", row, seed)
+    curve = [float(f"{level + 1.6 / (epoch + 1) + 0.1 * rng.random():.9g}") for epoch in range(epochs)]
+    digest = hashlib.sha256(f"made up {row} {seed}".encode()).hexdigest()
+    epoch = curve.index(min(curve)) + 1
+    training = Training(
+        train_losses=tuple(loss * 0.9123456789 for loss in curve),
+        validation_losses=tuple(curve),
+        predictions_sha256=digest,
+        weights_sha256=hashlib.sha256(digest.encode()).hexdigest(),
+    )
+    share = round(1 / (1 + min(curve)), 12)
+    return TableTraining(
+        network=row,
+        seed=seed,
+        full=FullTraining(
+            training=training,
+            epoch=epoch,
+            metrics={"accuracy": share, "cross_entropy": min(curve), "macro_f1": share},
+            confusion=tuple(tuple(int(rng.integers(200)) for _ in range(7)) for _ in range(7)),
+            kept=Kept(predictions=digest, labels=digest),
+        ),
+    )
