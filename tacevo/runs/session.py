@@ -20,7 +20,7 @@ from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
 from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
-from tacevo.evolution.search_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
+from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
