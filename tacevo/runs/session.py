@@ -36,7 +36,7 @@ from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.usable import UsableAnswers
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
-from tacevo.sandbox.client import Run, Zygote
+from tacevo.sandbox.client import RunJob, Zygote
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
@@ -96,7 +96,7 @@ def record(
     view: Progress,
     *,
     begun: Sealed[Line] | None = None,
-    run: Run | None = None,
+    run: RunJob | None = None,
     zygote: Zygote | None = None,
     llm: LLM | None = None,
 ) -> Result:
