@@ -86,7 +86,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         warnings=(
             *doubts_of(config, task, dataset, catalogue),
             *_alike_words(len(alike), config.data.source),
-            *(f"this is not the whole release: {words}" for words in differing),
+            *(["data.root is not the whole release: what differs stands above"] if differing else []),
         ),
         fingerprint=facts.fingerprint,
         cache=str(dataset.images.parent),
