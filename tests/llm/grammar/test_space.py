@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import cast
 
 import pytest
+from refusals import refused
 
 from tacevo.config.compose import compose
 from tacevo.config.folder import conf_root
@@ -20,7 +21,6 @@ from tacevo.randomness import stream
 from tacevo.records import Message, Request
 from tacevo.runs.providers import provider_settings
 from tacevo.space import Space
-from tests.support.refusals import refused
 
 CONFIG = compose(["experiment=space"])
 SPACE = cast(Space, CONFIG.llm.space)
