@@ -28,7 +28,7 @@ from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
 from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
-from tacevo.data.sources.images import decode
+from tacevo.data.sources.image_files import decode
 from tacevo.evolution.archive import Archive, Elite, Tessellation, insert
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, to_json
@@ -68,8 +68,8 @@ def archive_insertions(*, insertions: int = 5_000, rounds: int = 5) -> Figure:
         for index in range(insertions):
             archive.add_single(np.zeros(1), objectives[index], points[index])
 
-    found = medians({"tacevo": ours, "pyribs": peer}, rounds=rounds)
-    return report("archive, one insertion at a time", found, unit="insertions", count=insertions)
+    rates = medians({"tacevo": ours, "pyribs": peer}, rounds=rounds)
+    return report("archive, one insertion at a time", rates, unit="insertions", count=insertions)
 
 
 def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
@@ -91,8 +91,8 @@ def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
             for _ in range(forks):
                 subprocess.run([sys.executable, "-c", "import torch"], check=True)
 
-        found = medians({"fork and probe": ours, "bare `python -c 'import torch'`": peer}, rounds=rounds)
-    return report("a candidate's process", found, unit="candidates", count=forks)
+        rates = medians({"fork and probe": ours, "bare `python -c 'import torch'`": peer}, rounds=rounds)
+    return report("a candidate's process", rates, unit="candidates", count=forks)
 
 
 def pictures(*, images: int = 30, rounds: int = 5) -> Iterator[Figure]:
@@ -130,8 +130,8 @@ def workers(*, settings: Sequence[str] = SMALL, rounds: int = 3) -> Figure:
         with tempfile.TemporaryDirectory() as folder:
             _search(Path(folder), *settings, f"executor.workers={count}")
 
-    found = medians({"two workers": lambda: with_workers(2), "one worker": lambda: with_workers(1)}, rounds=rounds)
-    return report("a small search", found, unit="s")
+    rates = medians({"two workers": lambda: with_workers(2), "one worker": lambda: with_workers(1)}, rounds=rounds)
+    return report("a small search", rates, unit="s")
 
 
 def tracking(*, settings: Sequence[str] = SMALL, rounds: int = 3) -> Iterator[Figure]:
@@ -208,8 +208,8 @@ def main() -> None:
     quick = parser.parse_args().quick
     figures: list[Figure] = []
     for measure, tiny in BENCHMARKS.items():
-        found = measure(**(tiny if quick else {}))
-        for figure in [found] if isinstance(found, Figure) else found:
+        measured = measure(**(tiny if quick else {}))
+        for figure in [measured] if isinstance(measured, Figure) else measured:
             print(figure, flush=True)
             figures.append(figure)
     if not quick:

@@ -17,14 +17,14 @@ from typing import Any
 from benchmarks.synthetic import made_up, profile_of_baseline, synthetic_dataset, synthetic_setting
 from tacevo.cluster.cluster import Cluster
 from tacevo.cluster.facts import Order
-from tacevo.cluster.images import Images
-from tacevo.cluster.node import Node
+from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import Images
 from tacevo.config.schema import RunConfig
 from tacevo.profile import Profile
 from tacevo.records import Json, Limits
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import record
-from tacevo.sandbox.client import Died, Finished
+from tacevo.sandbox.client import Died, Finished, Score
 
 #: Seconds of a probe, which takes tens of milliseconds in a sandbox.
 _PROBE = 0.05
@@ -41,7 +41,7 @@ class SleepingOrder(Order):
     seconds: float
 
 
-class SleepingNode(Node):
+class SleepingNode(ClusterNode):
     """The process of a node that sleeps in place of its sandbox, and says from when to when, by the machine's clock."""
 
     def __init__(self, order: SleepingOrder, images: Images | None) -> None:
@@ -101,11 +101,13 @@ class Watched:
         """Take the times of a node, in the thread that waits for its answer."""
         self._times.of_node = float(times["began"]), float(times["ended"])
 
-    def run(self, entry: str, header: Json, payload: bytes, limits: Limits) -> Finished | Died:
+    def run(
+        self, entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
+    ) -> Finished | Died:
         """Run a job, as `Cluster.run`."""
         assert self.cluster is not None
         asked = time.monotonic()
-        answer = self.cluster.run(entry, header, payload, limits)
+        answer = self.cluster.run(entry, header, payload, limits, score)
         began, ended = self._times.of_node
         self.spans.append(Span(entry, asked, began, ended, time.monotonic()))
         return answer

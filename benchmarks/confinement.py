@@ -39,8 +39,8 @@ def walls(*, rounds: int = 9) -> Figure:
             "without them": _sandbox(Path(folder), Confinement.process),
         }
         with sandboxes["behind the walls"], sandboxes["without them"]:
-            found = medians({name: partial(_starts, sandbox) for name, sandbox in sandboxes.items()}, rounds=rounds)
-    return report("starting and ending a candidate", found, unit="candidates", count=JOBS)
+            rates = medians({name: partial(_starts, sandbox) for name, sandbox in sandboxes.items()}, rounds=rounds)
+    return report("starting and ending a candidate", rates, unit="candidates", count=JOBS)
 
 
 def training(*, epochs: Mapping[int, int] = EPOCHS, rounds: int = 3) -> Iterator[Figure]:

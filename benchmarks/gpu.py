@@ -71,8 +71,8 @@ class Work:
 
 def networks(count: int = 4) -> Iterator[tuple[str, str]]:
     """Yield name and source of the baseline, and of candidates from the fewest FLOPs to the most."""
-    found = opened(PUBLISHED)
-    (path,) = found.runs
+    bundle = opened(PUBLISHED)
+    (path,) = bundle.runs
     trained = sorted(read_run(path).trained, key=lambda line: line.flops or 0)
     chosen = [trained[round(place * (len(trained) - 1) / (count - 1))] for place in range(count)]
     for name, line in [("baseline", None), *((line.id, line) for line in chosen)]:

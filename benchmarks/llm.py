@@ -21,7 +21,7 @@ from benchmarks.timing import Figure, medians, report, resident
 from tacevo.llm.anthropic import connect
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.recording import RecordingLLM
-from tacevo.records import Message, Request
+from tacevo.records import ChatMessage, Request
 from tacevo.storage.store import Store
 
 CONCURRENCY = 64
@@ -81,7 +81,7 @@ def peak_of_many(first: str, url: str, root: Path, many: int) -> tuple[float, fl
 def _request(number: int) -> Request:
     """Make a request of the length of a mutation's."""
     messages = (
-        Message(role="user", content=f"Variant {number} of\n" + "        self.conv = nn.Conv2d(32, 64, 3)\n" * 60),
+        ChatMessage(role="user", content=f"Variant {number} of\n" + "        self.conv = nn.Conv2d(32, 64, 3)\n" * 60),
     )
     return Request(
         model="model-x", system="Write a network.", messages=messages, temperature=0.5, max_tokens=4096, draw=number

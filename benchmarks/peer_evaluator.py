@@ -54,6 +54,6 @@ def train(source: str) -> float:
                 optimiser.step()
         model.eval()
         with torch.no_grad():
-            found = torch.cat([model(IMAGES[rows]) for rows in torch.split(VALIDATION, BATCH)])
-            losses.append(float(mse_loss(found, TARGETS[VALIDATION])))
+            predictions = torch.cat([model(IMAGES[rows]) for rows in torch.split(VALIDATION, BATCH)])
+            losses.append(float(mse_loss(predictions, TARGETS[VALIDATION])))
     return min(losses)

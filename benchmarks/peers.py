@@ -136,16 +136,16 @@ def peers(
                     search = contender(work)
                     costs[name].append(search_cost(search))
                 check_trained(name, search.trained(), [task.baseline, *served])
-    counted = {name: found[1:] or found for name, found in costs.items()}
+    counted = {name: seconds[1:] or seconds for name, seconds in costs.items()}
     for choice in numerics:
         yield from _figures(counted, choice, 1 + len(given[-1]))
 
 
 def published(count: int) -> list[str]:
     """Return the first distinct sources that the first published force run trained after its baseline."""
-    found = opened(FORCE_RUN)
-    names = [candidate.id for candidate in read_run(found.folder).trained[1:]]
-    texts = ((found.folder / "candidates" / f"{name}.py").read_text(encoding="utf-8") for name in names)
+    place = opened(FORCE_RUN)
+    names = [candidate.id for candidate in read_run(place.folder).trained[1:]]
+    texts = ((place.folder / "candidates" / f"{name}.py").read_text(encoding="utf-8") for name in names)
     return list(dict.fromkeys(texts))[:count]
 
 
@@ -267,9 +267,9 @@ def _memory(process: int) -> int:
     for file in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):  # it has just ended
             below.setdefault(int(file.read_text().rpartition(")")[2].split()[1]), []).append(int(file.parent.name))
-    found, total = [process], 0
-    for one in found:
-        found += below.get(one, [])
+    processes, total = [process], 0
+    for one in processes:
+        processes += below.get(one, [])
         total += _own_memory(Path(f"/proc/{one}"))
     return total
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.profile import Profile
 from tacevo.records import DataFacts, Limits, Mode, Task, to_json

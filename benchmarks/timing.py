@@ -72,16 +72,16 @@ def medians(
     return {name: statistics.median(values) for name, values in seconds.items()}
 
 
-def report(title: str, found: Mapping[str, float], *, unit: str, count: int | None = None) -> Figure:
+def report(title: str, rates: Mapping[str, float], *, unit: str, count: int | None = None) -> Figure:
     """Return the figure that two medians give.
 
     Args:
         title: what was measured.
-        found: two medians in seconds, ours first.
+        rates: two medians in seconds, ours first.
         unit: what is counted.
         count: of the units that one measurement holds; None reports seconds.
     """
-    (name, mine), (peer, theirs) = found.items()
+    (name, mine), (peer, theirs) = rates.items()
     if count is None:
         return Figure(title=title, name=name, value=mine, unit=unit, peer=peer, peer_value=theirs)
     return Figure(

@@ -27,6 +27,19 @@ class SensorTask(StrEnum):
     hardness = "hardness"
 
 
+class SimulatedSensor(StrEnum):
+    """What the camera of a simulated sensor sees: markers and the object (ViTacTip), or one of both.
+
+    The names are those of the real sensors (and of their directories in the TacVerse release).
+    """
+
+    ViTacTip = "ViTacTip"
+    #: Without markers.
+    ViTac = "ViTac"
+    #: Behind an opaque skin.
+    TacTip = "TacTip"
+
+
 class RecordedTask(StrEnum):
     """What recordings of the release's sensors are for: the tasks that come with the project."""
 

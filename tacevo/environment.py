@@ -58,13 +58,13 @@ def checked_out(root: Path = _ROOT) -> Code | None:
 
 def versions() -> dict[str, str]:
     """List the versions of Python and of the packages that matter; `absent` where one is not installed."""
-    found = {"python": platform.python_version()}
+    known = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            known[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "absent"
-    return found
+            known[package] = "absent"
+    return known
 
 
 def deviations(recorded: Mapping[str, Json], here: Mapping[str, Json]) -> tuple[str, ...]:

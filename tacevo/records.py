@@ -147,7 +147,7 @@ class Rejection(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Message(Record):
+class ChatMessage(Record):
     """One turn of a conversation; `role` is `user` or `assistant`."""
 
     role: str
@@ -160,7 +160,7 @@ class Request(Record):
 
     model: str
     system: str
-    messages: tuple[Message, ...]
+    messages: tuple[ChatMessage, ...]
     #: Sampling temperature in [0, 1].
     temperature: float
     max_tokens: int

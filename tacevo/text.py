@@ -48,9 +48,9 @@ def drawn(seeds: int, *, or_more: bool = False) -> str:
 
 def listed(words: Iterable[str], nothing: str = "none", *, most: int | None = None) -> str:
     """Write words one after the other, at most so many: `probe, train, ...`; without words, write `nothing`."""
-    found = list(words)
-    more = ["..."] if most is not None and len(found) > most else []
-    return ", ".join([*found[:most], *more]) or nothing
+    items = list(words)
+    more = ["..."] if most is not None and len(items) > most else []
+    return ", ".join([*items[:most], *more]) or nothing
 
 
 def printable(text: str) -> str:
@@ -69,7 +69,7 @@ def as_override(key: str, value: str) -> str:
     if re.fullmatch(r"[A-Za-z_/][\w/.-]*", value, re.ASCII) and value.lower() not in _NOT_TEXTS:
         return f"{key}={value}"
     plain = re.sub(r"(\\*)(\$\{)", r"\1\1\\\2", value)
-    escaped = re.sub(r"(\\*)('|$)", lambda found: found[1] * 2 + found[2].replace("'", "\\'"), plain)
+    escaped = re.sub(r"(\\*)('|$)", lambda match: match[1] * 2 + match[2].replace("'", "\\'"), plain)
     return f"{key}='{escaped}'"
 
 

@@ -24,7 +24,7 @@ from analysis.figures.style import (
     new_figure,
 )
 from analysis.sweeps.ablation import CURVES, QUARTILES, Ablation, by_generation
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.arm_metrics import Metric
 
 #: A name of Matplotlib's, or an offset with the lengths of dashes and gaps.
 _Dash = str | tuple[int, tuple[int, ...]]
@@ -64,13 +64,13 @@ class _Look(NamedTuple):
 
 
 @house_style()
-def curves(found: Ablation, frame: pd.DataFrame) -> Figure:
+def curves(ablation: Ablation, frame: pd.DataFrame) -> Figure:
     """Draw best fitness, QD-score and coverage by generation: the median of each arm's seeds over its quartiles."""
-    columns = max(1, min(4, _LEGEND // max(len(name) + _HANDLE for name in found.names)))
-    rows = -(-len(found.names) // columns)
+    columns = max(1, min(4, _LEGEND // max(len(name) + _HANDLE for name in ablation.names)))
+    rows = -(-len(ablation.names) // columns)
     figure, panels = new_figure("double", _PANEL + 0.16 * rows, columns=3)
     for axes, metric in zip(panels, CURVES, strict=True):
-        for name, look in _looks(found).items():
+        for name, look in _looks(ablation).items():
             values = by_generation(frame, name, metric)
             if len(values):  # some job of it was finished
                 _band(axes, values * (100 if metric is Metric.coverage else 1), look, name)
@@ -87,20 +87,20 @@ def curves(found: Ablation, frame: pd.DataFrame) -> Figure:
 
 
 @house_style()
-def final_values(found: Ablation) -> Figure:
+def final_values(ablation: Ablation) -> Figure:
     """Draw where every run ended, arm by arm, over quartiles (`boxes`); the dotted line is the reference's median."""
-    names = [fill(name, _NAME) for name in found.names]
+    names = [fill(name, _NAME) for name in ablation.names]
     lines = max(name.count("\n") for name in names)
-    shown = [metric for metric in _ENDS if metric in found.arms]
+    shown = [metric for metric in _ENDS if metric in ablation.arms]
     figure, panels = new_figure("double", 0.6 + (_ROW + _LINE * lines) * len(names), columns=len(shown))
     for axes, metric in zip(panels, shown, strict=True):
         label, factor = _ENDS[metric]
-        samples = [factor * np.array(list(found.values(name, metric).values())) for name in found.names]
+        samples = [factor * np.array(list(ablation.values(name, metric).values())) for name in ablation.names]
         boxes(axes, samples, range(len(samples)), orientation="horizontal", widths=0.66, whis=(0, 100))
-        for place, (values, look) in enumerate(zip(samples, _looks(found).values(), strict=True)):
+        for place, (values, look) in enumerate(zip(samples, _looks(ablation).values(), strict=True)):
             points = spread(place, len(values))
             axes.plot(values, points, look.marker, color=look.colour, mec="white", mew=0.3, markersize=3.6, zorder=3)
-        if found.reference is not None and len(samples[0]):
+        if ablation.reference is not None and len(samples[0]):
             axes.axvline(float(np.median(samples[0])), color=GREY, linestyle=":", linewidth=0.8, zorder=0)
         axes.set_xlabel(label)
         axes.set_yticks(range(len(names)), names, parse_math=False)
@@ -110,11 +110,11 @@ def final_values(found: Ablation) -> Figure:
     return figure
 
 
-def _looks(found: Ablation) -> dict[str, _Look]:
+def _looks(ablation: Ablation) -> dict[str, _Look]:
     """Return every arm a colour, a dash and a marker of its own; the reference is black and solid."""
     looks = map(_Look, cycle(_COLOURS), cycle(_DASHES), cycle(_MARKERS))
     black = _Look(BLACK, "-", "o")
-    return {name: black if name == found.reference else next(looks) for name in found.names}
+    return {name: black if name == ablation.reference else next(looks) for name in ablation.names}
 
 
 def _band(axes: Axes, values: _Values, look: _Look, name: str) -> None:

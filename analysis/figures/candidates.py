@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from analysis.figures.axes import count_along, name_coinciding, on_loss_axis
 from analysis.figures.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
 from analysis.rounding import shown
-from tacevo.data.figures import WIDTHS
+from tacevo.data.pictures import WIDTHS
 from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Operator
 

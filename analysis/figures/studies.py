@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from analysis.figures.axes import boxes, spread
 from analysis.figures.style import BLACK, BLUE, ORANGE, VERMILLION, house_style, new_figure
-from analysis.studies.metrics import SHARES, metric_name
+from analysis.studies.metric_names import SHARES, metric_name
 from tacevo.results.study import RecordedStudy
 
 #: From this many networks on, `variant 1` has two lines, since one would run into the next.

@@ -13,7 +13,7 @@ from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tacevo.data.figures import WIDTHS, encoded
+from tacevo.data.pictures import WIDTHS, encoded
 
 #: Okabe and Ito's palette, which people with any colour vision can distinguish (jfly.uni-koeln.de/color).
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

@@ -16,7 +16,7 @@ _PRODUCTS = {"matmul", "einsum"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gate:
+class AttentionGate:
     """One place where a network weights its features."""
 
     #: Index of the step that applies the weights.
@@ -27,13 +27,13 @@ class Gate:
     is_spatial: bool
 
 
-def find_gates(flow: Flow) -> tuple[Gate, ...]:
+def find_gates(flow: Flow) -> tuple[AttentionGate, ...]:
     """Find every gate whose result reaches the output; one that is computed and dropped attends to nothing."""
-    found = (_gate(flow, index) for index in sorted(flow.live))
-    return tuple(gate for gate in found if gate is not None)
+    gates = (_gate(flow, index) for index in sorted(flow.live))
+    return tuple(gate for gate in gates if gate is not None)
 
 
-def _gate(flow: Flow, index: int) -> Gate | None:
+def _gate(flow: Flow, index: int) -> AttentionGate | None:
     step = flow.steps[index]
     if len(step.operands) != 2 or step.op not in {"mul", *_PRODUCTS}:
         return None
@@ -43,7 +43,7 @@ def _gate(flow: Flow, index: int) -> Gate | None:
             is_weighting = step.op == "mul" or _spreads(step, operand)
             spatial = _weights_positions(flow, index, operand, squash) if is_weighting else _mixes(flow, squash)
             if spatial is not None:
-                return Gate(step=index, operand=operand, is_spatial=spatial)
+                return AttentionGate(step=index, operand=operand, is_spatial=spatial)
     return None
 
 

@@ -76,13 +76,13 @@ def read_anatomies(run: RecordedRun, profiles: Mapping[str, Profile]) -> dict[st
     Raises:
         RunError: a trained candidate has no profile, or one without steps.
     """
-    found = {}
+    anatomies = {}
     for candidate in run.trained:
         profile = profiles.get(candidate.id)
         if profile is None or not profile.steps:
             raise RunError("no steps", place=f"{run.path}, {candidate.id}", expected="a recorded probe with its steps")
-        found[candidate.id] = read_anatomy(profile)
-    return found
+        anatomies[candidate.id] = read_anatomy(profile)
+    return anatomies
 
 
 def count_motifs(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int = TOP) -> pd.DataFrame:

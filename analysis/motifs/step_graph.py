@@ -36,18 +36,18 @@ class Flow:
 
     def reaching(self, ends: Iterable[int]) -> frozenset[int]:
         """Return steps and everything behind them."""
-        found: set[int] = set()
+        reached: set[int] = set()
         waiting = list(ends)
         while waiting:
             index = waiting.pop()
-            if index not in found:
-                found.add(index)
+            if index not in reached:
+                reached.add(index)
                 waiting += self.sources(index)
-        return frozenset(found)
+        return frozenset(reached)
 
     def nearest(self, index: int, wanted: Callable[[Step], bool]) -> frozenset[int]:
         """Return the first wanted step behind a step, on every path."""
-        found: set[int] = set()
+        reached: set[int] = set()
         seen: set[int] = set()
         waiting = list(self.sources(index))
         while waiting:
@@ -56,10 +56,10 @@ class Flow:
                 continue
             seen.add(other)
             if wanted(self.steps[other]):
-                found.add(other)
+                reached.add(other)
             else:
                 waiting += self.sources(other)
-        return frozenset(found)
+        return frozenset(reached)
 
     def longest(self, counted: Callable[[Step], bool]) -> int:
         """Count the steps of a sort on the path to the output that has most of them."""

@@ -89,12 +89,12 @@ def _is_head_layer(step: Step) -> bool:
 
 def _halves(trunk: Flow, steps: Sequence[tuple[int, Step]]) -> dict[int, Step]:
     """Find the 1x1 convolutions that directly follow a depthwise one, by the index of that one."""
-    found: dict[int, Step] = {}
+    depthwise: dict[int, Step] = {}
     for index, step in steps:
         if _is_pointwise(step):
             before = trunk.nearest(index, lambda other: other.weighted)
-            found |= {other: step for other in before if _is_depthwise(trunk.steps[other])}
-    return found
+            depthwise |= {other: step for other in before if _is_depthwise(trunk.steps[other])}
+    return depthwise
 
 
 def _place(step: Step) -> str:
@@ -110,8 +110,8 @@ def _find_shortcuts(flow: Flow) -> tuple[tuple[int, int], ...]:
     Returns:
         (addition, number of the operand that is the shortcut), in the order of the calls.
     """
-    found = ((index, _shortcut(flow, index)) for index in sorted(flow.live))
-    return tuple((index, number) for index, number in found if number is not None)
+    shortcuts = ((index, _shortcut(flow, index)) for index in sorted(flow.live))
+    return tuple((index, number) for index, number in shortcuts if number is not None)
 
 
 def _shortcut(flow: Flow, index: int) -> int | None:

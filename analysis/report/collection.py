@@ -9,11 +9,12 @@ import pandas as pd
 
 from analysis.motifs.motifs import read_anatomies
 from analysis.runs.niches import Niches, load_niches
+from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import compare
 from analysis.studies.corrected import correct
-from analysis.studies.images import ImageFindings, image_findings
-from analysis.studies.noise import Reestimates, load_reestimates, losses_by_source
+from analysis.studies.image_findings import ImageFindings, image_findings
 from analysis.studies.predictions import load_predictions
+from analysis.studies.reestimates import Reestimates, load_reestimates, losses_by_source
 from analysis.studies.searches import LEAST_SEEDS, StudiedSearch
 from analysis.studies.transfer import is_alone, transfers
 from analysis.table import Table
@@ -35,7 +36,7 @@ from analysis.tables.noise import corrected_table, noise_tables
 from analysis.tables.outcome import noise_outcome, study_outcome
 from analysis.tables.pareto import pareto_table
 from analysis.tables.searches import searches_table
-from analysis.tables.transfer import transfer_table
+from analysis.tables.transfer import transfer_tables
 from tacevo.errors import CacheMissError, RunError, StoreError, TacevoError
 from tacevo.profile import Profile
 from tacevo.results.run import RecordedRun, read_run
@@ -90,21 +91,21 @@ def collect(path: Path, store: Path | None = None) -> Collection:
     return collection_of(run, read_studies(run))
 
 
-def collection_of(run: RecordedRun, found: Studies) -> Collection:
+def collection_of(run: RecordedRun, studies: Studies) -> Collection:
     """Return a run with its studies, and what their test images say.
 
     Raises:
         RunError: the niches are not those of the run.
     """
-    on_images = [_on_images(run, one) for one in found.studies]
+    on_images = [_on_images(run, one) for one in studies.studies]
     return Collection(
         run=run,
         niches=load_niches(run),
-        studies=tuple(replace(one, images=images) for one, (images, _) in zip(found.studies, on_images, strict=True)),
-        reestimates=found.reestimates,
-        left_out=found.left_out,
-        remarks=(*(missed for _, reasons in on_images for missed in reasons), *found.remarks),
-        finished=found.finished,
+        studies=tuple(replace(one, images=images) for one, (images, _) in zip(studies.studies, on_images, strict=True)),
+        reestimates=studies.reestimates,
+        left_out=studies.left_out,
+        remarks=(*(missed for _, reasons in on_images for missed in reasons), *studies.remarks),
+        finished=studies.finished,
     )
 
 
@@ -120,8 +121,8 @@ def read_studies(run: RecordedRun) -> Studies:
             finished.append(_finished(directory, run))
         except RunError as error:
             left_out.append(_reason(error, run))
-    found = compared_studies(run, finished)
-    return replace(found, left_out=(*left_out, *found.left_out))
+    compared = compared_studies(run, finished)
+    return replace(compared, left_out=(*left_out, *compared.left_out))
 
 
 def _reason(error: TacevoError, run: RecordedRun) -> str:
@@ -138,6 +139,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
         if one.record.terms is not None:
             try:
                 study = as_study(one)
+                study = replace(study, ceiling=ceiling_of(study, run.config))
             except RunError as error:
                 left_out.append(_reason(error, run))
                 continue
@@ -150,7 +152,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
             (left_out if one.record.terms is None else remarks).append(f"no re-estimates: {_reason(error, run)}")
     return Studies(
         studies=tuple(studies),
-        reestimates=tuple(found for found in reestimates if found is not None),
+        reestimates=tuple(again for again in reestimates if again is not None),
         left_out=tuple(left_out),
         remarks=tuple(remarks),
         finished=known,
@@ -189,13 +191,13 @@ def _on_images(run: RecordedRun, one: Compared) -> tuple[ImageFindings | None, l
     return None if predictions is None else image_findings(one.study, predictions), []
 
 
-def with_largest_studies(found: Collection) -> Collection:
+def with_largest_studies(collection: Collection) -> Collection:
     """Keep a run's largest study on each data set: the most epochs, then seeds, then networks; never by results.
 
     That on the run's data comes first.
     """
     ordered = sorted(
-        found.studies,
+        collection.studies,
         key=lambda one: (one.study.recipe.epochs, one.study.seeds, len(one.study.networks), one.name),
     )
     largest = {one.study.fingerprint: one for one in ordered}
@@ -203,14 +205,14 @@ def with_largest_studies(found: Collection) -> Collection:
     passed_over = tuple(one for one in ordered if one is not largest[one.study.fingerprint])
     left = {one.name for one in passed_over}
     return replace(
-        found,
+        collection,
         studies=tuple(kept),
         passed_over=passed_over,
-        reestimates=tuple(one for one in found.reestimates if one.name not in left),
+        reestimates=tuple(one for one in collection.reestimates if one.name not in left),
     )
 
 
-def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
+def side_by_side(collections: Sequence[Collection]) -> tuple[list[Table], list[str]]:
     """Return tables of the runs that search one task, and which of these they lack, with the reason.
 
     Runs stand beside each other by studies that are alike, where a fitness is the same of equal numbers of epochs. The
@@ -218,7 +220,7 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
     networks must have been studied.
     """
     alike: dict[tuple[object, ...], list[StudiedSearch]] = {}
-    for one in found:
+    for one in collections:
         studies = {compared.name for compared in one.studies}  # a noise run is none
         known_of = {known.networks: known for known in one.reestimates if known.name in studies}
         for compared in one.studies:
@@ -231,12 +233,12 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
                 searches.append(StudiedSearch(name=one.run.name, study=study, reestimates=known))
     groups = [searches for searches in alike.values() if len(searches) > 1]
     shown = {search.name for searches in groups for search in searches}
-    tasks = Counter(one.run.task for one in found)
+    tasks = Counter(one.run.task for one in collections)
     alone = [
         f"{one.run.name} is not beside the other runs of {one.run.task}: expected another search of as many epochs, by "
         f"the same training.fitness; a study of each on the run's data; and of both, studies of equal epochs and "
         f"seeds, {LEAST_SEEDS} or more"
-        for one in found
+        for one in collections
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]
     tables = [searches_table(searches) for searches in groups]
@@ -246,18 +248,18 @@ def side_by_side(found: Sequence[Collection]) -> tuple[list[Table], list[str]]:
 def _numbered(tables: Iterable[Table]) -> list[Table]:
     """Number the tables that have one name, from the second."""
     known: Counter[str] = Counter()
-    found = []
+    numbered = []
     for table in tables:
         known[table.name] += 1
         number = known[table.name]
-        found.append(table if number == 1 else replace(table, name=f"{table.name}_{number}"))
-    return found
+        numbered.append(table if number == 1 else replace(table, name=f"{table.name}_{number}"))
+    return numbered
 
 
-def outcomes(run: RecordedRun, found: Studies) -> dict[str, Table]:
+def outcomes(run: RecordedRun, whole: Studies) -> dict[str, Table]:
     """Return what each study and noise run of a run found in short, by the name of its directory."""
-    again = {one.name: one for one in found.reestimates}
-    studies = [one.study for one in found.studies]
+    again = {one.name: one for one in whole.reestimates}
+    studies = [one.study for one in whole.studies]
     tables = {
         one.name: study_outcome(
             one.study,
@@ -267,43 +269,44 @@ def outcomes(run: RecordedRun, found: Studies) -> dict[str, Table]:
             trivial=run.record.trivial,
             is_alone=is_alone(one.study, studies),
         )
-        for one in found.studies
+        for one in whole.studies
     }
     return tables | {
         name: noise_outcome(one, run.task, run.record.trivial) for name, one in again.items() if name not in tables
     }
 
 
-def tables_of(found: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
+def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) -> tuple[Table, ...]:
     """Return every table of a run and its studies; the names of a study's tables begin with its own.
 
     Without the profiles of its trained candidates, by id, there is no table of motifs.
     """
-    run = found.run
+    run = collection.run
     tables = [
-        improvement_table(run, found.reestimates),
-        generations_table(run, found.niches.networks),
+        improvement_table(run, collection.reestimates),
+        generations_table(run, collection.niches.networks),
         gate_table(run),
         prompts_table(run),
         instructions_table([run], run.name),
-        pareto_table(run, losses_by_source(found.reestimates)),
+        pareto_table(run, losses_by_source(collection.reestimates)),
     ]
     tables += [temperatures_table(run), costs_table(run)]
-    tables += [health_table(run, found.niches.networks), niches_table(run, found.niches)]
+    tables += [health_table(run, collection.niches.networks), niches_table(run, collection.niches)]
     if run.elites:
         tables.append(lineage_table(run, run.ranked()[0].id))
     if profiles is not None:
         tables.append(motifs_table(run, read_anatomies(run, profiles)))
-    across = transfers((compared.study, compared.comparisons) for compared in found.studies)
-    everywhere = [compared.study for compared in (*found.studies, *found.passed_over)]
-    for compared in found.studies:
+    across = transfers((compared.study, compared.comparisons) for compared in collection.studies)
+    everywhere = [compared.study for compared in (*collection.studies, *collection.passed_over)]
+    for compared in collection.studies:
         of_study = [
             *study_tables(compared.study, compared.comparisons, is_alone=is_alone(compared.study, everywhere)),
             *image_tables(compared.study, compared.images),
         ]
-        of_study += [transfer_table(one) for one in across if one[0][0] is compared.study]
+        own = [one for one in across if one[0][0] is compared.study]
+        of_study += [table for one in own for table in transfer_tables(one)]
         tables += [_of_study(table, compared) for table in of_study]
-    for one in found.reestimates:
+    for one in collection.reestimates:
         of_noise = [*noise_tables(one, run.task, run.record.trivial), *_corrected(run, one)]
         tables += [replace(table, name=f"{one.name}/{table.name}") for table in of_noise]
     return tuple(tables)
@@ -321,5 +324,5 @@ def _of_study(table: Table, compared: Compared) -> Table:
 
 def _corrected(run: RecordedRun, again: Reestimates) -> list[Table]:
     sources = {candidate.id: candidate.source for candidate in run.candidates}
-    found = correct(run.elites, run.places, sources, again)
-    return [] if found is None else [corrected_table(found, again, run.task)]
+    archives = correct(run.elites, run.places, sources, again)
+    return [] if archives is None else [corrected_table(archives, again, run.task)]

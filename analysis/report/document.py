@@ -47,10 +47,10 @@ def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
         RunError: LaTeX rejected the document; the message ends with its last words.
     """
     for (program, *options), times in ENGINES:
-        found = which(program)
-        if found is not None:
+        path = which(program)
+        if path is not None:
             for _ in range(times):
-                _run([found, *options, source.name], source.parent)
+                _run([path, *options, source.name], source.parent)
             return source.with_suffix(".pdf")
     return None
 

@@ -10,10 +10,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from analysis.figures.ablations import curves, final_values
+from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
 from analysis.figures.pareto import pareto
-from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.report.collection import Collection
@@ -26,8 +26,8 @@ from analysis.runs.niches import Niches
 from analysis.runs.pareto import beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
-from analysis.studies.noise import losses_by_source
-from analysis.tables.ablation import common_note
+from analysis.studies.reestimates import losses_by_source
+from analysis.tables.ablation import common_note, temperature_notes
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.lines import TEMPERATURE
 from tacevo.records import Kind
@@ -65,10 +65,10 @@ def write_pictures(pictures: Iterable[Picture], directory: Path, endings: Sequen
         on_drawn(picture.name)
 
 
-def pictures_of(found: Collection) -> tuple[Picture, ...]:
+def pictures_of(collection: Collection) -> tuple[Picture, ...]:
     """List every figure of a run and its studies; the names of a study's figures begin with its own."""
-    pictures = list(run_pictures(found.run, found.niches, losses_by_source(found.reestimates)))
-    for compared in found.studies:
+    pictures = list(run_pictures(collection.run, collection.niches, losses_by_source(collection.reestimates)))
+    for compared in collection.studies:
         of_study = study_pictures(compared.study, compared.comparisons)
         pictures += [replace(picture, name=f"{compared.name}/{picture.name}") for picture in of_study]
     return tuple(pictures)
@@ -77,18 +77,19 @@ def pictures_of(found: Collection) -> tuple[Picture, ...]:
 def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     """List the figures of a sweep."""
     note = common_note(collected.niches_of)
-    reference = collected.found.reference
+    reference = collected.ablation.reference
+    note = " ".join([note, *temperature_notes(collected.sweep)])
     dotted = "" if reference is None else f", the dotted line is the median of {reference}"
     return (
         Picture(
             name="ablation_curves",
             caption=f"The arms by generation: median over seeds, band between the quartiles. {note}",
-            draw=partial(curves, collected.found, collected.curves),
+            draw=partial(curves, collected.ablation, collected.curves),
         ),
         Picture(
             name="ablation_finals",
             caption=f"The arms at the end: points are seeds, boxes quartiles, whiskers all seeds{dotted}. {note}",
-            draw=partial(final_values, collected.found),
+            draw=partial(final_values, collected.ablation),
         ),
     )
 

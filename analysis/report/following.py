@@ -19,7 +19,7 @@ from analysis.report.page.whole import PageContents, page_contents
 from analysis.report.sweep_collection import collect_sweep
 from analysis.runs.begun import load_begun
 from tacevo.errors import RunError, TacevoError
-from tacevo.evolution.files import finished_digest
+from tacevo.evolution.search_files import finished_digest
 from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory
@@ -150,12 +150,12 @@ class Followed:
         known = self._readings.get(run.path)
         if known is None or known.seen != seen:
             is_finished = (run.path / "run.json").exists() and finished_digest(run) is not None
-            found, material = self._collected(run, is_finished=is_finished), None
-            if found is not None:
-                remarks = [*read_note(run.path), *found.run.not_sent.values(), *found.left_out, *found.remarks]
-                texts, edited = read_texts(found.run)
-                tables = tables_of(found, None)
-                material = RunMaterial(found=found, texts=texts, edited=edited, tables=tables, remarks=remarks)
+            shown, material = self._collected(run, is_finished=is_finished), None
+            if shown is not None:
+                remarks = [*read_note(run.path), *shown.run.not_sent.values(), *shown.left_out, *shown.remarks]
+                texts, edited = read_texts(shown.run)
+                tables = tables_of(shown, None)
+                material = RunMaterial(collection=shown, texts=texts, edited=edited, tables=tables, remarks=remarks)
             known = _Reading(seen=seen, is_finished=is_finished, is_busy=is_busy, material=material)
             self._readings[run.path] = known
         return known

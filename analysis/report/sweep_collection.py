@@ -8,8 +8,8 @@ import pandas as pd
 
 from analysis.runs.niches import load_niches
 from analysis.sweeps.ablation import Ablation, compare_arms, curves_frame, jobs_frame
+from analysis.sweeps.arm_metrics import TESTS, Metric
 from analysis.sweeps.common_archive import common_archive, extents
-from analysis.sweeps.metrics import TESTS, Metric
 from analysis.table import Table
 from analysis.tables.ablation import ablation_tables, common_note, extents_note
 from analysis.tables.instruction_tables import instructions_table, mix_table
@@ -17,7 +17,7 @@ from tacevo.choices import PAPER_AXES, Primary
 from tacevo.errors import ConfigError, IncomparableError
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import PRIMARY
-from tacevo.results.sweep import REFERENCE, Finished, RecordedSweep, load_sweep
+from tacevo.results.sweep import REFERENCE, FinishedJob, RecordedSweep, load_sweep
 from tacevo.results.sweep_checks import check_sweep
 from tacevo.text import counted
 
@@ -27,7 +27,7 @@ class SweepCollection:
     """A sweep with its comparison."""
 
     sweep: RecordedSweep
-    found: Ablation
+    ablation: Ablation
     #: Of its runs, by generation (`curves_frame`).
     curves: pd.DataFrame
     #: Name of the job whose niches the common archive has.
@@ -61,10 +61,11 @@ def collect_sweep(
     common = common_archive(runs, measure.run, niches.networks)
     curves = curves_frame(sweep.finished, common)
     jobs = jobs_frame(sweep.finished, curves)
-    found = compare_arms(jobs, wanted=wanted, primary=primary_metric(sweep), failed=sweep.failed)
+    primary, twins = primary_metric(sweep), sweep.twins_of(wanted)
+    ablation = compare_arms(jobs, wanted=wanted, primary=primary, failed=sweep.failed, twins=twins)
     return SweepCollection(
         sweep=sweep,
-        found=found,
+        ablation=ablation,
         curves=curves,
         niches_of=measure.job.name,
         extents=extents(runs, common),
@@ -91,7 +92,7 @@ def _check_arm(sweep: RecordedSweep, reference: str | None) -> None:
         raise ConfigError(repr(reference), place="--reference", expected=expected)
 
 
-def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> Finished:
+def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> FinishedJob:
     """Choose the job in whose niches all are measured: the first with some over both descriptors, the reference first.
 
     Raises:
@@ -111,11 +112,11 @@ def measuring(sweep: RecordedSweep, wanted: str = REFERENCE) -> Finished:
 def sweep_tables(collected: SweepCollection) -> tuple[Table, ...]:
     """Return every table of a sweep."""
     archive = f"{common_note(collected.niches_of)} {extents_note(collected.extents)}"
-    tables = ablation_tables(collected.sweep, collected.found, archive)
+    tables = ablation_tables(collected.sweep, collected.ablation, archive)
     arms: dict[str, list[RecordedRun]] = {}
     for one in collected.sweep.finished:
         arms.setdefault(one.job.arm, []).append(one.run)
-    jobs, task = collected.found.jobs, collected.sweep.task
+    jobs, task = collected.ablation.jobs, collected.sweep.task
     distinct = set(jobs.index[~jobs.search.duplicated()])
     runs = [one.run for one in collected.sweep.finished if one.job.name in distinct]
     if len({run.instructions for run in runs}) > 1:  # of other libraries, which have nothing in common

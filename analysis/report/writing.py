@@ -51,6 +51,7 @@ FURTHER = {
     "scores": "What did every network score with every seed?",
     "temperatures": "Which temperatures were productive?",
     "transfer": "Do the networks keep their advantage on other data?",
+    "transfer_joint": "What do all data sets together say of it?",
 }
 
 #: The file that lists them.

@@ -23,7 +23,7 @@ def archive_history(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[A
     """
     niches = Tessellation(centroids) if run.has_niches else TopK(niches=run.places)
     arrivals = iter(descriptors(run).tolist())
-    archive, estimates, found = _empty(run), Estimates(rule=run.config.training.fitness), []
+    archive, estimates, archives = _empty(run), Estimates(rule=run.config.training.fitness), []
     for line in run.generations:
         for candidate in run.candidates:
             if candidate.generation == line.generation and candidate.fitness is not None:
@@ -38,8 +38,8 @@ def archive_history(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[A
                 estimates = estimates.after(again)
                 names = [one.id for one in run.trained if one.source == again.source and one.id in archive.history]
                 archive = archive.reestimated(niches, names, -estimates.fitness(str(again.source)))
-        found.append(archive.archive)
-    return tuple(found)
+        archives.append(archive.archive)
+    return tuple(archives)
 
 
 def archive_medians(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[float | None, ...]:

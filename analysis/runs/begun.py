@@ -7,8 +7,8 @@ from analysis.runs.archive_history import archive_history
 from analysis.runs.coverage_map import descriptors
 from analysis.runs.niches import Niches, load_niches
 from tacevo.evolution.archive import AddStatus
-from tacevo.evolution.files import EliteEntry, TrialEntry, read_ledger
 from tacevo.evolution.lines import GenerationLine
+from tacevo.evolution.search_files import EliteEntry, TrialEntry, read_ledger
 from tacevo.results.run import RecordedRun, without_archives
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory
@@ -58,11 +58,11 @@ def _elites(run: RecordedRun, niches: Niches) -> tuple[EliteEntry, ...]:
 def _trials(run: RecordedRun, niches: Niches) -> tuple[TrialEntry, ...]:
     """Return the occupants of the prompt archive: in each niche the last one that was let in."""
     temperatures = {line.generation: line.temperature for line in run.generations}
-    found = {}
+    trials = {}
     for line in run.candidates:
         let_in = line.prompt_status in {AddStatus.new, AddStatus.improved}
         if let_in and line.prompt is not None and line.prompt_niche is not None and line.curiosity is not None:
-            found[line.prompt_niche] = TrialEntry(
+            trials[line.prompt_niche] = TrialEntry(
                 niche=line.prompt_niche,
                 centroid=tuple(niches.prompts[line.prompt_niche].tolist()),
                 id=line.id,
@@ -72,4 +72,4 @@ def _trials(run: RecordedRun, niches: Niches) -> tuple[TrialEntry, ...]:
                 inserted=line.inserted,
                 curiosity=line.curiosity,
             )
-    return tuple(found[niche] for niche in sorted(found))
+    return tuple(trials[niche] for niche in sorted(trials))

@@ -66,7 +66,7 @@ def axis_label(axis: Axis, scale: Scale, logarithm: str = "log10") -> str:
     return f"{logarithm} {name}" if axis is Axis.eff_ratio and scale is Scale.log else name
 
 
-def reachable(found: CoverageMap, centroids: NDArray[np.float64]) -> frozenset[int]:
+def reachable(known: CoverageMap, centroids: NDArray[np.float64]) -> frozenset[int]:
     """Find the niches that networks between those of the run would fall into.
 
     A niche counts as reachable if a candidate fell into it, or if a point of a fine lattice does that lies in the
@@ -75,7 +75,7 @@ def reachable(found: CoverageMap, centroids: NDArray[np.float64]) -> frozenset[i
 
     The centroids have the shape (niches, axes), in [0, 1].
     """
-    return frozenset(found.niches.tolist()).union(Tessellation(centroids).niches_of(_between(found.points).tolist()))
+    return frozenset(known.niches.tolist()).union(Tessellation(centroids).niches_of(_between(known.points).tolist()))
 
 
 def _between(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -97,9 +97,9 @@ def fullest_tenth(values: NDArray[np.float64], span: tuple[float, float]) -> flo
     return rounded(np.histogram(values, bins=10, range=span)[0].max() / len(values))
 
 
-def effective_niches(found: CoverageMap) -> float:
+def effective_niches(known: CoverageMap) -> float:
     """Return the number of equally full niches that would be as uneven: 2 to the entropy of the candidates' niches."""
-    counts = np.unique(found.niches, return_counts=True)[1]
+    counts = np.unique(known.niches, return_counts=True)[1]
     shares = counts / counts.sum()
     return rounded(2.0 ** -(shares * np.log2(shares)).sum())
 

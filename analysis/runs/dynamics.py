@@ -96,13 +96,13 @@ def _costs(spent: Spending | None) -> dict[str, int | float | None]:
 def repeats(run: RecordedRun) -> frozenset[str]:
     """Find the candidates whose evaluation an earlier slot had asked for, by id."""
     seen: set[str] = set()
-    found: set[str] = set()
+    repeated: set[str] = set()
     for candidate in run.candidates:
         if candidate.evaluation in seen:
-            found.add(candidate.id)
+            repeated.add(candidate.id)
         if candidate.evaluation is not None:
             seen.add(candidate.evaluation)
-    return frozenset(found)
+    return frozenset(repeated)
 
 
 def copies(run: RecordedRun) -> frozenset[str]:
@@ -169,7 +169,7 @@ def improvement(run: RecordedRun) -> "pd.Series[Any]":
     # Where elites are trained again, the best may rise: what counts is from when on it stayed.
     before = max((generation for generation, share in gained.items() if share < MOST), default=-1)
     later = [line for line in run.generations if line.generation > 0]
-    found = {
+    facts = {
         **{"baseline": baseline, "first": first, "last": last},
         "over_first": (first - last) / first if first else 0.0,
         "over_baseline": (baseline - last) / baseline if baseline else 0.0,
@@ -179,7 +179,7 @@ def improvement(run: RecordedRun) -> "pd.Series[Any]":
         "coverage": run.generations[-1].coverage,
         **_new_candidates(run),
     }
-    return pd.Series(found, dtype="object")
+    return pd.Series(facts, dtype="object")
 
 
 def _new_candidates(run: RecordedRun) -> dict[str, float | None]:
@@ -220,9 +220,9 @@ def _productivity(asked: Iterable[tuple[str, Sequence[CandidateLine]]]) -> pd.Da
     return pd.DataFrame(rows, columns=list(PRODUCTIVITY)).astype(PRODUCTIVITY)
 
 
-def _wilson(found: int, tried: int) -> tuple[float, float]:
+def _wilson(successes: int, tried: int) -> tuple[float, float]:
     """Return the ends of Wilson's (1927) score interval of found / tried."""
-    ends = binomtest(found, tried).proportion_ci(LEVEL, method="wilson")
+    ends = binomtest(successes, tried).proportion_ci(LEVEL, method="wilson")
     return round(float(ends.low), DIGITS), round(float(ends.high), DIGITS)
 
 

@@ -77,12 +77,12 @@ def alarms(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Alarm, ...
     Returns:
         What was found; niches and descriptors first, then candidates, prompts and temperature.
     """
-    found: list[Alarm] = []
+    raised: list[Alarm] = []
     if run.bounds is not None:
         placed = coverage_map(run, centroids)
-        found += _of_niches(placed, centroids)
-        found += _of_descriptors(run, placed)
-    return (*found, *_of_candidates(run), *_of_prompts(run), *_of_temperature(run))
+        raised += _of_niches(placed, centroids)
+        raised += _of_descriptors(run, placed)
+    return (*raised, *_of_candidates(run), *_of_prompts(run), *_of_temperature(run))
 
 
 def _of_niches(placed: CoverageMap, centroids: NDArray[np.float64]) -> Iterator[Alarm]:
@@ -208,18 +208,18 @@ def _of_time(run: RecordedRun) -> Iterator[Alarm]:
 
 def _of_prompts(run: RecordedRun) -> Iterator[Alarm]:
     """Look at instructions, unless the run ended before any mutation of generation 1."""
-    found = by_prompt(run)
-    if not found.tried.any():
+    prompts = by_prompt(run)
+    if not prompts.tried.any():
         return
-    untried = found.name[found.tried == 0].tolist()
+    untried = prompts.name[prompts.tried == 0].tolist()
     if untried:
         yield Alarm(
             name="untried prompts",
             sentence=f"Never drawn (prompts={run.config.prompts.policy}): {', '.join(untried)}.",
-            figures={"untried": len(untried), "prompts": len(found)},
+            figures={"untried": len(untried), "prompts": len(prompts)},
         )
-    inserted, tried = int(found.inserted.sum()), int(found.tried.sum())
-    for prompt in found.itertuples():
+    inserted, tried = int(prompts.inserted.sum()), int(prompts.tried.sum())
+    for prompt in prompts.itertuples():
         others = inserted / (tried - prompt.tried) if tried > prompt.tried else 0.0
         # Without the interval, an instruction that was drawn twice would be blamed for bad luck.
         if not prompt.inserted and prompt.rate_high < others:

@@ -56,13 +56,13 @@ def instruction_effects(runs: Sequence[RecordedRun]) -> pd.DataFrame:
         shares = {part: _share(asked, index, late) for part, late in (("early", False), ("late", True))}
         rows.append({"name": name, "requests": len(own), **shares, "children": int(own.child.count())})
     rows.append({"name": TEMPERATURE, "requests": len(asked), "children": int(asked.child.count())})
-    found = pd.DataFrame(rows, columns=list(INSTRUCTIONS)).astype(INSTRUCTIONS)
+    effects = pd.DataFrame(rows, columns=list(INSTRUCTIONS)).astype(INSTRUCTIONS)
     for place, effect in _effects(asked.dropna(subset=["child", "parent"]), len(names)).items():
-        found.loc[place, list(effect)] = list(effect.values())
-    tested = found.index[:-1][found.p.iloc[:-1].notna()]
+        effects.loc[place, list(effect)] = list(effect.values())
+    tested = effects.index[:-1][effects.p.iloc[:-1].notna()]
     if len(tested):
-        found.loc[tested, "p_holm"] = holm(found.p[tested].tolist())
-    return found
+        effects.loc[tested, "p_holm"] = holm(effects.p[tested].tolist())
+    return effects
 
 
 def late_shares(runs: Sequence[RecordedRun]) -> "pd.Series[float]":

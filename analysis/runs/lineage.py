@@ -24,14 +24,14 @@ def ancestors(run: RecordedRun, name: str) -> tuple[CandidateLine, ...]:
     known = {candidate.id: candidate for candidate in run.candidates}
     if name not in known:
         raise RunError(repr(name), place=str(run.path), expected="the id of a candidate, e.g. g02s03")
-    found: dict[str, CandidateLine] = {}
+    lines: dict[str, CandidateLine] = {}
     waiting = [name]
     while waiting:
         candidate = known[waiting.pop()]
-        if candidate.id not in found:
-            found[candidate.id] = candidate
+        if candidate.id not in lines:
+            lines[candidate.id] = candidate
             waiting += candidate.parents
-    return tuple(sorted(found.values(), key=lambda candidate: (candidate.generation, candidate.slot)))
+    return tuple(sorted(lines.values(), key=lambda candidate: (candidate.generation, candidate.slot)))
 
 
 def lineage(run: RecordedRun, name: str) -> pd.DataFrame:
@@ -39,7 +39,7 @@ def lineage(run: RecordedRun, name: str) -> pd.DataFrame:
 
     A row each, in the order of the search, and the candidate itself last (`LINEAGE`).
     """
-    found, fitness = ancestors(run, name), run.fitness
+    ancestry, fitness = ancestors(run, name), run.fitness
     rows = [
         {
             "generation": candidate.generation,
@@ -49,9 +49,9 @@ def lineage(run: RecordedRun, name: str) -> pd.DataFrame:
             "fitness": fitness.get(candidate.id),
             "gain": _gain(candidate, fitness),
         }
-        for candidate in found
+        for candidate in ancestry
     ]
-    return pd.DataFrame(rows, index=pd.Index([one.id for one in found], name="id")).astype(LINEAGE)
+    return pd.DataFrame(rows, index=pd.Index([one.id for one in ancestry], name="id")).astype(LINEAGE)
 
 
 def _gain(candidate: CandidateLine, fitness: Mapping[str, float]) -> float | None:

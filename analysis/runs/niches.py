@@ -82,13 +82,13 @@ _MIRRORS = [
 
 def _centroids(root: Path, archive: ArchiveConfig, niches: int, dimensions: int) -> list[list[float]]:
     shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
-    found = Store(root, "centroids").read(shape)
-    if found is None and niches * archive.samples > _MOST_DISTANCES:
+    stored = Store(root, "centroids").read(shape)
+    if stored is None and niches * archive.samples > _MOST_DISTANCES:
         expected = f"the centroids of {niches} niches, which take too long to compute again"
         raise RunError("none", place=str(root), expected=expected, remedy="name the run's own stores with --store")
-    if found is None:
+    if stored is None:
         return find_centroids(**shape)
-    return convert(list[list[float]], found, place="centroids", error=StoreError)
+    return convert(list[list[float]], stored, place="centroids", error=StoreError)
 
 
 def _in_order(corners: Polygon, centre: NDArray[np.float64]) -> Polygon:

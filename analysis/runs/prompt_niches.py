@@ -19,16 +19,16 @@ def reachable_temperatures(run: RecordedRun) -> frozenset[float]:
     bests = [0.5, 1.0]
     if run.config.archive.reevaluations(run.config.search.candidates):
         bests.append(1.5)
-    found: set[float] = set()
+    reached: set[float] = set()
     current = {settings.start}
     for _ in range(run.generations[-1].generation):
-        found |= current
+        reached |= current
         current = {
             next_temperature(settings.rule, before, best=best, best_before=1.0, step=settings.step)
             for before in current
             for best in bests
         }
-    return frozenset(found)
+    return frozenset(reached)
 
 
 def reachable_prompt_niches(run: RecordedRun, centroids: NDArray[np.float64]) -> frozenset[int]:

@@ -91,8 +91,8 @@ def chance(seeds: int, *, shift: float, comparisons: int, alpha: float) -> float
     p = np.stack([of_u[_u(arm, values[0])] for arm in values[1:]], axis=1)
     order = np.argsort(p, axis=1, kind="stable")
     passed = np.take_along_axis(p, order, axis=1) <= alpha / np.arange(comparisons, 0, -1)
-    found = np.logical_and.accumulate(passed, axis=1)
-    return float(found[order == 0].mean())
+    significant = np.logical_and.accumulate(passed, axis=1)
+    return float(significant[order == 0].mean())
 
 
 def needed(*, shift: float, comparisons: int, alpha: float, power: float) -> tuple[int | None, float]:

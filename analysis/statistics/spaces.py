@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from analysis.statistics.noise import WORTH, worth
+from analysis.statistics.seed_noise import WORTH, worth
 from tacevo.rounding import rounded
 
 #: The columns of what a fitness is worth after so many epochs, by each rule.

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
-from scipy.stats import hypergeom, mannwhitneyu
+from scipy.stats import binomtest, hypergeom, mannwhitneyu
 from statsmodels.stats.multitest import multipletests
 
 from analysis.statistics.samples import Sample, checked
@@ -61,17 +61,59 @@ def mann_whitney(x: ArrayLike, y: ArrayLike, *, alternative: Alternative = "two-
         ValueError: a sample has another shape, or values that are not finite.
     """
     first, second = checked(x, name="x"), checked(y, name="y")
-    _, places, counts = np.unique(np.concatenate([first, second]), return_inverse=True, return_counts=True)
-    doubled = (2 * np.cumsum(counts) - counts + 1)[places]  # midranks are halves
+    doubled, is_tied = _doubled_ranks(first, second)
     if math.comb(len(doubled), len(doubled) // 2) >= 2**63:  # the counts are 64-bit integers
         method, p = Method.normal, _normal_p(first, second, alternative)
     else:
         method, p = (
-            Method.exact_ties if counts.max() > 1 else Method.exact,
+            Method.exact_ties if is_tied else Method.exact,
             _counted_p(doubled, len(first), alternative),
         )
-    u = int(doubled[: len(first)].sum()) / 2 - len(first) * (len(first) + 1) / 2
-    return MannWhitney(u=u, p=rounded(p), method=method)
+    return MannWhitney(u=_u(doubled, len(first)), p=rounded(p), method=method)
+
+
+def blocked_mann_whitney(blocks: Sequence[tuple[ArrayLike, ArrayLike]]) -> MannWhitney:
+    """Test whether values of two samples tend to differ within blocks, two-sided: by the sum of U over the blocks.
+
+    This is van Elteren's test (1960) with equal weights, which are his where blocks are of one size. Values are ranked
+    within their block, so blocks may differ in level and spread. It is exact where `mann_whitney` is.
+
+    Args:
+        blocks: at least one, each of two samples as of `mann_whitney`.
+
+    Raises:
+        ValueError: a sample has another shape, or values that are not finite.
+    """
+    pairs = [(checked(x, name="x"), checked(y, name="y")) for x, y in blocks]
+    ranked = [_doubled_ranks(x, y) for x, y in pairs]
+    u = sum(_u(doubled, len(x)) for (doubled, _), (x, _) in zip(ranked, pairs, strict=True))
+    if max(math.comb(len(doubled), len(doubled) // 2) for doubled, _ in ranked) >= 2**63:
+        middle = sum(len(x) * len(y) / 2 for x, y in pairs)
+        # Of a choice of n from N ranks without replacement; ranks are halves of these.
+        variance = sum(
+            len(x) * len(y) / (len(x) + len(y) - 1) * float(np.var(doubled / 2))
+            for (doubled, _), (x, y) in zip(ranked, pairs, strict=True)
+        )
+        distance = max(0.0, abs(u - middle) - 0.5)
+        p = float(2 * ndtr(-distance / math.sqrt(variance))) if variance else 1.0
+        return MannWhitney(u=u, p=rounded(min(1.0, p)), method=Method.normal)
+    chances, here = np.ones(1), 0
+    for (doubled, _), (x, _) in zip(ranked, pairs, strict=True):
+        counts = _sums_of(doubled, len(x))
+        chances = np.convolve(chances, counts / counts.sum())
+        here += int(doubled[: len(x)].sum())
+    p = min(1.0, 2 * float(min(chances[: here + 1].sum(), chances[here:].sum())))
+    is_tied = any(tied for _, tied in ranked)
+    return MannWhitney(u=u, p=rounded(p), method=Method.exact_ties if is_tied else Method.exact)
+
+
+def sign_p(better: int, worse: int) -> float:
+    """Return the two-sided p of the exact sign test: cases that go either way as often, equal ones left out.
+
+    Returns:
+        In (0, 1]; 1 without a case.
+    """
+    return rounded(float(binomtest(better, better + worse).pvalue)) if better + worse else 1.0
 
 
 def holm(p_values: Sequence[float]) -> tuple[float, ...]:
@@ -91,13 +133,13 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     return tuple(rounded(float(p)) for p in corrected)
 
 
-def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) -> float:
+def hypergeometric_p(hits: int, *, drawn: int, marked: int, population: int) -> float:
     """Return the chance that a draw without replacement holds at least as many marked ones as were found.
 
     This is Fisher's exact test, one-sided.
 
     Args:
-        found: marked ones in the draw, in [0, min(drawn, marked)].
+        hits: marked ones in the draw, in [0, min(drawn, marked)].
         drawn: size of the draw, in [0, population].
         marked: marked ones in the population, in [0, population].
         population: its size.
@@ -105,7 +147,7 @@ def hypergeometric_p(found: int, *, drawn: int, marked: int, population: int) ->
     Returns:
         In (0, 1].
     """
-    return rounded(float(hypergeom.sf(found - 1, population, marked, drawn)))
+    return rounded(float(hypergeom.sf(hits - 1, population, marked, drawn)))
 
 
 def smallest_p(n: int, m: int) -> float:
@@ -127,6 +169,16 @@ def p_values(n: int, m: int) -> NDArray[np.float64]:
         tail = np.minimum(below, below[::-1])
     p: NDArray[np.float64] = np.minimum(1.0, 2 * tail)
     return p
+
+
+def _doubled_ranks(x: Sample, y: Sample) -> tuple[NDArray[np.int64], bool]:
+    """Return twice the midranks of both samples together, which are whole, and whether values tie."""
+    _, places, counts = np.unique(np.concatenate([x, y]), return_inverse=True, return_counts=True)
+    return (2 * np.cumsum(counts) - counts + 1)[places], bool(counts.max() > 1)
+
+
+def _u(doubled: NDArray[np.int64], n: int) -> float:
+    return int(doubled[:n].sum()) / 2 - n * (n + 1) / 2
 
 
 def _normal_p(x: Sample, y: Sample, alternative: Alternative) -> float:

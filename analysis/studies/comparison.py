@@ -17,7 +17,8 @@ from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
-from analysis.studies.metrics import SHARES
+from analysis.studies.ceiling import is_at_ceiling
+from analysis.studies.metric_names import SHARES
 from analysis.studies.warnings import Caution, cautions
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
@@ -73,9 +74,9 @@ def compare(study: RecordedStudy, *, seed: int = 0) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COMPARISONS)).astype(COMPARISONS)
 
 
-def of_whole(found: pd.DataFrame | None) -> pd.DataFrame:
+def of_whole(comparisons: pd.DataFrame | None) -> pd.DataFrame:
     """Return the rows of the primary metric itself; none without comparisons."""
-    return pd.DataFrame(columns=list(COMPARISONS)) if found is None else found[found.output.isna()]
+    return pd.DataFrame(columns=list(COMPARISONS)) if comparisons is None else comparisons[comparisons.output.isna()]
 
 
 def late(study: RecordedStudy) -> dict[str, float]:
@@ -124,9 +125,12 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int
         differs, equals = row["p_holm"] <= alpha, row["p_equivalence_holm"] <= alpha
         row["verdict"] = _verdict(row, lower=LOWER_IS_BETTER[study.primary], differs=differs, equals=equals).value
         x, y = row.pop("samples")
-        is_wide = study.primary in SHARES and row["margin"] >= rounded(1 - float(np.median(y)))
-        given = cautions(x, y, least_p=least, alpha=alpha)
-        row["cautions"] = (*given, Caution.wide_margin) if is_wide else given
+        usual, margin = rounded(float(np.median(y))), row["margin"]
+        row["cautions"] = (
+            *cautions(x, y, least_p=least, alpha=alpha),
+            *([Caution.wide_margin] if study.primary in SHARES and margin >= rounded(1 - usual) else []),
+            *([Caution.ceiling] if is_at_ceiling(study, usual, margin) else []),
+        )
     return rows
 
 

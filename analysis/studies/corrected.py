@@ -10,9 +10,9 @@ from typing import Any
 
 import pandas as pd
 
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from tacevo.evolution.archive import Archive, Elite, coverage, insert, qd_score
-from tacevo.evolution.files import EliteEntry
+from tacevo.evolution.search_files import EliteEntry
 from tacevo.rounding import rounded
 
 #: The columns of an archive's figures, and the type of each, a row `recorded` (illusory) and a row `reestimated`: the

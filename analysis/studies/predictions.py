@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tacevo.errors import RunError
 from tacevo.records import Mode
 from tacevo.results.study import RecordedStudy
-from tacevo.storage.arrays import KIND, ArrayStore
+from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.store import Store
 from tacevo.text import listed
 from tacevo.training.full import read_kept, score
@@ -52,14 +52,14 @@ def load_predictions(study: RecordedStudy, store: Path) -> Predictions | None:
         expected = "the same test labels in every training"
         raise RunError(f"labels of the digests {digests}", place=f"the study of {study.task}", expected=expected)
     arrays = ArrayStore(Store(store, KIND, Mode.replay))
-    found: dict[str, list[NDArray[np.float32]]] = {network.name: [] for network in study.networks}
+    by_network: dict[str, list[NDArray[np.float32]]] = {network.name: [] for network in study.networks}
     truth: NDArray[Any] = np.empty(0)
     for row in sorted(study.scores, key=lambda row: row.seed):
         if row.kept is not None:
             predictions, truth = read_kept(arrays, row.kept, study.data)
             _check(study, row.network, row.seed, predictions, truth)
-            found[row.network].append(predictions)
-    return Predictions(of={name: np.stack(each) for name, each in found.items()}, labels=truth)
+            by_network[row.network].append(predictions)
+    return Predictions(of={name: np.stack(each) for name, each in by_network.items()}, labels=truth)
 
 
 def _check(

@@ -14,7 +14,7 @@ import pandas as pd
 
 from analysis.statistics.effects import EFFECTS, effects, median, superiority
 from analysis.statistics.tests import holm, mann_whitney
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from tacevo.randomness import stream
 from tacevo.results.study import RecordedStudy
 
@@ -67,6 +67,6 @@ def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int, seed: i
     p_values = holm([mann_whitney(own, scores[0]).p for own in scores[1:]])
     for search, row, loss, score, p in zip(searches[1:], rows[1:], losses[1:], scores[1:], p_values, strict=True):
         rng = stream(seed, "bootstrap", half, search.study.run)
-        found = superiority(loss, losses[0]).columns("lower_loss") | effects(score, scores[0], rng=rng)
-        row.update(found, p_holm=p)
+        measures = superiority(loss, losses[0]).columns("lower_loss") | effects(score, scores[0], rng=rng)
+        row.update(measures, p_holm=p)
     return pd.DataFrame(rows, columns=list(CHOSEN)).astype(CHOSEN)

@@ -1,13 +1,18 @@
 """The same networks, studied alike on several data sets: another split, sensor or light, or recordings."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
+import numpy as np
 import pandas as pd
+from scipy.stats import friedmanchisquare
 
+from analysis.statistics.tests import blocked_mann_whitney, holm, sign_p
+from analysis.studies.comparison import Verdict
 from tacevo.records import to_json
-from tacevo.results.study import RecordedStudy
+from tacevo.results.study import LOWER_IS_BETTER, RecordedStudy
 from tacevo.results.study_lines import Design
+from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
 #: A study on some data, and what it says of the variants; None where it could not be compared.
@@ -17,13 +22,75 @@ OnData = tuple[RecordedStudy, pd.DataFrame | None]
 def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
     """Find the studies of a run that differ in their data only: one of each data set, that of the run's data first."""
     groups: dict[str, dict[str, OnData]] = {}
-    for study, found in studies:
-        groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, found))
+    for study, comparisons in studies:
+        groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, comparisons))
     return tuple(
         tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), pair[0].where)))
         for group in groups.values()
         if len(group) > 1
     )
+
+
+def concordance(studies: Sequence[OnData]) -> float | None:
+    """Measure how far several data sets agree on the order of the networks, by their medians: Kendall's W.
+
+    It is Friedman's statistic divided by its largest value (Kendall and Babington Smith 1939), corrected for ties.
+
+    Returns:
+        From 0, no agreement, to 1, one order everywhere; None of fewer than three networks, or where all are equal.
+    """
+    first, _ = studies[0]
+    medians = [
+        [float(np.median(study.values(network.name, study.primary))) for study, _ in studies]
+        for network in first.networks
+    ]
+    most = len(studies) * (len(medians) - 1)
+    if len(medians) < 3 or all(len(set(column)) == 1 for column in zip(*medians, strict=True)):
+        return None
+    return float(friedmanchisquare(*medians).statistic) / most
+
+
+#: The columns of a joint answer over data sets, and the type of each, a variant a row: on how many its median is better
+#: than the baseline's, equal and worse; the part of the pairs of seeds, each of one data set, in which the variant is
+#: better, ties half; p of the blocked test of the seeds and the word for these data sets; p of the sign test of the
+#: data sets and the word for others drawn as they were. Both p are after Holm's correction over the variants.
+JOINT = {"network": "str", "better": "int64", "equal": "int64", "worse": "int64", "ahead": "float64"} | {
+    "p_here": "float64",
+    "here": "str",
+    "p_elsewhere": "float64",
+    "elsewhere": "str",
+}
+
+
+def joint(studies: Sequence[OnData]) -> pd.DataFrame:
+    """Compare every variant with the baseline over the data sets of a transfer together (`JOINT`).
+
+    Two questions differ: whether a network is better on these data sets, where seeds are the sample and data sets the
+    blocks; and whether it would be on others, where each data set counts once. From two seeds on.
+    """
+    first, _ = studies[0]
+    sign = -1 if LOWER_IS_BETTER[first.primary] else 1
+    samples = {
+        network.name: [sign * one.values(network.name, first.primary) for one, _ in studies]
+        for network in first.networks
+    }
+    baseline, *variants = samples
+    rows = []
+    for name in variants:
+        pairs = list(zip(samples[name], samples[baseline], strict=True))
+        leads = [float(np.median(x)) - float(np.median(y)) for x, y in pairs]
+        better, worse = sum(lead > 0 for lead in leads), sum(lead < 0 for lead in leads)
+        test = blocked_mann_whitney(pairs)
+        ahead = test.u / sum(len(x) * len(y) for x, y in pairs)
+        row = {"network": name, "better": better, "equal": len(leads) - better - worse, "worse": worse}
+        rows.append(row | {"ahead": rounded(ahead), "p_here": test.p, "p_elsewhere": sign_p(better, worse)})
+    frame = pd.DataFrame(rows, columns=[name for name in JOINT if name not in {"here", "elsewhere"}])
+    for where, leads in (("here", frame.ahead > 0.5), ("elsewhere", frame.better > frame.worse)):
+        corrected = holm(frame[f"p_{where}"].tolist())
+        words = leads.map({True: Verdict.better.value, False: Verdict.worse.value})
+        is_shown = np.array(corrected) <= first.terms.alpha
+        frame = frame.assign(**{f"p_{where}": corrected, where: words.where(is_shown, Verdict.undecided.value)})
+    return frame[list(JOINT)].astype(JOINT)
 
 
 def is_alone(study: RecordedStudy, others: Iterable[RecordedStudy]) -> bool:

@@ -30,6 +30,10 @@ class Caution(StrEnum):
         "the margin of equivalence is at least as wide as all errors of the baseline, so even a network without an "
         "error would lie within it (margins.classification.kind=errors states it as a part of them)"
     )
+    ceiling = (
+        "the baseline is at the ceiling: what it lacks to the most that any network can expect on these data is less "
+        "than the margin, or than chance moves on so many test images, so next to nothing is left to win"
+    )
     few_seeds = "no result of so few seeds is significant after Holm's correction"
 
 
@@ -47,21 +51,21 @@ def cautions(x: ArrayLike, y: ArrayLike, *, least_p: float, alpha: float) -> tup
     """
     first, second = checked(x, name="x"), checked(y, name="y")
     test = mann_whitney(first, second)
-    found = {
+    conditions = {
         Caution.identical: min(np.ptp(first), np.ptp(second)) == 0,
         Caution.ties: test.method is Method.exact_ties,
         Caution.approximate: test.method is Method.normal,
         Caution.spreads: _far_apart(_spread(first), _spread(second)),
         Caution.few_seeds: least_p > alpha,
     }
-    return tuple(caution for caution, holds in found.items() if holds)
+    return tuple(caution for caution, holds in conditions.items() if holds)
 
 
 def caution_notes(given: Iterable[tuple[str, Iterable[Caution]]]) -> tuple[str, ...]:
     """Write a sentence for each caution, with the names of all that it concerns."""
     concerned: dict[Caution, list[str]] = {}
-    for name, found in given:
-        for caution in found:
+    for name, own in given:
+        for caution in own:
             concerned.setdefault(caution, []).append(name)
     return tuple(f"{listed(names)}: {caution.value}." for caution, names in concerned.items())
 

@@ -7,7 +7,7 @@ docs/ablation_study.md says why these, and docs/analysis.md has the columns of t
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
@@ -20,12 +20,12 @@ from analysis.runs.dynamics import improvement, spending, spent_on_training
 from analysis.statistics.effects import EFFECTS, effects, median
 from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.warnings import cautions
+from analysis.sweeps.arm_metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from analysis.sweeps.common_archive import CommonArchive, filled
-from analysis.sweeps.metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
-from tacevo.results.sweep import ALPHA, REFERENCE, Finished
+from tacevo.results.sweep import ALPHA, REFERENCE, FinishedJob
 from tacevo.results.tested import JobScore
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
@@ -67,6 +67,8 @@ class Comparability(StrEnum):
     """Whether there is anything to test between two arms; the values are what a table says."""
 
     comparable = "comparable"
+    #: Their settings differ in nothing that a search draws by.
+    by_construction = "identical by construction"
     #: No runs differ; or those that do have one value a seed in both arms, or one value in all.
     identical = "identical"
     #: One of both arms has fewer than two runs that differ from the other's of the same seed.
@@ -100,7 +102,7 @@ class Ablation:
         return _samples(self.jobs, metric).get(arm, {})
 
 
-def jobs_frame(finished: Sequence[Finished], curves: pd.DataFrame) -> pd.DataFrame:
+def jobs_frame(finished: Sequence[FinishedJob], curves: pd.DataFrame) -> pd.DataFrame:
     """Measure finished runs, one a row (`JOBS`); `curves` as of `curves_frame`."""
     ends = curves.groupby("job").last()
     return as_jobs(
@@ -123,7 +125,7 @@ def as_jobs(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     return pd.DataFrame(numbered, columns=["job", *JOBS]).set_index("job").astype(JOBS)
 
 
-def curves_frame(finished: Sequence[Finished], common: CommonArchive) -> pd.DataFrame:
+def curves_frame(finished: Sequence[FinishedJob], common: CommonArchive) -> pd.DataFrame:
     """Return a row for each job and generation: arm, seed, and best fitness, coverage and QD-score of all until then.
 
     A run that its FLOPs ended before others stays where it ended. Best fitness is NaN before anything was trained.
@@ -151,6 +153,7 @@ def compare_arms(
     wanted: str = REFERENCE,
     primary: Metric | None = None,
     failed: Sequence[Job] = (),
+    twins: Collection[str] = (),
     seed: int = 0,
 ) -> Ablation:
     """Summarise every arm, and compare it with the reference.
@@ -162,25 +165,29 @@ def compare_arms(
         failed: jobs without a run, or without a test score, because they failed. Compared is what an arm comes to with
             them: in tests, effect sizes and differences each counts as worse than any other job. Otherwise an arm would
             be the better for every job that it loses.
+        twins: arms that are the reference by construction: nothing is tested, and they are not in Holm's family.
         seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
             whatever other arms there are.
     """
     names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
     reference = wanted if wanted in set(jobs.arm) else None
     shown = [metric for metric in Metric if metric not in TESTED or jobs[metric.name].notna().any()]
-    arms = {metric: _arms(jobs, metric, names, reference=reference, failed=failed, seed=seed) for metric in shown}
+    arms = {
+        metric: _arms(jobs, metric, names, reference=reference, failed=failed, twins=twins, seed=seed)
+        for metric in shown
+    }
     return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, arms=arms)
 
 
 def _values(run: RecordedRun) -> dict[Metric, float | None]:
-    found, spent = improvement(run), spending(run, run.candidates)
+    gains, spent = improvement(run), spending(run, run.candidates)
     return {
-        Metric.best_fitness: found.get("last"),
-        Metric.new_quartile: found.get("new_quartile"),
-        Metric.new_median: found.get("new_median"),
-        Metric.improvement: _rounded(found.get("over_first")),
-        Metric.improvement_over_baseline: _rounded(found.get("over_baseline")),
-        Metric.trainable: _rounded(found.get("trainable")),
+        Metric.best_fitness: gains.get("last"),
+        Metric.new_quartile: gains.get("new_quartile"),
+        Metric.new_median: gains.get("new_median"),
+        Metric.improvement: _rounded(gains.get("over_first")),
+        Metric.improvement_over_baseline: _rounded(gains.get("over_baseline")),
+        Metric.trainable: _rounded(gains.get("trainable")),
         Metric.candidates: len(run.candidates),
         Metric.evaluations: run.seeds * len({one.evaluation for one in (*run.candidates, *run.reevaluations)} - {None}),
         Metric.training_flops: rounded(spent_on_training(run) / 1e12),
@@ -218,7 +225,7 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
 
 def _samples(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
     known = jobs.dropna(subset=metric.name).sort_values("seed").astype({metric.name: "float64"})
-    return {arm: dict(zip(found.seed, found[metric.name], strict=True)) for arm, found in known.groupby("arm")}
+    return {arm: dict(zip(rows.seed, rows[metric.name], strict=True)) for arm, rows in known.groupby("arm")}
 
 
 def _with_failed(
@@ -242,6 +249,7 @@ def _arms(
     *,
     reference: str | None,
     failed: Sequence[Job],
+    twins: Collection[str],
     seed: int,
 ) -> pd.DataFrame:
     """Summarise all arms in one metric, and compare them with the reference (`ARMS`)."""
@@ -252,7 +260,7 @@ def _arms(
         rows[name] |= {"n": len(values), "median": rounded(float(np.median(values))) if values else None}
         rows[name] |= _ends("median", values)
     if reference is not None:
-        searches = {arm: dict(zip(found.seed, found.search, strict=True)) for arm, found in jobs.groupby("arm")}
+        searches = {arm: dict(zip(one.seed, one.search, strict=True)) for arm, one in jobs.groupby("arm")}
         # One whose search ended failed its test, and what a search used is no worse for a failure.
         lost = {(job.arm, job.seed) for job in failed} if metric not in SPENT else set()
         if metric not in TESTED:
@@ -260,7 +268,7 @@ def _arms(
         for arm, at in lost:
             searches.setdefault(arm, {}).setdefault(at, math.nan)  # equal to no other's
         whole = _with_failed(samples, metric, sorted(lost))
-        _contrast(rows, {name: whole.get(name, {}) for name in names}, searches, metric=metric, seed=seed)
+        _contrast(rows, {name: whole.get(name, {}) for name in names}, searches, metric=metric, twins=twins, seed=seed)
     frame = pd.DataFrame(list(rows.values()), index=pd.Index(names, name="arm"), columns=list(ARMS))
     return frame.astype(ARMS)
 
@@ -271,23 +279,28 @@ def _contrast(
     searches: Mapping[str, Mapping[int, float]],
     *,
     metric: Metric,
+    twins: Collection[str],
     seed: int,
 ) -> None:
     """Compare the samples of all other arms with the first's, and add what was found to their rows.
 
     An arm that has seeds enough and is not tested counts in Holm's family with p = 1, so that the family's size does
-    not depend on what the runs found.
+    not depend on what the runs found. One that is the reference by construction does not: that was known before.
     """
     reference, *others = samples
-    family = [name for name in others if min(len(samples[name]), len(samples[reference])) >= FEWEST_SEEDS]
+    family: list[str] = []
     pairs: dict[str, tuple[list[float], list[float]]] = {}
     for name in others:
         same = {at for at, search in searches.get(name, {}).items() if searches[reference].get(at) == search}
         x, y = ({at: sample[at] for at in sample if at not in same} for sample in (samples[name], samples[reference]))
-        kind = _comparability(x, y) if name in family else Comparability.too_few_seeds
+        differing = len(searches.get(name, {})) - len(same)
+        kind = Comparability.by_construction
+        if name not in twins:
+            kind = _comparability(x, y, few=min(len(samples[name]), len(samples[reference])), differing=differing)
+            family += [name] if kind is not Comparability.too_few_seeds else []
         if kind is Comparability.comparable:
             pairs[name] = list(x.values()), list(y.values())
-        rows[name] |= {"comparability": kind.value, "differing": len(searches.get(name, {})) - len(same)}
+        rows[name] |= {"comparability": kind.value, "differing": differing}
         rows[name] |= {"n_arm": len(x), "n_reference": len(y)} | _by_seed(metric, x, y)
     tests = {name: mann_whitney(*pair) for name, pair in pairs.items()}
     p_holm = _corrected(family, {name: test.p for name, test in tests.items()})
@@ -303,10 +316,15 @@ def _corrected(family: Sequence[str], p_values: Mapping[str, float]) -> dict[str
     return dict(zip(family, holm([p_values.get(name, 1.0) for name in family]), strict=True)) if family else {}
 
 
-def _comparability(x: Mapping[int, float], y: Mapping[int, float]) -> Comparability:
-    """Return whether a sample can be tested against the reference's, by seed both, of the runs that differ."""
-    if x == y or len({*x.values(), *y.values()}) == 1:
+def _comparability(x: Mapping[int, float], y: Mapping[int, float], *, few: int, differing: int) -> Comparability:
+    """Return whether a sample can be tested against the reference's, by seed both, of the runs that differ.
+
+    `few` is the smaller size of both samples with those that do not differ.
+    """
+    if not differing or (few >= FEWEST_SEEDS and (x == y or len({*x.values(), *y.values()}) == 1)):
         return Comparability.identical
+    if few < FEWEST_SEEDS:
+        return Comparability.too_few_seeds
     return Comparability.too_few_differ if min(len(x), len(y)) < FEWEST_SEEDS else Comparability.comparable
 
 

@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tacevo.choices import BoundsRule, Scale
-from tacevo.evolution.archive import Archive, Bounds, Elite, Tessellation, coverage, insert, qd_score
+from tacevo.evolution.archive import Archive, AxisBounds, Elite, Tessellation, coverage, insert, qd_score
 from tacevo.results.run import RecordedRun, descriptors_of
 from tacevo.rounding import rounded
 
@@ -25,7 +25,7 @@ class CommonArchive:
     """What all runs are measured in."""
 
     tessellation: Tessellation
-    bounds: Bounds
+    bounds: AxisBounds
     #: Of the Efficiency Ratio.
     scale: Scale
     #: Whether the bounds are a setting, and no candidate's.
@@ -55,7 +55,7 @@ def common_archive(
     given = reference.bounds if settings.bounds is BoundsRule.fixed else None
     points = [descriptors_of(candidate, scale) for run in runs for candidate in run.trained]
     low, high = (tuple(map(end, zip(*points, strict=True))) for end in (min, max))
-    bounds = given or Bounds(low=low, high=high)
+    bounds = given or AxisBounds(low=low, high=high)
     return CommonArchive(tessellation=Tessellation(centroids), bounds=bounds, scale=scale, fixed=given is not None)
 
 

@@ -17,8 +17,8 @@ from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy
-from tacevo.results.sweep import Finished, RecordedSweep
-from tacevo.storage.plan import Measure
+from tacevo.results.sweep import REFERENCE, FinishedJob, RecordedSweep
+from tacevo.storage.plan_file import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
 from tacevo.text import counted, listed
@@ -154,12 +154,19 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
         within=deviation,
         tested=_noise(metric, deviation, seeds, elites),
         elites=elites,
-        comparisons=max(1, *(len({one.job.arm for one in sweep.finished}) - 1 for sweep in pilots)),
+        comparisons=max(1, *(len(_tested_arms(sweep)) for sweep in pilots)),
         epochs=stated[0].epochs if stated[0] is not None else None,
         search_epochs=max(map(_epochs, runs)),
         seconds=_seconds(runs),
         runs=tuple(sorted({run.digest for run in runs})),
     )
+
+
+def _tested_arms(sweep: RecordedSweep) -> set[str]:
+    """Return the arms that are tested against the reference."""
+    reference = sweep.terms.reference or REFERENCE
+    arms = {one.job.arm for one in sweep.finished}
+    return arms - set(sweep.twins_of(reference)) - {reference if reference in arms else min(arms)}
 
 
 def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:
@@ -174,17 +181,17 @@ def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:
     return _pooled([_scaled(list(own.values()), metric) for own in samples.values()], "two seeds of a network")
 
 
-def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep, Finished]]:
+def _distinct_runs(pilots: Sequence[RecordedSweep]) -> list[tuple[RecordedSweep, FinishedJob]]:
     """Return the jobs, each with its sweep, whose runs no earlier job of their seed has, candidate by candidate."""
-    found: list[tuple[RecordedSweep, Finished]] = []
+    distinct: list[tuple[RecordedSweep, FinishedJob]] = []
     known: dict[int, list[tuple[CandidateLine, ...]]] = {}
     for sweep in pilots:
         for one in sweep.finished:
             slots, others = slots_of(one.run), known.setdefault(one.job.seed, [])
             if slots not in others:
                 others.append(slots)
-                found.append((sweep, one))
-    return found
+                distinct.append((sweep, one))
+    return distinct
 
 
 def _epochs(run: RecordedRun) -> int:
@@ -195,13 +202,13 @@ def _epochs(run: RecordedRun) -> int:
 
 def _scaled(values: ArrayLike, metric: Measure) -> NDArray[np.float64]:
     """Return values on the scale that they are taken to be normal on: an error's logarithm."""
-    found = np.asarray(values, dtype=np.float64)
+    scaled = np.asarray(values, dtype=np.float64)
     if not is_error(metric):
-        return found
-    if not (found > 0).all():
-        got = f"{found.min():g}"
+        return scaled
+    if not (scaled > 0).all():
+        got = f"{scaled.min():g}"
         raise RunError(got, place=f"a pilot's {metric}", expected="values above 0, which have a logarithm")
-    return np.log(found)
+    return np.log(scaled)
 
 
 def _pooled(samples: Sequence[NDArray[np.float64]], needed: str) -> Spread:
@@ -234,10 +241,10 @@ def _seconds(runs: Sequence[RecordedRun]) -> float | None:
 
     A candidate's time is that of its gate and of its trainings with all seeds.
     """
-    found = [
+    seconds = [
         timing.seconds / (run.config.training.epochs * run.seeds)
         for run in runs
         for timing in RunDirectory(run.path).read_timings()
         if timing.seconds is not None and timing.id in {one.id for one in run.trained} and timing.seconds > RECALLED
     ]
-    return median(found) if found else None
+    return median(seconds) if seconds else None

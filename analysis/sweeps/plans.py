@@ -13,7 +13,7 @@ import pandas as pd
 from analysis.statistics.planning import needed
 from analysis.sweeps.pilots import Pilot, is_error
 from tacevo.rounding import rounded
-from tacevo.storage.plan import Measure, SeedPlan
+from tacevo.storage.plan_file import Measure, SeedPlan
 
 #: Training seeds of each network of a job that are weighed.
 RETRAININGS = (1, 3, 5, 10, 20)
@@ -32,7 +32,7 @@ WAYS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
-    """What is to be found; `tacevo.storage.plan.SeedPlan` says more of each."""
+    """What is to be found; `tacevo.storage.plan_file.SeedPlan` says more of each."""
 
     effect: float
     alpha: float

@@ -10,9 +10,10 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
-from analysis.sweeps.metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, Metric
+from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, Metric
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
+from analysis.tables.instruction_tables import grammar_note
 from analysis.tables.plan import plan_notes
 from tacevo.choices import ChosenBy
 from tacevo.evolution.chance import is_at_chance
@@ -58,49 +59,53 @@ _MEANINGS = {
 }
 
 
-def ablation_tables(sweep: RecordedSweep, found: Ablation, archive: str) -> tuple[Table, ...]:
+def ablation_tables(sweep: RecordedSweep, ablation: Ablation, archive: str) -> tuple[Table, ...]:
     """Return all tables of a sweep.
 
     `archive` is what is to be said of the common archive. Where nothing cost anything, no table compares costs.
     """
-    is_free = found.jobs[Metric.cost.name].eq(0).all()
-    compared = [metric for metric in found.arms if not (is_free and metric is Metric.cost)]
-    metrics = (metric_table(sweep, found, metric, archive) for metric in compared)
+    is_free = ablation.jobs[Metric.cost.name].eq(0).all()
+    compared = [metric for metric in ablation.arms if not (is_free and metric is Metric.cost)]
+    metrics = (metric_table(sweep, ablation, metric, archive) for metric in compared)
     return (
-        arms_table(sweep, found, archive),
+        arms_table(sweep, ablation, archive),
         settings_table(sweep),
         *metrics,
-        runs_table(sweep, found, archive),
+        runs_table(sweep, ablation, archive),
     )
 
 
-def arms_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
+def arms_table(sweep: RecordedSweep, ablation: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
-    first = next(iter(found.arms))
-    trivial = [_trivial(sweep, metric) for metric in found.arms]
+    first = next(iter(ablation.arms))
+    trivial = [_trivial(sweep, metric) for metric in ablation.arms]
+    twins = _twin_notes(ablation, first)
     return Table.of(
-        pd.concat({metric.name: frame.reset_index() for metric, frame in found.arms.items()}, axis=1),
+        pd.concat({metric.name: frame.reset_index() for metric, frame in ablation.arms.items()}, axis=1),
         {
             "arm": (str, (first.name, "arm")),
             "seeds": (int, (first.name, "runs")),
-            **{metric.value: (_shape(metric), *((metric.name, end) for end in _ENDS)) for metric in found.arms},
+            **({"equal to": (lambda kind: _equal_to(ablation, kind), (first.name, "comparability"))} if twins else {}),
+            **{metric.value: (_shape(metric), *((metric.name, end) for end in _ENDS)) for metric in ablation.arms},
         },
         name="ablation",
         caption=f"The arms ({sweep.task}).",
-        last=[("trivial", None, *trivial)] if trivial[0] is not None else [],
+        last=[("trivial", None, *([None] if twins else []), *trivial)] if trivial[0] is not None else [],
         notes=(
-            *_primary_note(sweep, found),
+            *_primary_note(sweep, ablation),
+            *twins,
+            *temperature_notes(sweep),
             *_tested_notes(sweep),
             *plan_notes(sweep.terms.plan),
             *_trivial_note(sweep, first),
-            _median_note([n for frame in found.arms.values() for n in frame.n]),
+            _median_note([n for frame in ablation.arms.values() for n in frame.n]),
             archive,
             *(
                 f"{metric.value}: {words[0].lower()}{words[1:]}"
                 for metric, words in _MEANINGS.items()
-                if metric in found.arms
+                if metric in ablation.arms
             ),
-            *_reference_note(sweep, found),
+            *_reference_note(sweep, ablation),
             *_chance_note(sweep),
             *_missing_note(sweep),
             *_failed_note(sweep, first),
@@ -110,11 +115,11 @@ def arms_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
 
 def _chance_note(sweep: RecordedSweep) -> list[str]:
     """Say in which jobs nothing was learned."""
-    found = [one for one in sweep.finished if is_at_chance(one.run.generations[-1].best, one.run.record.trivial)]
-    if not found:
+    at_chance = [one for one in sweep.finished if is_at_chance(one.run.generations[-1].best, one.run.record.trivial)]
+    if not at_chance:
         return []
-    jobs, names = counted(len(sweep.finished), "finished job"), ", ".join(one.job.name for one in found)
-    return [f"At chance: {len(found)} of {jobs}; their best networks are hardly below the trivial loss: {names}."]
+    jobs, names = counted(len(sweep.finished), "finished job"), ", ".join(one.job.name for one in at_chance)
+    return [f"At chance: {len(at_chance)} of {jobs}; their best networks are hardly below the trivial loss: {names}."]
 
 
 def settings_table(sweep: RecordedSweep) -> Table:
@@ -131,42 +136,46 @@ def settings_table(sweep: RecordedSweep) -> Table:
             (key, *(value if isinstance(value := arms[name].get(key), str) else json.dumps(value) for name in names))
             for key in differing
         ),
-        notes=("As the runs recorded them; all other settings that may change a result are equal.",),
+        notes=(
+            "As the runs recorded them; all other settings that may change a result are equal.",
+            *temperature_notes(sweep),
+        ),
     )
 
 
-def metric_table(sweep: RecordedSweep, found: Ablation, metric: Metric, archive: str) -> Table:
+def metric_table(sweep: RecordedSweep, ablation: Ablation, metric: Metric, archive: str) -> Table:
     """Show every arm in one metric, and how it differs from the reference."""
-    trivial, frame = _trivial(sweep, metric), found.arms[metric]
+    trivial, frame = _trivial(sweep, metric), ablation.arms[metric]
     layout = _layout(metric)
     return Table.of(
         frame.reset_index(),
         layout,
         name=f"ablation_{metric.name}",
-        kind="ablation_primary" if metric is found.primary else "ablation_metric",
+        kind="ablation_primary" if metric is ablation.primary else "ablation_metric",
         caption=f"The arms ({sweep.task}): {metric.value}.",
         last=[("trivial", None, trivial, *(None,) * (len(layout) - 3))] if trivial is not None else [],
         notes=(
-            *_rank_note(sweep, found, metric),
+            *_rank_note(sweep, ablation, metric),
             *(_tested_notes(sweep) if metric in TESTED else []),
             *_trivial_note(sweep, metric),
             *([_MEANINGS[metric]] if metric in _MEANINGS else []),
             *([archive] if metric in {Metric.qd_score, Metric.coverage} else []),
             f"{'Less' if metric in LESS_IS_BETTER else 'More'} is better.",
+            *temperature_notes(sweep),
             _median_note(list(frame.n), list(frame[["better", "equal", "worse"]].sum(axis=1)[frame.better.notna()])),
-            *_test_notes(found, metric),
-            *_reference_note(sweep, found),
+            *_test_notes(ablation, metric),
+            *_reference_note(sweep, ablation),
             *_missing_note(sweep),
             *_failed_note(sweep, metric),
         ),
     )
 
 
-def runs_table(sweep: RecordedSweep, found: Ablation, archive: str) -> Table:
+def runs_table(sweep: RecordedSweep, ablation: Ablation, archive: str) -> Table:
     """Show every run in every metric."""
-    shapes = {metric.value: (Percent, metric.name) if metric in FRACTIONS else metric.name for metric in found.arms}
+    shapes = {metric.value: (Percent, metric.name) if metric in FRACTIONS else metric.name for metric in ablation.arms}
     return Table.of(
-        found.jobs.reset_index(),
+        ablation.jobs.reset_index(),
         {"run": "job", "arm": "arm", "seed": "seed", **shapes},
         name="ablation_runs",
         caption=f"The runs ({sweep.task}).",
@@ -233,13 +242,14 @@ def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
     return f"{words}.{few if min(counts) < FEWEST_SEEDS else ''}"
 
 
-def _test_notes(found: Ablation, metric: Metric) -> list[str]:
+def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
     """Explain the columns beside the median; nothing without a reference."""
-    frame = found.arms[metric]
+    frame = ablation.arms[metric]
     kinds = frame.comparability.dropna()
     if kinds.empty:
         return []
-    reference, family = found.wanted, int((kinds != Comparability.too_few_seeds).sum())
+    outside = {Comparability.too_few_seeds, Comparability.by_construction}
+    reference, family = ablation.wanted, int((~kinds.isin(outside)).sum())
     same, few = (
         kinds.index[kinds == kind].tolist() for kind in (Comparability.identical, Comparability.too_few_differ)
     )
@@ -247,13 +257,20 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
         f"Runs that differ: those that are not the run of {reference} of the same seed, candidate by candidate. All "
         "further columns are of these runs, as far as their values are known: what is one and the same run in both "
         "arms shows nothing of the arm.",
-        f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
-        f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}.",
+        *(
+            [
+                f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
+                f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}."
+            ]
+            if family
+            else []
+        ),
         f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
         f"percentiles of {RESAMPLES:,} bootstrap resamples of the difference of medians.",
         f"A12: the chance that a run of the arm has more than one of {reference}. Differences are arm less "
         f"{reference}; by seed: of the runs that share a seed, and so their streams.",
     ]
+    notes += _twin_notes(ablation, metric)
     if same:
         notes.append(
             f"Identical: {listed(same)}. No run of such an arm differs from that of {reference} of the same seed, or "
@@ -274,11 +291,34 @@ def _test_notes(found: Ablation, metric: Metric) -> list[str]:
     return [*notes, *caution_notes(tested.cautions.items())]
 
 
-def _rank_note(sweep: RecordedSweep, found: Ablation, metric: Metric) -> list[str]:
+def _twin_notes(ablation: Ablation, metric: Metric) -> list[str]:
+    """Name the arms that are the reference by construction, with the reason."""
+    frame = ablation.arms[metric]
+    twins = frame.index[frame.comparability == Comparability.by_construction].tolist()
+    if not twins:
+        return []
+    return [
+        f"Identical by construction: {listed(twins)}. With prompts=uniform nothing is drawn by the record of prompts, "
+        f"which is all that differs from {ablation.wanted}, so these are the same searches under another name: known "
+        "before they ran, not tested, and not counted in Holm's correction."
+    ]
+
+
+def _equal_to(ablation: Ablation, kind: str | None) -> str | None:
+    return ablation.wanted if kind == Comparability.by_construction else None
+
+
+def temperature_notes(sweep: RecordedSweep) -> tuple[str, ...]:
+    """Say what a temperature of the grammar is where arms differ in it."""
+    differ = len({one.run.config.temperature for one in sweep.finished}) > 1
+    return grammar_note([one.run for one in sweep.finished]) if differ else ()
+
+
+def _rank_note(sweep: RecordedSweep, ablation: Ablation, metric: Metric) -> list[str]:
     """Say whether a metric is the primary one; nothing where the sweep states none."""
-    if found.primary is None or metric is found.primary:
-        return _primary_note(sweep, found)
-    words = f"Secondary metric; the primary one is {found.primary.value}."
+    if ablation.primary is None or metric is ablation.primary:
+        return _primary_note(sweep, ablation)
+    words = f"Secondary metric; the primary one is {ablation.primary.value}."
     if metric is Metric.best_fitness:
         records = dict.fromkeys(one.run.fitness_in_words for one in sweep.finished)
         words += (
@@ -290,19 +330,19 @@ def _rank_note(sweep: RecordedSweep, found: Ablation, metric: Metric) -> list[st
     return [words]
 
 
-def _primary_note(sweep: RecordedSweep, found: Ablation) -> list[str]:
+def _primary_note(sweep: RecordedSweep, ablation: Ablation) -> list[str]:
     """Name the primary metric, and say when it was stated and what is missing of it."""
-    if found.primary is None:
+    if ablation.primary is None:
         return []
     when = (
         "before its jobs were tested, after their searches"
         if sweep.terms.primary is None
         else "when it began, before anything was trained"
     )
-    notes = [f"Primary metric: {found.primary.value}, as the sweep stated {when}; all others are secondary."]
-    if found.primary in TESTED and sweep.terms.retraining is None:
+    notes = [f"Primary metric: {ablation.primary.value}, as the sweep stated {when}; all others are secondary."]
+    if ablation.primary in TESTED and sweep.terms.retraining is None:
         words = "tacevo study sweep=DIR, with the directory of the sweep, trains and tests what they found."
-        notes.append(f"No job has a {found.primary.value} yet: {words}")
+        notes.append(f"No job has a {ablation.primary.value} yet: {words}")
     return notes
 
 
@@ -328,17 +368,17 @@ def _tested_notes(sweep: RecordedSweep) -> list[str]:
     return notes
 
 
-def _reference_note(sweep: RecordedSweep, found: Ablation) -> list[str]:
+def _reference_note(sweep: RecordedSweep, ablation: Ablation) -> list[str]:
     """Say that the reference was named afterwards, or that there is none."""
     stated = sweep.terms.reference
-    if found.reference is None:
+    if ablation.reference is None:
         return [
-            f"There is no test: the sweep has no finished run of the arm {found.wanted}, which others are compared "
+            f"There is no test: the sweep has no finished run of the arm {ablation.wanted}, which others are compared "
             "with."
         ]
-    if found.reference != (stated or REFERENCE):
+    if ablation.reference != (stated or REFERENCE):
         other = f"the arm {stated}" if stated else "no other than an arm called none"
-        return [f"The reference {found.reference} was named for this comparison; the sweep itself states {other}."]
+        return [f"The reference {ablation.reference} was named for this comparison; the sweep itself states {other}."]
     return []
 
 

@@ -10,8 +10,9 @@ import pandas as pd
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
 from analysis.statistics.samples import Sample
-from analysis.studies.comparison import late, of_whole
-from analysis.studies.metrics import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
+from analysis.studies.ceiling import chance_at
+from analysis.studies.comparison import Verdict, late, of_whole
+from analysis.studies.metric_names import SHARES, metric_name, named_metrics, recorded_scale, recorded_unit
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.table import Between, Cell, Halves, Layout, Percent, PercentBetween, PValue, Table
 from analysis.tables.plan import plan_notes
@@ -31,7 +32,9 @@ ONE_SPLIT = (
 _FREQUENCIES = "Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one."
 
 
-def study_tables(study: RecordedStudy, found: pd.DataFrame | None, *, is_alone: bool = False) -> tuple[Table, ...]:
+def study_tables(
+    study: RecordedStudy, comparisons: pd.DataFrame | None, *, is_alone: bool = False
+) -> tuple[Table, ...]:
     """Return all tables of a study.
 
     Without comparisons, where it cannot be compared, these are the tables of its scores only. `is_alone`: its networks
@@ -40,11 +43,11 @@ def study_tables(study: RecordedStudy, found: pd.DataFrame | None, *, is_alone: 
     warning = (ONE_SPLIT,) if is_alone else ()
     scores = scores_table(study)
     tables = [replace(scores, notes=(*scores.notes, *warning, *plan_notes(study.plan))), metrics_table(study)]
-    if found is not None:
-        verdicts = verdicts_table(study, found)
-        tables += [replace(verdicts, notes=(*verdicts.notes, *warning)), effects_table(study, found)]
-    if found is not None and found.output.notna().any():
-        tables.append(outputs_table(study, found))
+    if comparisons is not None:
+        verdicts = verdicts_table(study, comparisons)
+        tables += [replace(verdicts, notes=(*verdicts.notes, *warning)), effects_table(study, comparisons)]
+    if comparisons is not None and comparisons.output.notna().any():
+        tables.append(outputs_table(study, comparisons))
     return tuple(tables)
 
 
@@ -65,11 +68,13 @@ def scores_table(study: RecordedStudy) -> Table:
                 for network in study.networks
             ),
             *_trivial_row(study),
+            *([("ceiling", None, None, None, Percent(study.ceiling), *(None,) * 5)] if study.ceiling else []),
         ),
         notes=(
             *at_chance(study),
             *_scale_note(study),
             *_trivial_note(study),
+            *ceiling_note(study),
             "FLOPs: of one image, forwards. Chosen epoch: median of the seeds, quartiles in brackets.",
             _training(study),
         ),
@@ -106,9 +111,9 @@ def metrics_table(study: RecordedStudy) -> Table:
     )
 
 
-def verdicts_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
+def verdicts_table(study: RecordedStudy, comparisons: pd.DataFrame) -> Table:
     """Show the tests of every variant against the baseline."""
-    variants = of_whole(found)
+    variants = of_whole(comparisons)
     shape = (Percent, "median") if study.primary in SHARES else "median"
     return Table.of(
         _beside(study, variants, study.primary, trivial_score(study)),
@@ -119,13 +124,28 @@ def verdicts_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
         notes=(
             *at_chance(study),
             *_scale_note(study),
-            *_mean_note(study, found),
+            *_mean_note(study, comparisons),
             *_method_notes(study, variants),
+            *_small_note(study, variants),
             *caution_notes(zip(variants.network, variants.cautions, strict=True)),
             *_image_note(study, variants),
             *_late_note(study),
             *_trivial_note(study),
+            *ceiling_note(study),
         ),
+    )
+
+
+def ceiling_note(study: RecordedStudy) -> tuple[str, ...]:
+    """Say what no network can exceed on these data, where it is known."""
+    if study.ceiling is None:
+        return ()
+    images = study.data.counts[2]
+    low, high = chance_at(study.ceiling, images)
+    return (
+        f"Ceiling: {shown(Percent(study.ceiling))}, the accuracy of an observer who sees the width of every ridge, "
+        f"which errs and alone tells the class. On {counted(images, 'test image')} chance leaves it between "
+        f"{shown(Percent(low))} and {shown(Percent(high))}.",
     )
 
 
@@ -137,10 +157,10 @@ def _beside(study: RecordedStudy, variants: pd.DataFrame, metric: str, trivial: 
     return pd.DataFrame([first, *variants.to_dict("records"), *([] if trivial is None else [ends])])
 
 
-def effects_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
+def effects_table(study: RecordedStudy, comparisons: pd.DataFrame) -> Table:
     """Show how large every variant's difference from the baseline is."""
     better, score = "below" if LOWER_IS_BETTER[study.primary] else "above", trivial_score(study)
-    baseline, variants, metric = study.networks[0].name, of_whole(found), metric_name(study.primary)
+    baseline, variants, metric = study.networks[0].name, of_whole(comparisons), metric_name(study.primary)
     rows = variants.to_dict("records")
     if score is not None:
         rows.append({"network": "trivial"} | effects_of_constant(score, study.values(baseline, study.primary)))
@@ -177,9 +197,9 @@ def effects_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
     )
 
 
-def outputs_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
+def outputs_table(study: RecordedStudy, comparisons: pd.DataFrame) -> Table:
     """Show how every variant does on each output: the primary metric is the mean over them."""
-    each, metric, scale = found[found.output.notna()], metric_name(study.primary), recorded_scale(study)
+    each, metric, scale = comparisons[comparisons.output.notna()], metric_name(study.primary), recorded_scale(study)
     names, trivial = {name: f"{study.primary}_{name}" for name in each.output}, trivial_metrics(study)
     frame = pd.concat(
         _beside(study, each[each.output == name], of_output, trivial.get(of_output))
@@ -197,9 +217,9 @@ def outputs_table(study: RecordedStudy, found: pd.DataFrame) -> Table:
             *_scale_note(study),
             f"p and p, equivalence: the tests of the verdicts on the mean; corrected after Holm over all "
             f"{counted(len(each), 'pair')} of output and variant, because a reader may pick any of them. The margin is "
-            f"{_margin_of_outputs(study, of_whole(found))}.",
+            f"{_margin_of_outputs(study, of_whole(comparisons))}.",
             f"A12: in brackets its {100 * LEVEL:g} % interval; below 0.5 the variant is the better one.",
-            *_left_out_note(study, found),
+            *_left_out_note(study, comparisons),
             *caution_notes(
                 (f"{network} on {name}", told)
                 for network, name, told in zip(each.network, each.output, each.cautions, strict=True)
@@ -311,19 +331,29 @@ def _margin_of_outputs(study: RecordedStudy, variants: pd.DataFrame) -> str:
     return f"{shown(Percent(study.terms.margin.value))} of the baseline's median on that output"
 
 
-def _mean_note(study: RecordedStudy, found: pd.DataFrame) -> tuple[str, ...]:
-    if found.output.isna().all():
+def _mean_note(study: RecordedStudy, comparisons: pd.DataFrame) -> tuple[str, ...]:
+    if comparisons.output.isna().all():
         return ()
     return (
         f"{metric_name(study.primary)} is the mean over the outputs; verdicts on each stand in the table of outputs.",
     )
 
 
-def _left_out_note(study: RecordedStudy, found: pd.DataFrame) -> tuple[str, ...]:
-    left_out = [name for name in study.names if name not in set(found.output)]
+def _left_out_note(study: RecordedStudy, comparisons: pd.DataFrame) -> tuple[str, ...]:
+    left_out = [name for name in study.names if name not in set(comparisons.output)]
     if not left_out:
         return ()
     return (f"Not compared on {listed(left_out)}: the baseline's median error is 0, so there is no relative margin.",)
+
+
+def _small_note(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]:
+    """Name the variants of which a difference was shown that is smaller than the margin."""
+    differ = variants.verdict.isin([Verdict.better, Verdict.worse])
+    small = variants[differ & (variants.p_equivalence_holm <= study.terms.alpha)]
+    if small.empty:
+        return ()
+    words = listed(f"{one.network} ({one.verdict})" for one in small.itertuples())
+    return (f"Equivalent by the margin as well: {words}. A difference was shown that is smaller than the margin.",)
 
 
 def _image_note(study: RecordedStudy, variants: pd.DataFrame) -> tuple[str, ...]:

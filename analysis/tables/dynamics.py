@@ -19,7 +19,7 @@ from analysis.runs.dynamics import (
     temperature_follows_age,
 )
 from analysis.runs.lineage import lineage
-from analysis.studies.noise import Reestimates, by_seeds
+from analysis.studies.reestimates import Reestimates, by_seeds
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
 from analysis.tables.instruction_tables import grammar_note
 from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
@@ -97,13 +97,13 @@ def gate_table(run: RecordedRun) -> Table:
     stages = gate_stages(run.candidates)
     rows = tuple(
         (
-            found.stage.value,
-            found.rejected,
-            found.left,
-            percent(found.left_share),
-            ", ".join(f"{reason} {count}" for reason, count in found.reasons) or None,
+            stage.stage.value,
+            stage.rejected,
+            stage.left,
+            percent(stage.left_share),
+            ", ".join(f"{reason} {count}" for reason, count in stage.reasons) or None,
         )
-        for found in stages
+        for stage in stages
     )
     return Table(
         name="gate",
@@ -138,11 +138,11 @@ def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ())
         run: the run.
         reestimates: of its fitnesses; those of the most seeds that have its best network are shown.
     """
-    found = improvement(run)
+    gains = improvement(run)
     rows: list[tuple[str, Cell]] = [
-        (words, percent(found[name]) if is_part else found[name])
+        (words, percent(gains[name]) if is_part else gains[name])
         for name, (words, is_part) in _FIGURES.items()
-        if name in found
+        if name in gains
     ]
     if rows:
         trivial = [] if run.record.trivial is None else [("trivial loss", run.record.trivial)]
@@ -168,18 +168,18 @@ def reestimated(run: RecordedRun, reestimates: Sequence[Reestimates]) -> tuple[s
         the best candidate was not trained again.
     """
     for one in by_seeds(reestimates):
-        reference, found = float(one.noise["median"].iloc[0]), one.median_of(run.ranked()[0].id)
-        if found is not None and reference:
+        reference, estimate = float(one.noise["median"].iloc[0]), one.median_of(run.ranked()[0].id)
+        if estimate is not None and reference:
             words = f"re-estimated by a {one.kind}, median of {counted(one.seeds, 'other seed')}"
-            return words, reference, found
+            return words, reference, estimate
     return None
 
 
 def _reestimated_rows(run: RecordedRun, reestimates: Sequence[Reestimates]) -> list[tuple[str, float | Percent]]:
-    found = reestimated(run, reestimates)
-    if found is None:
+    retrained = reestimated(run, reestimates)
+    if retrained is None:
         return []
-    words, reference, best = found
+    words, reference, best = retrained
     return [
         (f"fitness of the baseline, {words}", reference),
         (f"best fitness, {run.ranked()[0].id}, {words}", best),
@@ -199,10 +199,10 @@ def lineage_table(run: RecordedRun, name: str) -> Table:
     )
 
 
-def _productivity_table(run: RecordedRun, name: str, found: pd.DataFrame, first: Layout) -> Table:
+def _productivity_table(run: RecordedRun, name: str, frame: pd.DataFrame, first: Layout) -> Table:
     rate, (*_, of) = (Between, "rate", "rate_low", "rate_high"), first
     return Table.of(
-        found.reset_index(),
+        frame.reset_index(),
         {**first, "tried": "tried", "trained": "trained", "inserted": "inserted", "inserted / tried": rate},
         name=name,
         caption=f"Children of {run.name} that entered the archive, by {of}.",

@@ -17,16 +17,16 @@ from tacevo.text import counted
 
 def health_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table:
     """Show every alarm of a run; see `analysis.runs.health.alarms`."""
-    found = alarms(run, centroids)
+    raised = alarms(run, centroids)
     return Table(
         name="health",
         caption=f"What may be wrong with {run.name}.",
         columns=("alarm", "finding", "figures"),
         rows=tuple(
             (alarm.name, alarm.sentence, ", ".join(f"{name}: {shown(value)}" for name, value in alarm.figures.items()))
-            for alarm in found
+            for alarm in raised
         ),
-        notes=() if found else ("No alarm.",),
+        notes=() if raised else ("No alarm.",),
     )
 
 

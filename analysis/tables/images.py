@@ -5,9 +5,9 @@ from statistics import fmean
 import pandas as pd
 
 from analysis.statistics.effects import LEVEL
-from analysis.statistics.images import IMAGE_RESAMPLES
-from analysis.studies.images import ImageFindings
-from analysis.studies.metrics import SHARES, metric_name, recorded_scale, recorded_unit
+from analysis.statistics.image_statistics import IMAGE_RESAMPLES
+from analysis.studies.image_findings import ImageFindings
+from analysis.studies.metric_names import SHARES, metric_name, recorded_scale, recorded_unit
 from analysis.table import Between, Layout, Percent, PValue, Table
 from analysis.tables.comparison import scaled, score_cell
 from tacevo.records import Kind
@@ -25,11 +25,11 @@ _DIFFERENCE = (
 )
 
 
-def image_tables(study: RecordedStudy, found: ImageFindings | None) -> tuple[Table, ...]:
+def image_tables(study: RecordedStudy, findings: ImageFindings | None) -> tuple[Table, ...]:
     """Return the tables of a study's test images; without its test predictions, one that says so."""
-    if found is None:
+    if findings is None:
         return (_without(study),)
-    ensembles, outputs = found
+    ensembles, outputs = findings
     tables = [ensembles_table(study, ensembles)]
     return (*tables, image_outputs_table(study, outputs)) if len(outputs) else tuple(tables)
 

@@ -24,9 +24,9 @@ def grammar_note(runs: Sequence[RecordedRun]) -> tuple[str, ...]:
 
 def instructions_table(runs: Sequence[RecordedRun], of: str) -> Table:
     """Show what each instruction did in one or several searches, and what a temperature does."""
-    found = instruction_effects(runs)
+    effects = instruction_effects(runs)
     return Table.of(
-        found,
+        effects,
         {"instruction": "name", "requests": "requests", "children": "children"}
         | {"factor of the loss": (Between, "effect", "effect_low", "effect_high")}
         | {"p": (PValue, "p"), "p, Holm": (PValue, "p_holm")}
@@ -36,7 +36,7 @@ def instructions_table(runs: Sequence[RecordedRun], of: str) -> Table:
         notes=(
             "Factor: by how much an instruction moves a child's loss from that of the mean instruction; below 1 is "
             f"lower. In brackets its {100 * LEVEL:g} % interval. Fitted to the logarithms of the losses of "
-            f"{int(found.children.iloc[-1])} children of mutations that trained, with their "
+            f"{int(effects.children.iloc[-1])} children of mutations that trained, with their "
             "generation, their parent's loss and their temperature; instructions are drawn at random, so it is an "
             "experiment, of single draws after a short training.",
             "p: of a factor of 1, two-sided; corrected after Holm over the instructions. Temperature + 1: what a whole "

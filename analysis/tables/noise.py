@@ -4,7 +4,7 @@ import pandas as pd
 
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent, Table
 from analysis.tables.comparison import between
 from analysis.tables.dynamics import TRIVIAL_LOSS
@@ -17,18 +17,18 @@ BEATS = (Between, "beats", "beats_low", "beats_high")
 ICC = (Between, "icc", "icc_low", "icc_high")
 
 
-def noise_tables(found: Reestimates, task: str, trivial: float | None) -> tuple[Table, ...]:
+def noise_tables(again: Reestimates, task: str, trivial: float | None) -> tuple[Table, ...]:
     """Return all tables of a study's or a noise run's re-estimates, with the trivial loss where it is known."""
-    noise = noise_table(found, task, trivial)
-    if found.rankings is None or found.worth is None:
+    noise = noise_table(again, task, trivial)
+    if again.rankings is None or again.worth is None:
         return (noise,)
-    return (noise, ranking_table(found, found.rankings, task), worth_table(found, found.worth, task))
+    return (noise, ranking_table(again, again.rankings, task), worth_table(again, again.worth, task))
 
 
-def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
+def noise_table(again: Reestimates, task: str, trivial: float | None) -> Table:
     """Show the recorded fitness of each network beside what other training seeds give, and the trivial loss."""
-    seeds = counted(found.seeds, "other training seed")
-    frame = found.noise if found.record == drawn(1) else found.noise.assign(expected=None)  # the ICC is of one training
+    seeds = counted(again.seeds, "other training seed")
+    frame = again.noise if again.record == drawn(1) else again.noise.assign(expected=None)  # the ICC is of one training
     return Table.of(
         frame,
         {"network": "network", "candidate": "candidate", "recorded fitness": "recorded"}
@@ -39,33 +39,33 @@ def noise_table(found: Reestimates, task: str, trivial: float | None) -> Table:
         caption=f"What the recorded fitnesses of {task} are worth: the same networks under {seeds}.",
         last=() if trivial is None else (("trivial", None, trivial, trivial, *(None,) * 6),),
         notes=(
-            *chance_note(found, trivial),
-            f"Fitness: {found.fitness}, lower is better. The recorded one "
-            f"is {found.record}, by which the search chose; the others decided nothing in it.",
+            *chance_note(again, trivial),
+            f"Fitness: {again.fitness}, lower is better. The recorded one "
+            f"is {again.record}, by which the search chose; the others decided nothing in it.",
             "Recorded less re-estimated: below 0 the record flatters the network.",
-            *_failed_note(found),
-            _icc_note(found),
+            *_failed_note(again),
+            _icc_note(again),
             "Chance to beat the baseline: that one seed of the network has a lower loss than one of the baseline; in "
             f"brackets the {100 * LEVEL:g} % interval of Newcombe (2006, method 5).",
-            *_agreement_note(found),
+            *_agreement_note(again),
             *(() if trivial is None else (TRIVIAL_LOSS,)),
         ),
     )
 
 
-def chance_note(found: Reestimates, trivial: float | None) -> tuple[str, ...]:
+def chance_note(again: Reestimates, trivial: float | None) -> tuple[str, ...]:
     """Say that no network's re-estimate is better than chance, where that is so."""
-    best = float(found.noise["median"].min())
+    best = float(again.noise["median"].min())
     if trivial is None or not is_at_chance(best, trivial):
         return ()
-    return (f"{chance_in_words(trivial)} By the medians of {counted(found.seeds, 'other seed')}.",)
+    return (f"{chance_in_words(trivial)} By the medians of {counted(again.seeds, 'other seed')}.",)
 
 
-def corrected_table(found: pd.DataFrame, again: Reestimates, task: str) -> Table:
+def corrected_table(archives: pd.DataFrame, again: Reestimates, task: str) -> Table:
     """Show the figures of an archive as recorded beside those after its elites were trained again."""
-    seeds, missing = counted(again.seeds, "other training seed"), found.lost["reestimated"]
+    seeds, missing = counted(again.seeds, "other training seed"), archives.lost["reestimated"]
     lost = f"Their niches are empty, because a training failed: {', '.join(missing)}." if missing else ""
-    before, after = found.astype("object").where(found.notna(), None).itertuples()
+    before, after = archives.astype("object").where(archives.notna(), None).itertuples()
     return Table(
         name="corrected",
         caption=f"The archive of {task} as recorded, and filled again by the medians of {seeds} (corrected).",
@@ -86,26 +86,26 @@ def corrected_table(found: pd.DataFrame, again: Reestimates, task: str) -> Table
     )
 
 
-def ranking_table(found: Reestimates, rankings: pd.DataFrame, task: str) -> Table:
+def ranking_table(again: Reestimates, rankings: pd.DataFrame, task: str) -> Table:
     """Show how the fitness after some epochs ranks the networks, beside their test scores."""
     last = len(rankings)
     doubled = {2**power for power in range(last.bit_length())}
     return Table.of(
-        rankings[rankings.epoch.isin(doubled | {found.epochs, last})],
+        rankings[rankings.epoch.isin(doubled | {again.epochs, last})],
         {"epochs": "epoch", "tau, one seed": "one_seed", "tau, median of the seeds": "median"},
         name="ranking",
         caption=f"How a fitness after so many epochs ranks the networks of {task}, beside their test scores "
         "(weights of the best validation epoch).",
         notes=(
-            f"Kendall's tau over {counted(len(found.networks), 'network')}: 1 is the same order, 0 none. The first, "
+            f"Kendall's tau over {counted(len(again.networks), 'network')}: 1 is the same order, 0 none. The first, "
             "third ... seed give the fitness and the others the test score, so no training stands on both sides. One "
             "seed: mean over the seeds of the fitness.",
-            f"The search trained for {counted(found.epochs, 'epoch')}, with one seed.",
+            f"The search trained for {counted(again.epochs, 'epoch')}, with one seed.",
         ),
     )
 
 
-def worth_table(found: Reestimates, worth: pd.DataFrame, task: str) -> Table:
+def worth_table(again: Reestimates, worth: pd.DataFrame, task: str) -> Table:
     """Show what a fitness after the search's epochs would be worth by each rule."""
     return Table.of(
         worth,
@@ -113,25 +113,25 @@ def worth_table(found: Reestimates, worth: pd.DataFrame, task: str) -> Table:
         | {"ICC of one training": ICC}
         | {"tau, one seed": "one_seed", "tau, median of the seeds": "median"},
         name="fitness_rules",
-        caption=f"What a fitness of {task} is worth by each rule, after {counted(found.epochs, 'epoch')}.",
+        caption=f"What a fitness of {task} is worth by each rule, after {counted(again.epochs, 'epoch')}.",
         notes=(
             "last: the loss after the last epoch, which is the paper's. lowest: the lowest loss. mean_of_3: the mean "
-            f"of the last three. The search took {found.rule}.",
-            f"ICC: the part of the variance between {counted(len(found.networks), 'network')} and "
-            f"{counted(found.seeds, 'seed')} that is the networks', of logarithms ({100 * LEVEL:g} % interval). Tau: "
+            f"of the last three. The search took {again.rule}.",
+            f"ICC: the part of the variance between {counted(len(again.networks), 'network')} and "
+            f"{counted(again.seeds, 'seed')} that is the networks', of logarithms ({100 * LEVEL:g} % interval). Tau: "
             "Kendall's, with the order by test scores of other seeds.",
             "The networks were chosen by one of these rules, so the others are judged by its choice.",
         ),
     )
 
 
-def _failed_note(found: Reestimates) -> tuple[str, ...]:
-    names = ", ".join(f"{network.name} ({network.id})" for network in found.failed)
+def _failed_note(again: Reestimates) -> tuple[str, ...]:
+    names = ", ".join(f"{network.name} ({network.id})" for network in again.failed)
     return (f"Left out, because a training with another seed failed: {names}.",) if names else ()
 
 
-def _icc_note(found: Reestimates) -> str:
-    icc = found.icc
+def _icc_note(again: Reestimates) -> str:
+    icc = again.icc
     if icc is None:
         return (
             "No ICC, and hence no regression to the mean: it takes two networks, two seeds, and losses above 0 that "
@@ -141,8 +141,8 @@ def _icc_note(found: Reestimates) -> str:
     expected = (
         "Expected by regression: what another seed typically gives (a geometric mean), by that ICC, to a network with "
         "this recorded fitness; below 0 it counts as 0, because no difference between networks was seen."
-        if found.record == drawn(1)
-        else f"Nothing is expected by regression, because a recorded fitness is {found.record} here."
+        if again.record == drawn(1)
+        else f"Nothing is expected by regression, because a recorded fitness is {again.record} here."
     )
     return (
         f"ICC(1), the part of the variance of one training's loss that is the network's: {part} "
@@ -150,8 +150,8 @@ def _icc_note(found: Reestimates) -> str:
     )
 
 
-def _agreement_note(found: Reestimates) -> tuple[str, ...]:
-    tau = found.agreement
+def _agreement_note(again: Reestimates) -> tuple[str, ...]:
+    tau = again.agreement
     if tau is None:
         return ()
     return (f"Kendall's tau of recorded and re-estimated fitness, over these networks: {shown(tau)}.",)

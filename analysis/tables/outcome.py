@@ -5,14 +5,14 @@ import pandas as pd
 from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, median, median_confidence, superiority
 from analysis.studies.comparison import late, of_whole
-from analysis.studies.metrics import SHARES, metric_name
-from analysis.studies.noise import Reestimates
+from analysis.studies.metric_names import SHARES, metric_name
+from analysis.studies.reestimates import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
 from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
 from analysis.tables.comparison import between, score_cell
 from analysis.tables.noise import BEATS, chance_note
 from tacevo.results.study import RecordedStudy
-from tacevo.results.study_lines import Network
+from tacevo.results.study_lines import StudyNetwork
 from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.text import counted, listed
 
@@ -29,7 +29,7 @@ _TOGETHER = (
 
 def study_outcome(
     study: RecordedStudy,
-    found: pd.DataFrame | None,
+    comparisons: pd.DataFrame | None,
     again: Reestimates | None,
     *,
     record: str,
@@ -40,13 +40,13 @@ def study_outcome(
 
     Args:
         study: what was tested.
-        found: the comparisons; None where there are none.
+        comparisons: the comparisons; None where there are none.
         again: the re-estimates of the recorded fitnesses; None where the study gives none.
         record: what a recorded fitness is, in words.
         is_alone: whether its networks were studied on these data only.
         trivial: the trivial loss of the run's validation images; None where it is not known.
     """
-    rows = [_row(study, network, found, again) for network in study.networks]
+    rows = [_row(study, network, comparisons, again) for network in study.networks]
     names = {
         "test": f"test {metric_name(study.primary)}{_ends(study.seeds)}",
         "fitness": f"fitness, {record}",
@@ -62,13 +62,14 @@ def study_outcome(
         name="outcome",
         caption=f"{study.task}: {counted(study.seeds, 'training seed')}, "
         f"{counted(study.recipe.epochs, 'epoch')}, tested on {counted(study.data.counts[2], 'image')}{other}"
-        + ("" if found is None else "; verdicts against the baseline, p after Holm"),
+        + ("" if comparisons is None else "; verdicts against the baseline, p after Holm"),
         columns=tuple(names.get(column, column) for column in rows[0]),
         rows=tuple(tuple(row.values()) for row in rows),
         notes=(
             *at_chance(study),
-            *_late(study, found),
-            *_few(found),
+            *_at_ceiling(comparisons),
+            *_late(study, comparisons),
+            *_few(comparisons),
             *([_ONE_SPLIT] if is_alone else []),
             _fitness(again),
             *([f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}."] if study.chosen_by else []),
@@ -77,11 +78,11 @@ def study_outcome(
 
 
 def _row(
-    study: RecordedStudy, network: Network, found: pd.DataFrame | None, again: Reestimates | None
+    study: RecordedStudy, network: StudyNetwork, comparisons: pd.DataFrame | None, again: Reestimates | None
 ) -> dict[str, Cell]:
     cells: dict[str, Cell] = {"network": network.name, "id": network.id, "test": _score(study, network.name)}
-    if found is not None:
-        variants = of_whole(found).itertuples()
+    if comparisons is not None:
+        variants = of_whole(comparisons).itertuples()
         verdicts = {one.network: f"{one.verdict} ({shown(PValue(one.p_holm))})" for one in variants}
         cells["verdict"] = verdicts.get(network.name)
     cells["fitness"] = network.fitness
@@ -90,39 +91,39 @@ def _row(
     return cells
 
 
-def noise_outcome(found: Reestimates, task: str, trivial: float | None) -> Table:
+def noise_outcome(again: Reestimates, task: str, trivial: float | None) -> Table:
     """Show what a noise run found: the recorded fitness of its networks beside what other seeds give.
 
     `trivial` is the trivial loss, where it is known; it has the last row.
 
     It begins with the finding in one sentence (`_finding`), unless the baseline was trained again alone.
     """
-    known = found.noise
+    known = again.noise
     best = known[2:].sort_values("median", kind="stable").index[: MOST - 2]
     listed_ones = known.loc[[*known.index[:2], *sorted(best)]]
-    seeds = counted(found.seeds, "other seed")
+    seeds = counted(again.seeds, "other seed")
     trained = f"{task}: {counted(len(known), 'network')}, trained again as the search did, with {seeds}"
-    finding = _finding(found)
+    finding = _finding(again)
     return Table.of(
         listed_ones,
-        {"network": "network", "id": "candidate", f"fitness, {found.record}": "recorded", "re-estimated": "median"}
+        {"network": "network", "id": "candidate", f"fitness, {again.record}": "recorded", "re-estimated": "median"}
         | {"least": "least", "most": "most", f"chance to beat the baseline [{100 * LEVEL:g} %]": BEATS},
         name="outcome",
         caption=trained if finding is None else finding,
         last=() if trivial is None else (("trivial", None, trivial, trivial, None, None, None),),
         notes=(
-            *chance_note(found, trivial),
+            *chance_note(again, trivial),
             *(() if finding is None else (f"{trained}.",)),
             *((_TOGETHER,) if len(known) > 2 else ()),
-            *_undecidable(found),
-            *_left_out(found, len(known) - len(listed_ones)),
+            *_undecidable(again),
+            *_left_out(again, len(known) - len(listed_ones)),
             "Re-estimated: the median of these seeds. The lowest of many flatters its network too, if less.",
-            _icc(found),
+            _icc(again),
         ),
     )
 
 
-def _finding(found: Reestimates) -> str | None:
+def _finding(again: Reestimates) -> str | None:
     """Say how many networks are better than the baseline, which, and how many are not.
 
     That rests on the intervals of their chances to beat it, widened so that they hold for all of them together
@@ -131,11 +132,11 @@ def _finding(found: Reestimates) -> str | None:
     Returns:
         None where no other network than the baseline was trained with every seed.
     """
-    baseline, *others = found.estimates
+    baseline, *others = again.estimates
     if not others:
         return None
     chances = [superiority(values, baseline, level=_level(len(others))) for values in others]
-    ranked = found.noise[1:].assign(low=[chance.low for chance in chances]).sort_values("median", kind="stable")
+    ranked = again.noise[1:].assign(low=[chance.low for chance in chances]).sort_values("median", kind="stable")
     better = [f"{one.candidate} ({shown(one.median)})" for one in ranked[ranked.low > 0.5].itertuples()]
     worse = sum(chance.high < 0.5 for chance in chances)
     rest = [
@@ -144,11 +145,11 @@ def _finding(found: Reestimates) -> str | None:
         if count
     ]
     named = f": {listed(better, most=MOST)}" if better else ""
-    trained = " that trained with every seed" if found.failed else ""
+    trained = " that trained with every seed" if again.failed else ""
     return (
         f"Of {counted(len(others), 'elite')}, the best on record{trained}, {len(better) or 'none'} can be called "
-        f"better than the baseline, whose loss is {shown(float(found.noise['median'].iloc[0]))}{named}"
-        f"{''.join(f'; {one}' for one in rest)} (medians of {counted(found.seeds, 'other seed')})."
+        f"better than the baseline, whose loss is {shown(float(again.noise['median'].iloc[0]))}{named}"
+        f"{''.join(f'; {one}' for one in rest)} (medians of {counted(again.seeds, 'other seed')})."
     )
 
 
@@ -157,9 +158,9 @@ def _level(others: int) -> float:
     return 1 - (1 - LEVEL) / others
 
 
-def _undecidable(found: Reestimates) -> tuple[str, ...]:
+def _undecidable(again: Reestimates) -> tuple[str, ...]:
     """Say where so few seeds could not tell any of so many networks from the baseline."""
-    seeds, others = found.seeds, len(found.networks) - 1
+    seeds, others = again.seeds, len(again.networks) - 1
     if others < 1 or superiority([0] * seeds, [1] * seeds, level=_level(others)).low > 0.5:
         return ()
     return (
@@ -173,8 +174,8 @@ def _score(study: RecordedStudy, network: str) -> Cell:
     values = study.values(network, study.primary)
     if len(values) == 1:
         return score_cell(study.primary, float(values[0]))
-    found, shape = median(values), PercentBetween if study.primary in SHARES else Between
-    return shape(found.estimate, found.low, found.high)
+    middle, shape = median(values), PercentBetween if study.primary in SHARES else Between
+    return shape(middle.estimate, middle.low, middle.high)
 
 
 def _ends(seeds: int) -> str:
@@ -183,9 +184,9 @@ def _ends(seeds: int) -> str:
     return f" [{100 * LEVEL:g} %]" if median_confidence(seeds) >= LEVEL else " [least, most]"
 
 
-def _late(study: RecordedStudy, found: pd.DataFrame | None) -> tuple[str, ...]:
+def _late(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[str, ...]:
     parts = late(study)
-    if found is None or not any(parts.values()):
+    if comparisons is None or not any(parts.values()):
         return ()
     most = max(parts, key=lambda name: parts[name])
     return (
@@ -194,9 +195,14 @@ def _late(study: RecordedStudy, found: pd.DataFrame | None) -> tuple[str, ...]:
     )
 
 
-def _few(found: pd.DataFrame | None) -> tuple[str, ...]:
+def _at_ceiling(again: pd.DataFrame | None) -> tuple[str, ...]:
+    told = again is not None and any(Caution.ceiling in one.cautions for one in of_whole(again).itertuples())
+    return ("At the ceiling: next to nothing is left to win over the baseline on these data (tables).",) if told else ()
+
+
+def _few(comparisons: pd.DataFrame | None) -> tuple[str, ...]:
     few = (Caution.few_seeds,)
-    return caution_notes((one.network, few) for one in of_whole(found).itertuples() if few[0] in one.cautions)
+    return caution_notes((one.network, few) for one in of_whole(comparisons).itertuples() if few[0] in one.cautions)
 
 
 def _fitness(again: Reestimates | None) -> str:
@@ -206,16 +212,16 @@ def _fitness(again: Reestimates | None) -> str:
     return f"Fitness: {again.fitness}; the record is {again.record}, the re-estimate a median of {seeds}."
 
 
-def _left_out(found: Reestimates, unlisted: int) -> tuple[str, ...]:
-    failed = listed(one.name for one in found.failed)
+def _left_out(again: Reestimates, unlisted: int) -> tuple[str, ...]:
+    failed = listed(one.name for one in again.failed)
     return (
         *([f"Not listed: {unlisted} with a higher re-estimate; the tables have all."] if unlisted else []),
-        *([f"Left out, because a training failed: {failed}."] if found.failed else []),
+        *([f"Left out, because a training failed: {failed}."] if again.failed else []),
     )
 
 
-def _icc(found: Reestimates) -> str:
-    icc = found.icc
+def _icc(again: Reestimates) -> str:
+    icc = again.icc
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
     part = f"{shown(between(icc))} ({100 * LEVEL:g} % interval)"

@@ -14,9 +14,9 @@ def pareto_table(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> Tabl
     `again` are further losses of a source, by its SHA-256, as of `beside_costs`.
     """
     candidates = beside_costs(run, again)
-    found = on_front(candidates, ["fitness", "flops"])
+    front = on_front(candidates, ["fitness", "flops"])
     return Table.of(
-        found.reset_index(),
+        front.reset_index(),
         {"candidate": "id", "fitness": "fitness", "fitness is": "estimate", "trainings": "draws"}
         | {"parameters": "parameters", "FLOPs": "flops"},
         name="pareto",
@@ -24,7 +24,7 @@ def pareto_table(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> Tabl
         notes=(
             "Fitness: a validation loss, lower is better. FLOPs: of one image, forwards. Of equal networks the first "
             "counts.",
-            *_mixed(set(found.estimate), set(candidates.estimate)),
+            *_mixed(set(front.estimate), set(candidates.estimate)),
             *_volume(run),
         ),
     )

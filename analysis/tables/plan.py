@@ -5,7 +5,7 @@ from analysis.statistics.planning import CONFIDENCE, MOST, TRIALS
 from analysis.sweeps.pilots import Pilot
 from analysis.sweeps.plans import Planned
 from analysis.table import Percent, Table
-from tacevo.storage.plan import Measure, SeedPlan
+from tacevo.storage.plan_file import Measure, SeedPlan
 from tacevo.text import counted
 
 #: What a value is, by the metric.

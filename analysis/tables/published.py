@@ -108,11 +108,11 @@ def corrected(rows: Sequence[tuple[str, str]]) -> pd.DataFrame:
     """
     ends = [_range(p) for p, _ in rows]
     lows, highs = holm([low for low, _ in ends]), holm([high for _, high in ends])
-    found = pd.DataFrame({"holm": holm([_nominal(p) for p, _ in rows]), "bound": [_is_bound(p) for p, _ in rows]})
+    frame = pd.DataFrame({"holm": holm([_nominal(p) for p, _ in rows]), "bound": [_is_bound(p) for p, _ in rows]})
     printed = pd.Series([_nominal(adjusted) for _, adjusted in rows])
-    return found.assign(
+    return frame.assign(
         finding=[_finding(*row, low, high).value for row, low, high in zip(rows, lows, highs, strict=True)],
-        changes=(printed <= ALPHA) != (found.holm <= ALPHA),
+        changes=(printed <= ALPHA) != (frame.holm <= ALPHA),
     )
 
 
@@ -144,9 +144,9 @@ def _range(printed: str) -> tuple[float, float]:
 
 
 def _test_table(test: dict[str, Any]) -> Table:
-    found = corrected(test[_ROWS])
-    found.index = pd.Index([f"variant {number}" for number in range(1, len(found) + 1)])
-    wrong = found.index[found.finding.isin([Finding.too_small, Finding.too_large])]
+    frame = corrected(test[_ROWS])
+    frame.index = pd.Index([f"variant {number}" for number in range(1, len(frame) + 1)])
+    wrong = frame.index[frame.finding.isin([Finding.too_small, Finding.too_large])]
     return Table(
         name=f"published_{test['task']}",
         kind="published",
@@ -155,12 +155,12 @@ def _test_table(test: dict[str, Any]) -> Table:
         columns=("network", "p", "adjusted, printed", "adjusted, Holm", "printed value"),
         rows=tuple(
             (one.Index, *printed, f"<{shown(PValue(one.holm))}" if one.bound else PValue(one.holm), one.finding)
-            for printed, one in zip(test[_ROWS], found.itertuples(), strict=True)
+            for printed, one in zip(test[_ROWS], frame.itertuples(), strict=True)
         ),
         notes=(
             f"Mann-Whitney U against the baseline, {PRINTED['seeds']} training seeds each, as the paper reports it.",
             f"The printed table lacks the running maximum of Holm's method: {listed(wrong)}.",
-            f"Verdicts at {ALPHA} that change: {listed(found.index[found.changes])}.",
+            f"Verdicts at {ALPHA} that change: {listed(frame.index[frame.changes])}.",
             "A p printed as a bound gives a bound.",
         ),
     )

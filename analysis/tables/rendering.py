@@ -181,15 +181,15 @@ def _turned(table: Table) -> Table:
 
 def _columns(table: Table, first: int = LONG) -> list[_Column]:
     """Measure columns; text of more than `LONG` characters is broken into lines, and in the first column of `first`."""
-    found = []
+    columns = []
     for place, number in enumerate(numeric_columns(table)):
         texts = [table.columns[place], *(shown(row[place]) for row in table.rows)]
         width, how = max(map(len, texts)), "r" if number else "l"
         most = LONG if place else first
         if width > most and not number:
             width, how = most, rf">{{\raggedright\arraybackslash}}p{{{most // 2}em}}"
-        found.append(_Column(cells=tuple(map(in_latex, texts)), width=width, how=how))
-    return found
+        columns.append(_Column(cells=tuple(map(in_latex, texts)), width=width, how=how))
+    return columns
 
 
 def _parts(widths: Sequence[int]) -> list[list[int]]:

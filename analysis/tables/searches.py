@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from analysis.statistics.effects import LEVEL, RESAMPLES
-from analysis.studies.metrics import SHARES, metric_name
+from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.searches import StudiedSearch, best_by_reestimates
 from analysis.table import Between, PercentBetween, PValue, Table
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled, unit_of

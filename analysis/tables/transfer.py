@@ -1,20 +1,30 @@
 """The table of transfer: the same networks on several data sets."""
 
+import itertools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from analysis.statistics.tests import sign_p
 from analysis.studies.comparison import of_whole
-from analysis.studies.metrics import metric_name
-from analysis.studies.transfer import OnData
-from analysis.table import Cell, PValue, Table
+from analysis.studies.metric_names import metric_name
+from analysis.studies.transfer import OnData, concordance, joint
+from analysis.table import Cell, Percent, PValue, Table
 from analysis.tables.comparison import score_cell
+from tacevo.results.study import RecordedStudy
 from tacevo.results.trivial import trivial_score
 from tacevo.rounding import rounded
 from tacevo.text import counted
 
 #: What the run's own data are called beside other data.
 OWN = "the run's"
+
+
+def transfer_tables(studies: Sequence[OnData]) -> list[Table]:
+    """Return the table of transfer and, where there is a variant and seeds to test it with, the joint answer."""
+    first, _ = studies[0]
+    is_tested = len(first.networks) > 1 and first.seeds > 1
+    return [transfer_table(studies), *([joint_table(studies)] if is_tested else [])]
 
 
 def transfer_table(studies: Sequence[OnData]) -> Table:
@@ -29,17 +39,64 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
         notes=(
             f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}.",
+            *_agreement(studies),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
-            "set, and not over data sets. Splits of one recording share most of their images, so they are not "
-            "independent.",
+            "set, and not over data sets; the table transfer_joint has one answer over all of them.",
         ),
     )
 
 
+def _agreement(studies: Sequence[OnData]) -> list[str]:
+    """Say how far the data sets agree on the order of the networks."""
+    agreement = concordance(studies)
+    if agreement is None:
+        return []
+    return [
+        f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 "
+        "is one order everywhere, 0 is no agreement."
+    ]
+
+
+def joint_table(studies: Sequence[OnData]) -> Table:
+    """Show what all data sets together say of each variant."""
+    first, _ = studies[0]
+    return Table.of(
+        joint(studies),
+        {
+            "network": "network",
+            **{f"data sets {word}": word for word in ("better", "equal", "worse")},
+            "seeds ahead": (Percent, "ahead"),
+            **{"p, these data": (PValue, "p_here"), "these data": "here"},
+            **{"p, other data": (PValue, "p_elsewhere"), "other data": "elsewhere"},
+        },
+        name="transfer_joint",
+        caption=f"The variants of {first.task} against the baseline over {counted(len(studies), 'data set')} together, "
+        f"test {metric_name(first.primary)}.",
+        notes=(
+            "Data sets better, equal, worse: by the medians. Seeds ahead: pairs of a seed of the variant and one of "
+            "the baseline on the same data, in which the variant is better; ties half.",
+            "These data: whether seeds differ on these data sets, by Mann-Whitney's U summed over the data sets as "
+            "blocks (van Elteren 1960; exact up to 33 seeds). It says nothing of other data.",
+            "Other data: whether a data set drawn as these were would more often favour the variant, by the exact sign "
+            f"test, in which each data set counts once. {_fewest(first)} Splits of one recording share most of their "
+            "images, so p is then too small.",
+            f"Both p are corrected after Holm over {counted(len(first.networks) - 1, 'variant')}, and the words are at "
+            f"alpha {first.terms.alpha:g}.",
+        ),
+    )
+
+
+def _fewest(study: RecordedStudy) -> str:
+    """Say from how many data sets on the sign test can show anything of all variants."""
+    level = study.terms.alpha / (len(study.networks) - 1)
+    needed = next(number for number in itertools.count(1) if sign_p(number, 0) <= level)
+    return f"After Holm's first step it can show something from {counted(needed, 'data set')} on."
+
+
 def _rows(on: OnData) -> Iterator[tuple[Cell, ...]]:
-    study, found = on
+    study, comparisons = on
     head = study.where or OWN, study.data.counts[2]
-    verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(found).itertuples()}
+    verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(comparisons).itertuples()}
     for network in study.networks:
         median = rounded(float(np.median(study.values(network.name, study.primary))))
         yield *head, network.name, score_cell(study.primary, median), *verdicts.get(network.name, (None, None))

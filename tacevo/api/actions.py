@@ -13,10 +13,10 @@ from tacevo.api.opening import open_run
 from tacevo.api.pages import pages
 from tacevo.api.runs import Run, progress
 from tacevo.api.studies import Study
-from tacevo.bundles.pages import Terms
 from tacevo.bundles.publish import publish as publish_bundle
+from tacevo.bundles.readme import Terms
 from tacevo.config.compose import compose, compose_noise, compose_study
-from tacevo.config.folder import check_experiment
+from tacevo.config.conf_folder import check_experiment
 from tacevo.errors import ConfigError, RunError
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search

@@ -28,8 +28,8 @@ def open(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | None =
     place, named = Path(path), None if store is None else str(store)
     if SweepDirectory(place).is_one:  # of a directory, what is finished is shown, and the rest is told
         return Sweep(place.resolve().name, Opened(folder=place, jobs=()), named)
-    found = opened(place)
-    return Run(found, found.read(found.folder, named)) if found.jobs is None else Sweep(place.stem, found, named)
+    origin = opened(place)
+    return Run(origin, origin.read(origin.folder, named)) if origin.jobs is None else Sweep(place.stem, origin, named)
 
 
 def open_run(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | None = None) -> Run:
@@ -38,5 +38,5 @@ def open_run(path: str | os.PathLike[str], *, store: str | os.PathLike[str] | No
     Raises:
         RunError: it is a sweep; or as `open`.
     """
-    found = opened(Path(path))
-    return Run(found, found.read(found.one_run(ONE_RUN), None if store is None else str(store)))
+    place = opened(Path(path))
+    return Run(place, place.read(place.one_run(ONE_RUN), None if store is None else str(store)))

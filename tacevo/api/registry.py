@@ -6,8 +6,8 @@ from tacevo.choices import Tracking
 from tacevo.export.contents import Exported
 from tacevo.redaction import check_address
 from tacevo.results.run import RecordedRun
-from tacevo.tracking.entries import shown_address
-from tacevo.tracking.failures import told
+from tacevo.tracking.mlflow_errors import told
+from tacevo.tracking.params import shown_address
 from tacevo.tracking.process import prepare, store_address
 
 
@@ -45,7 +45,7 @@ class Registry:
         remedy = f"{directory} is whole; the same export into another -o registers it, from recorded trainings"
         with told(f"the model {self._name}", self._uri, remedy):
             from tacevo.tracking.models import register
-            from tacevo.tracking.sweeps import find_sweep
+            from tacevo.tracking.sweep_run import find_sweep
             from tacevo.tracking.writer import search_key
 
             sweep = find_sweep(self._run.path)

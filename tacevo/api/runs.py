@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from analysis.report.collection import Collection, collection_of, read_studies, tables_of
 from analysis.runs import dynamics
 from analysis.runs.pareto import beside_costs, on_front
-from analysis.studies.noise import losses_by_source
+from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
-from tacevo.api import frames, network
+from tacevo.api import frames, trusted_network
 from tacevo.api.replaying import replay
 from tacevo.api.studies import Study
 from tacevo.api.tables import Named, Table, with_plain_names
@@ -26,6 +26,7 @@ from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
+from tacevo.results.summary import summarise
 from tacevo.runs.profiles import recall_profiles
 from tacevo.runs.progress import Progress
 from tacevo.text import listed, nearest
@@ -74,6 +75,11 @@ class Run:
     def versions(self) -> Mapping[str, str]:
         """Of Python and the packages that made it, by name."""
         return self.recorded.record.versions
+
+    @property
+    def summary(self) -> str:
+        """What was found in words and tables, in Markdown, as `tacevo show` begins."""
+        return summarise(self.recorded)
 
     @property
     def candidates(self) -> pd.DataFrame:
@@ -145,7 +151,7 @@ class Run:
                 remedy=f"read run.source({candidate!r}) first",
             )
         source = self._read_source(candidate)
-        return network.build(source, f"candidate_{candidate}", self.recorded.record.task.contract)
+        return trusted_network.build(source, f"candidate_{candidate}", self.recorded.record.task.contract)
 
     def export(
         self,
@@ -203,10 +209,10 @@ class Run:
     @cached_property
     def studies(self) -> tuple[Study, ...]:
         """Its finished studies and noise runs that are whole: those on the run's own data first, then by name."""
-        found = self.collection
-        compared = {one.name: one for one in found.studies}
-        again = {one.name: one for one in found.reestimates}
-        known = [one for one in found.finished if one.path.name in compared.keys() | again.keys()]
+        collection = self.collection
+        compared = {one.name: one for one in collection.studies}
+        again = {one.name: one for one in collection.reestimates}
+        known = [one for one in collection.finished if one.path.name in compared.keys() | again.keys()]
         return tuple(
             Study(one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
             for one in sorted(known, key=lambda one: (bool(one.record.other_data), one.path.name))
@@ -324,9 +330,13 @@ class Run:
 
 def remarks_on(run: Run) -> list[str]:
     """List the settings that were not sent, the studies that were left out, and how to make a first one."""
-    found = run.collection
-    remarks = [*found.run.not_sent.values(), *(f"left out: {reason}" for reason in found.left_out), *found.remarks]
-    if not found.studies and not found.left_out:
+    collection = run.collection
+    remarks = [
+        *collection.run.not_sent.values(),
+        *(f"left out: {reason}" for reason in collection.left_out),
+        *collection.remarks,
+    ]
+    if not collection.studies and not collection.left_out:
         make = f"`tacevo study {shlex.quote(str(run.path))}` makes one, with its tables and figures"
         is_bundle = run.place.digest is not None
         remarks.append("no study: it was published without one" if is_bundle else f"no finished study yet: {make}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.report.collection import Compared
 from analysis.studies.comparison import of_whole
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from tacevo.api import frames
 from tacevo.api.tables import Table
 from tacevo.results.study import RecordedStudy as Scored

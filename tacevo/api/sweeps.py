@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from analysis.report.sweep_collection import SweepCollection, collect_sweep, sweep_tables
 from analysis.sweeps.ablation import Ablation
-from analysis.sweeps.metrics import TESTED, TESTS, Metric
+from analysis.sweeps.arm_metrics import TESTED, TESTS, Metric
 from analysis.table import Table as Rows
 from tacevo.api import frames
 from tacevo.api.replaying import replay
@@ -61,8 +61,8 @@ class Sweep:
             if (one := missing.get(job.name)) is not None:
                 row |= {"state": one.standing.value, "reason": one.reason or None}
             rows.append(row | {"digest": digests.get(job.name)})
-        metrics = [metric.name for metric in collected.found.arms]
-        return frames.frame(rows, frames.JOBS, index="job").join(collected.found.jobs[metrics])
+        metrics = [metric.name for metric in collected.ablation.arms]
+        return frames.frame(rows, frames.JOBS, index="job").join(collected.ablation.jobs[metrics])
 
     def contrasts(self, metric: str | None = None, *, reference: str | None = None) -> pd.DataFrame:
         """Compare the arms in one metric; a row an arm, the reference first; columns: docs/python.md.
@@ -78,7 +78,7 @@ class Sweep:
             ConfigError: there is no such metric or arm; or no job has a value of it yet; or the sweep states none.
             IncomparableError: the jobs cannot be compared.
         """
-        compared = self.collection(reference).found
+        compared = self.collection(reference).ablation
         frame = compared.arms[metric_of(metric, compared)].copy()
         frame.attrs["left_out"] = self._arms_left_out()
         return frame

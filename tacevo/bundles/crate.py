@@ -8,7 +8,7 @@ from rocrate.model.person import Person
 from rocrate.model.softwareapplication import SoftwareApplication
 from rocrate.rocrate import ROCrate
 
-from tacevo.bundles.pages import Subject, Terms
+from tacevo.bundles.readme import Subject, Terms
 
 #: Media types by the ending of a name; the longest that fits counts.
 _TYPES = {

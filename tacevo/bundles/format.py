@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tacevo.bundles.texts import check_papers
 from tacevo.errors import BundleError, CacheMissError, DivergenceError, RunError, TacevoError
-from tacevo.storage.entries import CANDIDATES, Budget, unpack_in_memory
+from tacevo.storage.entries import CANDIDATES, ReadBudget, unpack_in_memory
 from tacevo.storage.members import Member, Tree, as_tree
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST
@@ -96,7 +96,7 @@ def read_bundle(source: Path) -> tuple[Member, Member, str]:
     Raises:
         BundleError: it is damaged, or holds what none should; the message names the place.
     """
-    budget = Budget(source, source.stat().st_size)
+    budget = ReadBudget(source, source.stat().st_size)
     with refusing():
         members = read_members(source, _PLACES, budget)
         digests = {name: hashlib.sha256(data).hexdigest() for name, data in members.items()}

@@ -12,10 +12,10 @@ from pathlib import Path
 from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
 from tacevo.errors import BundleError, RunError
-from tacevo.evolution.files import finished_digest
+from tacevo.evolution.search_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
-from tacevo.storage.arrays import KIND
+from tacevo.storage.array_store import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.places import check_place
 from tacevo.storage.run_directory import RunDirectory
@@ -77,8 +77,8 @@ class Opened:
         """
         packed = self.entries if store is None and self.digest is not None else None
         own = None if self.entries is None else str(self.entries)
-        found = read_run(run, store or (own if packed is None else HERE))
-        return replace(found, packed=packed, has_predictions=self.has_predictions)
+        recorded = read_run(run, store or (own if packed is None else HERE))
+        return replace(recorded, packed=packed, has_predictions=self.has_predictions)
 
 
 def opened(path: Path) -> Opened:
@@ -109,27 +109,27 @@ def located(path: Path) -> Opened:
         _check_finished(directory, sweep.jobs)
     elif not (path / "run.json").exists():
         RunDirectory(path).read_run()  # which says what is missing
-    found = Opened(folder=path, jobs=jobs)
-    return found if jobs is None else replace(found, entries=_store_of(found))
+    place = Opened(folder=path, jobs=jobs)
+    return place if jobs is None else replace(place, entries=_store_of(place))
 
 
 def _read(source: Path) -> Opened:
     """Read and verify a bundle; find what is in it."""
     root, store, digest = read_bundle(source)
-    found = Opened(folder=root / SWEEP, entries=store, root=root, digest=digest)
+    place = Opened(folder=root / SWEEP, entries=store, root=root, digest=digest)
     if not (root / JOBS).exists():
         run = root / "run"
-        return replace(found, folder=run.called(_name(run)))  # tables and figures bear the name of the run
+        return replace(place, folder=run.called(_name(run)))  # tables and figures bear the name of the run
     with refusing():
-        sweep = _read_sweep(found.folder)
+        sweep = _read_sweep(place.folder)
     jobs = tuple(job.name for job in sweep.jobs)
-    for name in sorted(set(jobs) ^ {path.name for path in found.folder.iterdir() if path.is_dir()}):
+    for name in sorted(set(jobs) ^ {path.name for path in place.folder.iterdir() if path.is_dir()}):
         what = f"no directory of the job {name!r}" if name in jobs else f"directory {name!r}, which is not a job"
         raise BundleError(what, place=f"{root / JOBS}", expected="one directory for each job")
     if (root / JOBS).read_bytes() != sweep.text.encode():
         expected = "the text that `tacevo publish` writes of these jobs"
         raise BundleError("the same jobs in another text: it was edited", place=f"{root / JOBS}", expected=expected)
-    return replace(found, jobs=jobs, has_predictions=(store / KIND).exists())
+    return replace(place, jobs=jobs, has_predictions=(store / KIND).exists())
 
 
 def _read_sweep(folder: Path) -> SweepRecord:
@@ -159,15 +159,15 @@ def _check_finished(directory: SweepDirectory, jobs: Sequence[Job]) -> None:
         )
 
 
-def _store_of(found: Opened) -> Path:
+def _store_of(place: Opened) -> Path:
     """Read which stores the runs have."""
     roots = set()
-    for run in found.runs:
+    for run in place.runs:
         config = settings_of(RunDirectory(run))
         roots.add(Path(config.store.root))
     if len(roots) > 1:
         raise RunError(
-            listed(sorted(map(str, roots))), place=str(found.folder), expected="runs with one store.root for all"
+            listed(sorted(map(str, roots))), place=str(place.folder), expected="runs with one store.root for all"
         )
     return roots.pop()
 
@@ -182,15 +182,15 @@ def _name(run: Path) -> str:
     return name
 
 
-def check_walls(found: Opened) -> None:
+def check_walls(place: Opened) -> None:
     """Refuse to run the candidates of a bundle that would itself take the sandbox's walls down.
 
     Raises:
         BundleError: it asks for `sandbox.require=none`, as a run on a GPU does; or its configuration cannot be read.
     """
-    if found.digest is None:
+    if place.digest is None:
         return
-    for run in found.runs:
+    for run in place.runs:
         with refusing():
             config = settings_of(RunDirectory(run))
         if config.sandbox.require is Confinement.none:
@@ -198,6 +198,6 @@ def check_walls(found: Opened) -> None:
                 "sandbox.require=none, with which its candidates would run here without walls",
                 expected="a published run whose candidates can be confined",
                 remedy="if you trust every source in it, unpack it and give its directory run instead"
-                if found.jobs is None and found.root is not None
+                if place.jobs is None and place.root is not None
                 else "",
             )

@@ -12,10 +12,10 @@ from pathlib import Path
 from tacevo.bundles.crate import metadata
 from tacevo.bundles.format import LOCK, RUN_FILES, STORE, SWEEP, candidate_entry, sealed
 from tacevo.bundles.open import Opened, located
-from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
+from tacevo.bundles.readme import Subject, Terms, citation, licence, readme
 from tacevo.bundles.verify import Rerun, files_below, rerun, rerun_all
 from tacevo.choices import Provider
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.identity import config_hash
 from tacevo.environment import PACKAGES
 from tacevo.errors import ConfigError, RunError
@@ -28,7 +28,7 @@ from tacevo.results.summary import summarise
 from tacevo.results.sweep_jobs import check_jobs
 from tacevo.rules import PAGES
 from tacevo.runs.progress import Progress
-from tacevo.storage.arrays import KIND
+from tacevo.storage.array_store import KIND
 from tacevo.storage.canonical import readable, value_at
 from tacevo.storage.entries import pack
 from tacevo.storage.files import write_durably
@@ -81,9 +81,9 @@ def publish(
         RunError: this is not a finished run or sweep, or a study is not one of its finished ones.
         ConfigError: the day is not known; or a model is named by a path of this machine.
     """
-    found = located(run)
-    terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in found.runs))
-    staged = _staged(studies, replace(found, entries=store or found.store), view)
+    place = located(run)
+    terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in place.runs))
+    staged = _staged(studies, replace(place, entries=store or place.store), view)
     read: set[Path] = set()
     runs = rerun_all(staged, lambda path: rerun(staged.read(path), view, seen=read.add), view)
     tables, figures = make_pages(staged.folder, runs)
@@ -102,23 +102,23 @@ def publish(
     )
 
 
-def _staged(studies: Sequence[Path], found: Opened, view: Progress) -> Opened:
+def _staged(studies: Sequence[Path], place: Opened, view: Progress) -> Opened:
     """Return what is published of a run or a sweep, in memory, under a name that tables and figures may bear."""
-    if found.jobs is None:
-        run = read_run(found.folder)
+    if place.jobs is None:
+        run = read_run(place.folder)
         files, name = _stage(run, _studies(studies, run, view)), _publishable(run.record).name
-        return replace(found, folder=Member(str(found.folder), as_tree(files), name=name))
+        return replace(place, folder=Member(str(place.folder), as_tree(files), name=name))
     if studies:
         expected = "no study: a sweep is published with every finished study of its runs"
         raise RunError(", ".join(map(str, studies)), expected=expected)
-    directory = SweepDirectory(found.folder)
+    directory = SweepDirectory(place.folder)
     check_jobs(directory)
-    files = _note(found.folder)
-    for source in found.runs:
+    files = _note(place.folder)
+    for source in place.runs:
         run = read_run(source)
         files |= {f"{source.name}/{name}": data for name, data in _stage(run, _studies((), run, view)).items()}
     sweep, tree = directory.read(), as_tree(files)
-    staged = replace(found, folder=Member(str(found.folder), tree, name=SWEEP))
+    staged = replace(place, folder=Member(str(place.folder), tree, name=SWEEP))
     jobs = tuple(_published_job(staged.folder, job) for job in sweep.jobs)
     arms = {job.arm: shown.arm for job, shown in zip(sweep.jobs, jobs, strict=True)}
     published = replace(sweep, overrides=(), jobs=jobs, terms=published_terms(sweep.terms, arms))
@@ -190,7 +190,7 @@ def _note(source: Path) -> dict[str, bytes]:
 def _studies(chosen: Sequence[Path], run: RecordedRun, view: Progress) -> list[StudyDirectory]:
     """Choose the studies of a run: those that were named, or all that are finished."""
     every, digest = studies_of(run.directory.path), run.ledger.digest
-    whole = [study for study in every if (found := study.read()).digest is not None and found.run == digest]
+    whole = [study for study in every if (record := study.read()).digest is not None and record.run == digest]
     if not chosen:
         for study in every:
             if study not in whole:

@@ -100,19 +100,19 @@ def rerun_published(bundle: Opened, run: Path, view: Progress, *, seen: Seen | N
         return checked
 
 
-def rerun_all(found: Opened, again: Callable[[Path], Rerun], view: Progress) -> tuple[Rerun, ...]:
+def rerun_all(place: Opened, again: Callable[[Path], Rerun], view: Progress) -> tuple[Rerun, ...]:
     """Run every search and its studies again, by `again`; of a sweep, compare its list of jobs with them, too.
 
     Lines and errors of a sweep name the job.
     """
-    if found.jobs is None:
-        return (again(found.folder),)
+    if place.jobs is None:
+        return (again(place.folder),)
     done = []
-    for number, (job, run) in enumerate(zip(found.jobs, found.runs, strict=True), start=1):
-        view.say(f"job {job} ({number} of {len(found.jobs)})")
+    for number, (job, run) in enumerate(zip(place.jobs, place.runs, strict=True), start=1):
+        view.say(f"job {job} ({number} of {len(place.jobs)})")
         with naming(job):
             done.append(again(run))
-    check_jobs(SweepDirectory(found.folder))
+    check_jobs(SweepDirectory(place.folder))
     return tuple(done)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from tacevo import __version__
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
 from tacevo.cli.edge import Terminated, check_analysis, edge
-from tacevo.config.folder import reading_own
+from tacevo.config.conf_folder import reading_own
 from tacevo.errors import BundleError, ConfigError, DivergenceError, TacevoError
 from tacevo.text import printable
 

@@ -7,6 +7,7 @@ import argparse
 import contextlib
 import importlib
 import re
+import sys
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -29,6 +30,8 @@ def _later(
     def run(options: argparse.Namespace) -> int:
         if check is not None:
             check(options)
+        for name in [*vars(options).get("runs", ()), *filter(None, [vars(options).get("run")])]:
+            print(f"reading {name}", file=sys.stderr)  # before the imports, which take seconds
         status: int = getattr(importlib.import_module(f"tacevo.cli.{module}"), f"run_{command}")(options)
         return status
 
@@ -200,7 +203,7 @@ def add_tabulate(parser: Parser) -> None:
 def _add_kind(parser: argparse.ArgumentParser, source: str, kind: str, compared: str) -> None:
     of_study = "a pilot run (directory or bundle; all its finished studies are used), or the directory of one study"
     of_sweep = "a pilot sweep (directory or bundle)"
-    parser.add_argument("pilots", metavar=source, nargs="+", type=named, help=of_study if kind == "study" else of_sweep)
+    parser.add_argument("runs", metavar=source, nargs="+", type=named, help=of_study if kind == "study" else of_sweep)
     parser.add_argument(
         "--effect",
         type=_part,

@@ -58,9 +58,9 @@ def add_data(parser: Parser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    found = inspect_data(options.overrides, options.output, Console(stderr=True))
-    print(json.dumps(to_json(found), indent=2) if options.json else report(found))
-    return DIFFERENT if found.leaks else DONE
+    inspection = inspect_data(options.overrides, options.output, Console(stderr=True))
+    print(json.dumps(to_json(inspection), indent=2) if options.json else report(inspection))
+    return DIFFERENT if inspection.leaks else DONE
 
 
 def _show(options: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from analysis.report.figure_list import Picture, pictures_of, sweep_pictures, undrawn, write_pictures
 from analysis.report.writing import left_of_studies, write_tables
-from analysis.sweeps.metrics import TESTED, Metric
+from analysis.sweeps.arm_metrics import TESTED, Metric
 from analysis.table import Table
 from tacevo.api.runs import Run
 from tacevo.api.sweeps import Sweep
@@ -65,9 +65,10 @@ def drawable(one: Run | Sweep) -> tuple[list[Picture], list[str]]:
 
 @contextlib.contextmanager
 def progress_of(words: str, total: int) -> Iterator[Callable[[str], None]]:
-    """Show how many pictures are drawn, on a terminal."""
+    """Say how many pictures are drawn; on a terminal, show how far it is."""
     number = itertools.count(1)
     with Progress() as view:
+        view.say(f"drawing {total} {words}")
         yield lambda name: view.advance(words, next(number), total)
 
 
@@ -78,20 +79,21 @@ def run_ablations(options: argparse.Namespace) -> int:
     if isinstance(sweep, Run):
         remedy = "`tacevo tables` has those of a run"
         raise RunError("one run", place=options.runs[0], expected="a sweep", remedy=remedy)
-    collected = sweep.collection(options.reference)
-    directory = output_directory(place)
-    with Progress():
+    with Progress() as view:
+        view.say("comparing the arms")
+        collected = sweep.collection(options.reference)
+        directory = output_directory(place)
         tables, _ = sweep.all_tables(options.reference)
         write_tables(tables, directory)
     pictures = sweep_pictures(collected)
     with progress_of("figures", len(pictures)) as on_drawn:
         write_pictures(pictures, directory, [".pdf"], on_drawn)
-    stated = collected.found.primary
-    first = stated if stated in collected.found.arms and stated is not None else Metric.best_fitness
+    stated = collected.ablation.primary
+    first = stated if stated in collected.ablation.arms and stated is not None else Metric.best_fitness
     print_table(_in_short(next(table for table in tables if table.name == f"ablation_{first.name}")), Console())
     remarks = sweep.left_out
     say([*remarks[:_REMARKS], *([f"and {len(remarks) - _REMARKS} more"] if len(remarks) > _REMARKS else [])])
-    if collected.found.primary in TESTED and collected.sweep.terms.retraining is None:
+    if collected.ablation.primary in TESTED and collected.sweep.terms.retraining is None:
         print(f"next:   {as_typed('tacevo')} study {shlex.quote(as_override('sweep', options.runs[0]))} seeds=5")
     print(f"tables and figures: {directory} (index.md says which question each answers)")
     return DONE

@@ -2,14 +2,16 @@
 
 import argparse
 import os
+import re
 import shlex
+from pathlib import Path
 
 from tacevo.choices import SensorTask
 from tacevo.cli.common import DONE, Parser, add_config_dir
-from tacevo.config.folder import own_root
+from tacevo.config.conf_folder import own_root
 from tacevo.config.new_task import write_task
 from tacevo.config.schema import TaskConfig
-from tacevo.config.tasks import left_of_others
+from tacevo.config.task_texts import left_of_others
 from tacevo.environment import as_typed
 from tacevo.records import Kind
 
@@ -24,15 +26,24 @@ def add_init(parser: Parser) -> None:
         "name, to be edited. Searches that start in this directory know it. Nothing that exists is changed."
     )
     parser.add_argument("name", metavar="NAME", help="of the new task: a lower-case identifier, e.g. shear")
-    parser.add_argument("--like", default="force", metavar="TASK", help="the task to copy (default: force)")
+    parser.add_argument("--like", metavar="TASK", help="the task to copy (default: force)")
+    parser.add_argument(
+        "--from-supplement",
+        metavar="FILE",
+        help="your copy of the index.html of the paper's supplement: its instructions and system prompt become those "
+        "of the new task, for forces or gratings as NAME begins, or as --like says",
+    )
     add_config_dir(parser, made=True)
     parser.set_defaults(command=_init, interrupted="nothing half-made is left")
 
 
 def _init(options: argparse.Namespace) -> int:
-    task = write_task(options.name, options.like)
+    supplement, like = options.from_supplement, options.like
+    if like is None:
+        like = "force" if supplement is None else re.split(r"[-_]", options.name)[0]
+    task = write_task(options.name, like, None if supplement is None else Path(supplement))
     files = {
-        f"task/{task.name}.yaml": "outputs and their names",
+        f"task/{options.name}.yaml": "outputs and their names",
         task.system: "what the images show",
         task.instructions: "what a mutation does",
         task.baseline: f"where a search starts; its {task.output_argument}={task.outputs} is that of outputs, too",
@@ -42,11 +53,11 @@ def _init(options: argparse.Namespace) -> int:
         print(f"wrote:  {places[name]} (to edit: {what})")
     for words in left_of_others(task):
         print(f"edit:   {words}")
-    tacevo, own = as_typed("tacevo"), f"task={task.name} {_images(task)}"
+    tacevo, own = as_typed("tacevo"), f"task={options.name} {_images(task)}"
     where = "" if options.config_dir is None else f" --config-dir {shlex.quote(options.config_dir)}"
-    print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {task.name}{where}")
-    if options.like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
-        lent = f"task={task.name} task.name={options.like}"
+    print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {options.name}{where}")
+    if like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
+        lent = f"task={options.name} task.name={like}"
         print(f"try:    {tacevo} search experiment=demo {lent}{where}  # before the edit, on simulated images")
     own = f"experiment={_SMALL[task.kind]} {own}{where}"
     print(f"look:   {tacevo} data check {own}  # says what is still the other task's")

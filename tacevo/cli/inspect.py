@@ -14,9 +14,9 @@ from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE, MISTAKE, Parser, add_config_dir
 from tacevo.config.compose import compose
-from tacevo.config.folder import config_roots
+from tacevo.config.conf_folder import config_roots
 from tacevo.config.schema import RunConfig, StoreConfig
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, SandboxError, TacevoError
 from tacevo.profile import Admitted

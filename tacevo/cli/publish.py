@@ -5,8 +5,8 @@ from functools import partial
 from pathlib import Path
 
 from tacevo.api.pages import pages
-from tacevo.bundles.pages import Terms
 from tacevo.bundles.publish import publish
+from tacevo.bundles.readme import Terms
 from tacevo.cli.common import DONE
 from tacevo.runs.progress import Progress
 from tacevo.text import counted, listed

@@ -9,7 +9,7 @@ from analysis.report.collection import side_by_side, with_largest_studies
 from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.following import follow
 from analysis.report.page.html import as_html
-from tacevo.api.report import page_of
+from tacevo.api.page import page_of
 from tacevo.api.runs import Run, remarks_on
 from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import existing_store, output_directory, place_of_results
@@ -45,11 +45,11 @@ def _document(options: argparse.Namespace) -> int:
     """Write the LaTeX document of runs and sweeps: the paper beside the runs, these beside each other, then each."""
     shown = open_all(options.runs, options.store)
     runs = [_with_largest(one) for one in shown if isinstance(one, Run)]
-    found = [one.collection for one in runs]
-    check_alike([compared.study for one in found for compared in one.studies])
+    collections = [one.collection for one in runs]
+    check_alike([compared.study for one in collections for compared in one.studies])
     directory = output_directory(options.output or "build/paper")
     chapters = [write_chapter("The paper beside these runs", with_published(runs), [], directory / "published")]
-    beside, alone = side_by_side(found)
+    beside, alone = side_by_side(collections)
     say(alone)
     if beside:
         chapters.append(write_chapter("These searches beside each other", beside, [], directory / "searches"))

@@ -33,12 +33,12 @@ def run_replay(options: argparse.Namespace) -> int:
     if is_table(Path(options.run)):
         return _replay_table(options)
     with Progress() as view:
-        found = opened(Path(options.run))
+        place = opened(Path(options.run))
         if options.retrain is not None:
-            check_walls(found)
+            check_walls(place)
         # The --store of a published run is for the images of --retrain, and need not exist yet.
-        done = replay(found, None if found.digest else existing_store(options.store), view)
-        told = _told(found, done)
+        done = replay(place, None if place.digest else existing_store(options.store), view)
+        told = _told(place, done)
         if options.retrain is not None:
             told.append(_retrain(done.runs, options, view))
     for text in [*told, _verdict(done), f"digest: {done.digest}"]:
@@ -77,7 +77,7 @@ def _verdict(done: Replay) -> str:
     return f"EQUAL: {', '.join(equal)}" + (f"; not compared: {listed(left)}{why}" if left else "")
 
 
-def _told(found: Opened, done: Replay) -> list[str]:
+def _told(origin: Opened, done: Replay) -> list[str]:
     """Describe what was compared of each run, and of all runs of a sweep together."""
     runs = done.runs
     lines = sum(run.replayed.lines for run in runs)
@@ -87,7 +87,7 @@ def _told(found: Opened, done: Replay) -> list[str]:
         f"{lines} ledger lines, both archives, every candidate's source, {summary} are as recorded",
         f"recorded: {spent}; this replay made no call and cost nothing",
     ]
-    for job, run in zip(found.jobs or ("",), runs, strict=True):
+    for job, run in zip(origin.jobs or ("",), runs, strict=True):
         place = f"{job}, " if job else ""
         told += [f"job {job}: digest {run.replayed.digest}"] if job else []
         told += [
@@ -101,7 +101,7 @@ def _told(found: Opened, done: Replay) -> list[str]:
             "classification, accuracy and macro-F1 follow from the confusion; other metrics were not computed again"
         )
     if done.verified is not None:
-        told += [f"all {done.verified.entries} store entries were needed", f"bundle digest: {found.digest}"]
+        told += [f"all {done.verified.entries} store entries were needed", f"bundle digest: {origin.digest}"]
     return told
 
 
@@ -128,10 +128,10 @@ def run_extend(options: argparse.Namespace) -> int:
     from tacevo.bundles.extend import extend_run  # imports Hydra, which a replay does not need
     from tacevo.cli.search import print_end
 
-    found = opened(Path(options.run))
+    place = opened(Path(options.run))
     with Progress() as view:
-        moved = found.digest is None and options.store is not None
-        published = replace(found, entries=Path(options.store)) if moved else found
+        moved = place.digest is None and options.store is not None
+        published = replace(place, entries=Path(options.store)) if moved else place
         result = extend_run(published, options.overrides, view, check=lambda run: _checked(run, view))
     print_end(result)
     return DONE

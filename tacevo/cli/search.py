@@ -14,7 +14,7 @@ from tacevo.choices import Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
-from tacevo.config.folder import check_experiment, groups
+from tacevo.config.conf_folder import check_experiment, groups
 from tacevo.config.plain import to_plain
 from tacevo.environment import as_typed
 from tacevo.records import Mode
@@ -25,12 +25,12 @@ from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
 from tacevo.storage.canonical import canonical, leaves
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.sweeps.plan import plan_unasked, sweep
 from tacevo.sweeps.status import describe_jobs
+from tacevo.sweeps.sweeping import plan_unasked, sweep
 from tacevo.sweeps.terms import Asked, read_varied
 from tacevo.text import as_override, counted
 from tacevo.tracking.backfill import track
-from tacevo.tracking.entries import viewing
+from tacevo.tracking.params import viewing
 
 #: Where the words stand beside the settings, in characters.
 _WORDS = 42
@@ -119,7 +119,7 @@ def _estimated(options: argparse.Namespace) -> str:
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     """Print on one screen what a search found, where all of it is to be seen, remarks, and what to do next."""
     tacevo, run = as_typed("tacevo"), shlex.quote(str(result.directory))
-    print(result.found)
+    print(result.summary)
     print(f"read:   {result.directory / 'summary.md'}")
     print(f"look:   {tacevo} show {run} {result.best}")
     print(f"verify: {tacevo} replay {run}")

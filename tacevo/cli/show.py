@@ -13,10 +13,10 @@ from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DONE
 from tacevo.errors import ConfigError, RunError
-from tacevo.evolution.files import Line, check_references, read_elites, read_ledger
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING
 from tacevo.evolution.reevaluation import estimates_of
+from tacevo.evolution.search_files import Line, check_references, read_elites, read_ledger
 from tacevo.gate.imports import with_imports
 from tacevo.records import Json, Operator, Task, written
 from tacevo.results.run import RecordedRun, finished_run
@@ -114,9 +114,11 @@ def _studied(run: RecordedRun) -> str:
     """Write what the studies and noise runs of a finished run found; nothing without any."""
     if not studies_of(run.path):
         return ""
-    found = read_studies(run)
-    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, found).items()]
-    return "".join(f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in found.left_out + found.remarks)])
+    studies = read_studies(run)
+    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, studies).items()]
+    return "".join(
+        f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in studies.left_out + studies.remarks)]
+    )
 
 
 def show_candidate(path: Path, name: str) -> str:

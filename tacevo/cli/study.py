@@ -5,19 +5,22 @@ import shlex
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import product
 from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
+from analysis.studies.transfer import transfers
 from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.tables.plan import plan_table
+from analysis.tables.transfer import transfer_tables
 from tacevo.bundles.open import opened
 from tacevo.cli.common import DIFFERENT, DONE, output_directory
 from tacevo.cli.tables import print_table, say
-from tacevo.config.compose import compose_noise, compose_study
+from tacevo.config.compose import compose_data, compose_noise, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
@@ -28,13 +31,16 @@ from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.results.sweep import load_sweep
 from tacevo.runs.progress import Progress
 from tacevo.storage.files import write_durably
-from tacevo.storage.plan import plan_text
+from tacevo.storage.plan_file import plan_text
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
-from tacevo.studies.given import record_given
+from tacevo.studies.given_run import record_given
 from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import as_override, counted, listed
+
+#: What to do where trainings of a study fail.
+_REMEDY = "raise seconds= or memory_mib=, or lower elites="
 
 Configured = TypeVar("Configured", bound=StudyConfig | NoiseConfig)
 
@@ -82,11 +88,35 @@ def run_study(options: argparse.Namespace) -> int:
             return _study_sweep(Path(config.sweep), config)
         if RunDirectory(Path(config.run or "")).read_run().task.given:
             check_unchosen(options.overrides)
+        if len(elsewhere := [*product(*spread(data))] if data else [()]) > 1:
+            return _study_each(config, elsewhere)
         with Progress() as view:
             studied = study(config, view, data)
     _introduce(studied, "study")
     _show(studied, config.store.root)
-    return _end(studied, "raise seconds= or memory_mib=, or lower elites=")
+    return _end(studied, _REMEDY)
+
+
+def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
+    """Study the same networks on each of several data sets, one after the other, and set them side by side."""
+    run = read_run(Path(config.run or ""), config.store.root)
+    for data in elsewhere:  # before the first is trained
+        compose_data(run.config, data)
+    statuses, names = [], set()
+    for data in elsewhere:
+        with Progress() as view:
+            studied = study(config, view, data)
+        _introduce(studied, f"study of {' '.join(data)}")
+        statuses.append(_end(studied, _REMEDY))
+        names.add(studied.directory.name)
+    studies = read_studies(run).studies
+    own = [one.study for one in studies if one.name in names]
+    for group in transfers((one.study, one.comparisons) for one in studies):
+        if any(one is study for one, _ in group for study in own):
+            for table in transfer_tables(group):
+                print_table(table, Console())
+    print(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
+    return max(statuses)
 
 
 def _study_sweep(sweep: Path, config: StudyConfig) -> int:
@@ -138,10 +168,10 @@ def _introduce(studied: Studied, what: str) -> None:
 def _show(studied: Studied, store: str | None) -> RecordedRun:
     """Print what was found in short, and where all of it is to be seen; return the run."""
     run = read_run(studied.directory.parents[1], store)
-    found = read_studies(run)
-    if table := outcomes(run, found).get(studied.directory.name):
+    studies = read_studies(run)
+    if table := outcomes(run, studies).get(studied.directory.name):
         print_table(table, Console())
-        say(why for why in found.left_out if studied.directory.name in why)
+        say(why for why in studies.left_out if studied.directory.name in why)
     for command in ("tables", "report"):
         print(f"look:   {as_typed('tacevo')} {command} {shlex.quote(str(run.path))}")
     return run
@@ -159,7 +189,7 @@ def _end(studied: Studied, remedy: str) -> int:
 
 def run_plan(options: argparse.Namespace) -> int:
     """Plan a number of seeds."""
-    pilot = _pilot(options.kind, [Path(name) for name in options.pilots])
+    pilot = _pilot(options.kind, [Path(name) for name in options.runs])
     wish = Wish(
         effect=options.effect,
         alpha=options.alpha,
@@ -199,14 +229,14 @@ def _finished_studies(path: Path) -> Iterator[tuple[RecordedRun, RecordedStudy]]
     if (path / "study.json").exists():
         yield read_run(path.resolve().parents[1]), load_study(path)
         return
-    found = 0
+    number = 0
     for folder in opened(path).runs:
         run = read_run(folder)
         for directory in studies_of(folder):
             record = directory.read()
             if record.terms is not None and record.digest is not None:
-                found += 1
+                number += 1
                 yield run, load_study(directory.path)
-    if not found:
+    if not number:
         remedy = f"`tacevo study {shlex.quote(str(path))}` makes one; a few seeds will do for a pilot"
         raise RunError("none", place=str(path), expected="at least one finished study", remedy=remedy)

@@ -59,7 +59,8 @@ def _write(
 ) -> None:
     """Write the tables of a run or a sweep, and print those that a paper needs; `beside` are the paper's own."""
     directory = output_directory(place)
-    with Progress():
+    with Progress() as view:
+        view.say(f"making the tables of {one.name}")
         remarks = remarks_of(one)
         own, missing = one.all_tables()
         tables = [*own, *beside]
@@ -97,13 +98,9 @@ def open_all(names: Sequence[str], store: str | None) -> list[Run | Sweep]:
     Raises:
         TacevoError: as `tacevo.open`.
     """
-    known, opened = existing_store(store), []
-    with Progress() as view:
-        for name in names:
-            if any(place.is_file() for place in (Path(name), Path(name).parent)):  # all of a bundle is compared first
-                view.say(f"reading {name}")
-            opened.append(open_path(name, store=known))
-    return opened
+    known = existing_store(store)
+    with Progress():
+        return [open_path(name, store=known) for name in names]
 
 
 def remarks_of(one: Run | Sweep) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tacevo.cli.common import DIFFERENT, DONE
 from tacevo.config.compose import compose
-from tacevo.config.folder import check_experiment
+from tacevo.config.conf_folder import check_experiment
 from tacevo.environment import as_typed
 from tacevo.runs.progress import Progress
 from tacevo.studies.tabulate import tabulate

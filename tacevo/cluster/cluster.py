@@ -22,9 +22,9 @@ from typing import Any, Self
 from tacevo.choices import Confinement
 from tacevo.cluster.connection import connect, is_guarded, leave
 from tacevo.cluster.facts import Order
-from tacevo.cluster.images import Images
-from tacevo.cluster.members import Described, Member, join, works
-from tacevo.cluster.node import Node
+from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import Images
+from tacevo.cluster.node_members import ClusterMember, Described, join, works
 from tacevo.cluster.slot import run_job
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits
@@ -96,14 +96,14 @@ class Cluster:
         address: str | None,
         workers: int,
         notice: Notice | None = None,
-        process: type[Node] = Node,
+        process: type[ClusterNode] = ClusterNode,
         say: Callable[[str], None] | None = None,
     ) -> None:
         self._order, self._images = order, images
         self._notice, self._process, self._say = notice, process, say
         self._lock = threading.Lock()
         self._flights: set[_Flight] = set()
-        self._members: dict[str, Member] = {}
+        self._members: dict[str, ClusterMember] = {}
         #: How often each node was looked at.
         self._tries: Counter[str] = Counter()
         #: Why no further job can run.

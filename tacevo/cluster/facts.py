@@ -84,20 +84,20 @@ def keys_here() -> tuple[str, ...]:
     return tuple(name for name in secret_variables(os.environ) if name not in _HARMLESS)
 
 
-def check_alike(found: Facts, wanted: Facts, place: str) -> None:
+def check_alike(facts: Facts, wanted: Facts, place: str) -> None:
     """Check that a node computes what the search would compute itself, and can do what is ordered.
 
     Raises:
         SandboxError: it cannot, or something differs; the place is the node.
     """
-    if found.fault is not None:
-        fault = found.fault
+    if facts.fault is not None:
+        fault = facts.fault
         raise SandboxError(fault.got, place=f"{place}, {fault.place}", expected=fault.expected, remedy=fault.remedy)
-    names = sorted(found.decisive.keys() | wanted.decisive.keys())
-    differing = [name for name in names if found.decisive.get(name) != wanted.decisive.get(name)]
+    names = sorted(facts.decisive.keys() | wanted.decisive.keys())
+    differing = [name for name in names if facts.decisive.get(name) != wanted.decisive.get(name)]
     if differing:
         raise SandboxError(
-            _listed(differing, found.decisive),
+            _listed(differing, facts.decisive),
             place=place,
             expected=_listed(differing, wanted.decisive),
             remedy="install there what is installed here, or take the node out of the cluster",

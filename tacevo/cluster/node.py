@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tacevo.cluster import images as files
+from tacevo.cluster import node_images as files
 from tacevo.cluster.facts import Facts, Order, facts_here
-from tacevo.cluster.images import Images
+from tacevo.cluster.node_images import Images
 from tacevo.environment import machine
 from tacevo.errors import SandboxError
 from tacevo.sandbox.client import Sandbox, Zygote
@@ -16,7 +16,7 @@ from tacevo.sandbox.confinement import in_force
 from tacevo.training.leases import leased
 
 
-class Node:
+class ClusterNode:
     """The process of one run on one node; Ray starts it, and starts it again where it was killed.
 
     `images` is None where nothing is trained.

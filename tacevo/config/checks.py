@@ -21,6 +21,7 @@ from tacevo.choices import (
     ParentPolicy,
     Provider,
     Scale,
+    SimulatedSensor,
     SystemTurn,
 )
 from tacevo.config.schema import (
@@ -119,6 +120,8 @@ def _check_data(data: DataConfig) -> None:
     _check_that(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
     named = _distinct(data.spacings_mm) or (data.source is DataSource.tacverse and not data.spacings_mm)
     _check_that(named, "data.spacings_mm", "different spacings, at least one", data.spacings_mm)
+    made = not simulated or data.sensor in list(SimulatedSensor)
+    _check_that(made, "data.sensor", f"{', '.join(SimulatedSensor)} for data=simulated", data.sensor)
     counted = data.images is not None or not simulated
     _check_that(counted, "data.images", "a number of images for data=simulated", data.images)
     one = data.group_column is None or data.group_pattern is None

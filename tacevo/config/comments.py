@@ -11,13 +11,13 @@ def comments() -> dict[str, str]:
     """Return the comment of every setting of a run by its key, such as `archive.niches`."""
     text = Path(schema.__file__).read_text(encoding="utf-8")
     classes = {node.name: node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)}
-    lines, found = text.splitlines(), {"seed": "of all that the search draws"}
+    lines, said = text.splitlines(), {"seed": "of all that the search draws"}
     for group in fields(schema.RunConfig):
         if isinstance(group.type, type) and is_dataclass(group.type):
             for item in classes[group.type.__name__].body:
                 if isinstance(item, ast.AnnAssign):
-                    found[f"{group.name}.{ast.unparse(item.target)}"] = _said(lines, item)
-    return found
+                    said[f"{group.name}.{ast.unparse(item.target)}"] = _said(lines, item)
+    return said
 
 
 def _said(lines: list[str], field: ast.AnnAssign) -> str:

@@ -16,8 +16,8 @@ from hydra.core.override_parser import overrides_parser
 from hydra.core.override_parser.types import Override
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from tacevo.config.ablation import check_change, read_arm, split_arm
-from tacevo.config.folder import conf_root, config_file, config_roots, groups
+from tacevo.config.arms import check_change, read_arm, split_arm
+from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.plain import converted, from_plain, near, to_plain
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
 from tacevo.config.sources import check_used, unused

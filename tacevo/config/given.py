@@ -9,7 +9,7 @@ from pathlib import Path
 from tacevo.choices import PAPER_AXES, ArchiveKind, PromptPolicy
 from tacevo.config.checks import check_together
 from tacevo.config.compose import compose, compose_study
-from tacevo.config.folder import config_roots
+from tacevo.config.conf_folder import config_roots
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError

@@ -1,8 +1,9 @@
 """What decides the results of a run, and its hash."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
-from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, ParentPolicy
+from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, ParentPolicy, PromptPolicy
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.records import Json, Task, to_json, written
 from tacevo.storage.canonical import content_hash
@@ -67,6 +68,23 @@ def decisive(config: RunConfig) -> dict[str, Json]:
     """Return what `config_hash` hashes."""
     settings: dict[str, Json] = {"config": identity(config), **length(config)}
     return {**settings, "data": written(config.data), "task": to_json(config.task)}
+
+
+def is_equal_by_construction(one: Mapping[int, RunConfig], other: Mapping[int, RunConfig]) -> bool:
+    """Return whether the searches of two arms, by seed, must find the same networks.
+
+    So it is where those of every shared seed, at least one, differ only in whether uniformly drawn prompts are
+    recorded: nothing is then drawn by that record.
+    """
+    shared = one.keys() & other.keys()
+    return bool(shared) and all(_recording(one[seed]) == _recording(other[seed]) for seed in shared)
+
+
+def _recording(config: RunConfig) -> str:
+    """Hash a configuration, as if it recorded prompts where it does not."""
+    if config.prompts.policy is PromptPolicy.none:
+        config = replace(config, prompts=replace(config.prompts, policy=PromptPolicy.uniform))
+    return config_hash(config)
 
 
 def length(config: RunConfig) -> dict[str, Json]:

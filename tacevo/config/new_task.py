@@ -3,13 +3,16 @@
 import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from tacevo.config.compose import compose
-from tacevo.config.folder import config_roots, groups, own_root, read_named
+from tacevo.config.conf_folder import config_roots, groups, own_root, read_named
 from tacevo.config.schema import TaskConfig
+from tacevo.config.strict_yaml import read_yaml
+from tacevo.config.supplement import read_supplement
 from tacevo.errors import ConfigError
 from tacevo.records import to_json
 
@@ -20,18 +23,20 @@ _FILES = {"baseline": "baseline.py", "instructions": "instructions.yaml", "syste
 _VALUES = frozenset({"null", "true", "false", "inf", "nan"})
 
 
-def write_task(name: str, like: str) -> TaskConfig:
+def write_task(name: str, like: str, supplement: Path | None = None) -> TaskConfig:
     """Write `task/NAME.yaml` and `library/NAME/` into the user's configs (`own_root`), copied from a task it is like.
+
+    With the authors' supplement, it is the task that it is like, `force` or `grating`, with their prompts.
 
     Both are there in full afterwards, or neither is. The settings come last, without which no search can choose what
     a process left that was killed. The files of the task that is returned are named relative to the configs.
 
     Raises:
-        ConfigError: the name is not a lower-case identifier, or is taken; there is no task to be like; or the
-            directory cannot be written to.
+        ConfigError: the name is not a lower-case identifier (hyphens may join its parts), or is taken; there is no task
+            to be like, or no prompt for it; or the directory cannot be written to.
     """
     root = own_root()
-    if not re.fullmatch(r"[a-z][a-z0-9_]*", name) or name in _VALUES:
+    if not re.fullmatch(r"[a-z][a-z0-9_]*(-[a-z0-9_]+)*", name) or name in _VALUES:
         expected = "a lower-case identifier, which is not a value such as null or true"
         raise ConfigError(repr(name), place="NAME", expected=expected, remedy="choose a name such as shear")
     settings, texts = root / "task" / f"{name}.yaml", root / "library" / name
@@ -39,15 +44,19 @@ def write_task(name: str, like: str) -> TaskConfig:
         if path.exists():
             expected, remedy = "a name that no task has", "choose another, or remove what is there"
             raise ConfigError(f"{name}, and {path} exists", place="NAME", expected=expected, remedy=remedy)
-    known = groups()["task"]
+    known = groups()["task"] if supplement is None else ["force", "grating"]
     if like not in known:
         remedy = "name the task whose files are to be copied"
         raise ConfigError(repr(like), place="--like", expected=f"one of {', '.join(known)}", remedy=remedy)
     old = compose([f"task={like}"]).task
     files: dict[str, Any] = {key: f"library/{name}/{file}" for key, file in _FILES.items()}
-    new = replace(old, name=name, **files)
+    new = replace(old, name=name if supplement is None else old.name, **files)
     as_yaml = yaml.safe_dump(to_json(new), sort_keys=False, default_flow_style=None, allow_unicode=True)
-    copies = {path: read_named(f"task.{key}", getattr(old, key)) for key, path in files.items()}
+    texts_of = {key: read_named(f"task.{key}", getattr(old, key)) for key in files}
+    if supplement is not None:
+        crossover = read_yaml(texts_of["instructions"], only_text=True)["crossover"]
+        texts_of |= read_supplement(supplement, like, crossover)
+    copies = {path: texts_of[key] for key, path in files.items()}
     try:
         for folder in (settings.parent, texts.parent):
             folder.mkdir(parents=True, exist_ok=True)

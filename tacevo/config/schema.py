@@ -142,7 +142,7 @@ class DataConfig(Record):
     table: str
     image_column: str  #: its column of paths
     target_columns: tuple[str, ...]  #: its columns of labels
-    #: TacVerse: the directories to read; several are joined by +.
+    #: Simulated: ViTacTip, ViTac (no markers) or TacTip (opaque). TacVerse: the directories to read, joined by +.
     sensor: Text
     pattern: Text | None  #: for gratings
     #: Tables: leave out rows whose image is missing, instead of refusing the table.
@@ -162,7 +162,7 @@ class DataConfig(Record):
     select: bool = False
     #: TacVerse: what the classes of gratings are.
     classes: GratingClasses = GratingClasses.size
-    #: TacVerse: the sensor that is tested, if not the one that trains.
+    #: TacVerse: the sensor that is tested, which then does not train.
     test_sensor: Text | None = None
     #: How much of its training part trains, too: presses of each grating, images of each shape or with forces.
     shots: AtLeast0 = 0

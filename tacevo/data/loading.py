@@ -18,7 +18,7 @@ from tacevo.data import dataset as datasets
 from tacevo.data.dataset import Dataset
 from tacevo.data.scaling import LARGEST_LABEL, input_statistics, target_scale
 from tacevo.data.source import Catalogue, Source, check_no_faults, check_readable
-from tacevo.data.sources.images import warnings_as_errors
+from tacevo.data.sources.image_files import warnings_as_errors
 from tacevo.data.splitting import PARTS, TENTHS, Split, check_balance, random_split
 from tacevo.data.staging import remove_leftovers, reserve, staged
 from tacevo.data.workers import Progress, each

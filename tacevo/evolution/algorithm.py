@@ -42,7 +42,7 @@ from tacevo.evolution.proposals import (
     pool_of_parents,
 )
 from tacevo.evolution.reevaluation import Estimates, Reevaluation, compete_again, plan_reevaluations
-from tacevo.evolution.state import Ledger, Observer, Plan, SearchState
+from tacevo.evolution.state import LedgerWriter, Observer, Plan, SearchState
 from tacevo.profile import Admitted
 from tacevo.records import Operator, Rejection, Task, to_json
 from tacevo.rounding import rounded
@@ -51,7 +51,7 @@ from tacevo.storage.canonical import content_hash
 T = TypeVar("T", CandidateLine, ReevaluationLine)
 
 
-def run_search(plan: Plan, effects: Effects, ledger: Ledger, observer: Observer) -> SearchState:
+def run_search(plan: Plan, effects: Effects, ledger: LedgerWriter, observer: Observer) -> SearchState:
     """Run a search to generation G, or to the one that spends its budget.
 
     Raises:
@@ -69,7 +69,7 @@ def run_search(plan: Plan, effects: Effects, ledger: Ledger, observer: Observer)
     return state
 
 
-def step(state: SearchState, plan: Plan, effects: Effects, ledger: Ledger, observer: Observer) -> SearchState:
+def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter, observer: Observer) -> SearchState:
     """Run one generation: propose, develop, commit, close."""
     before = state
     lines: list[CandidateLine | ReevaluationLine] = []

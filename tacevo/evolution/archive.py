@@ -133,8 +133,8 @@ class Tessellation:
         for point in points:
             if len(point) != dimensions or not all(math.isfinite(value) for value in point):
                 raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
-        found = self._tree.query(np.asarray(points, dtype=np.float64).reshape(-1, dimensions))[1]
-        return [int(niche) for niche in np.atleast_1d(found)]
+        nearest = self._tree.query(np.asarray(points, dtype=np.float64).reshape(-1, dimensions))[1]
+        return [int(niche) for niche in np.atleast_1d(nearest)]
 
 
 def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> list[list[float]]:
@@ -209,17 +209,17 @@ def qd_score(archive: Archive) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds(Record):
+class AxisBounds(Record):
     """The range of each descriptor that min-max normalisation maps to [0, 1]."""
 
     low: Point
     high: Point
 
-    def covering(self, point: Point) -> "Bounds":
+    def covering(self, point: Point) -> "AxisBounds":
         """Widen the bounds just so far that they contain a point."""
         low = tuple(map(min, self.low, point))
         high = tuple(map(max, self.high, point))
-        return self if (low, high) == (self.low, self.high) else Bounds(low=low, high=high)
+        return self if (low, high) == (self.low, self.high) else AxisBounds(low=low, high=high)
 
     def normalise(self, point: Point) -> Point:
         """Map a point into [0, 1]^d; outside the bounds it is clipped, and an axis without extent gives 0.5."""
@@ -246,7 +246,7 @@ class NetworkArchive:
 
     archive: Archive = field(default_factory=Archive)
     #: None until the first candidate arrives, and for an archive without niches.
-    bounds: Bounds | None = None
+    bounds: AxisBounds | None = None
     #: Bounds given by the config never move.
     fixed: bool = False
     #: Every candidate offered so far by its name, in order.
@@ -270,7 +270,7 @@ class NetworkArchive:
         return replace(self, archive=archive, history=self._with(newcomer)), place, status
 
     def _offer_to_niche(self, niches: Tessellation, newcomer: Individual) -> tuple["NetworkArchive", int, AddStatus]:
-        bounds = self.bounds or Bounds(low=newcomer.point, high=newcomer.point)
+        bounds = self.bounds or AxisBounds(low=newcomer.point, high=newcomer.point)
         archive = self.archive
         if not self.fixed:
             bounds = bounds.covering(newcomer.point)
@@ -298,7 +298,7 @@ class NetworkArchive:
         return self.history.adding(newcomer.elite.name, newcomer)
 
 
-def _rebuilt(tessellation: Tessellation, bounds: Bounds, history: Collection[Individual]) -> Archive:
+def _rebuilt(tessellation: Tessellation, bounds: AxisBounds, history: Collection[Individual]) -> Archive:
     """Re-insert all candidates, in order, under other bounds."""
     archive = Archive()
     niches = tessellation.niches_of([bounds.normalise(one.point) for one in history])

@@ -266,11 +266,11 @@ def _gate(slot: _Slot, completion: Completion | None, effects: Effects) -> Admit
 def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str], rule: FitnessRule) -> Outcome:
     """Wait for the trainings of what the gate admitted."""
     try:
-        found = {seed: training.result() for seed, training in slot.trainings.items()}
+        trained = {seed: training.result() for seed, training in slot.trainings.items()}
     except CacheMissError as error:
         _name_slot(error, slot.proposal)
         raise
-    results = {seed: training.result for seed, training in found.items()}
+    results = {seed: training.result for seed, training in trained.items()}
     if isinstance(slot.gated, Rejection):
         results = {0: slot.gated}
     trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
@@ -281,8 +281,8 @@ def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str], rule: Fitne
         completion=slot.completion,
         admitted=admitted,
         result=results[seed],
-        seconds=slot.seconds + sum(training.seconds for training in found.values()),
-        cpu_seconds=sum(training.cpu_seconds for training in found.values()),
+        seconds=slot.seconds + sum(training.seconds for training in trained.values()),
+        cpu_seconds=sum(training.cpu_seconds for training in trained.values()),
         attempts=slot.attempts,
         seed=seed,
         trainings=trainings if len(trainings) == len(results) else {},

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Self, TypeVar
 
 from tacevo.choices import FitnessRule
-from tacevo.evolution.archive import AddStatus, Bounds
+from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.records import Operator, Reason, Record, Rejection, Stage, Training
 
 T = TypeVar("T", bound="TrainedLine")
@@ -177,7 +177,7 @@ class GenerationLine(Record):
     coverage: float
     qd_score: float
     prompt_coverage: float
-    bounds: Bounds | None
+    bounds: AxisBounds | None
     #: SHA-256 of the occupants of both archives.
     archive: str
     prompt_archive: str
@@ -292,12 +292,12 @@ def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:
     answers = [line for line in lines if line.request is not None]
     counts = Counter(line.first_rejection for line in answers)
     left = len(answers)
-    found = []
+    stages = []
     for stage in Stage:
         reasons = {entry[1]: count for entry, count in counts.items() if entry and entry[0] is stage}
         rejected = sum(reasons.values())
         left -= rejected
-        found.append(
+        stages.append(
             GateStage(
                 stage=stage,
                 rejected=rejected,
@@ -306,7 +306,7 @@ def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:
                 reasons=tuple(sorted(reasons.items(), key=lambda entry: (-entry[1], entry[0]))),
             )
         )
-    return tuple(found)
+    return tuple(stages)
 
 
 def misreported(stages: Iterable[GateStage]) -> list[str]:
@@ -315,5 +315,7 @@ def misreported(stages: Iterable[GateStage]) -> list[str]:
     for reason, count in (entry for stage in stages for entry in stage.reasons):
         if reason in counts:
             counts[reason] += count
-    found = ", ".join(f"{reason} {count}" for reason, count in counts.items() if count)
-    return [f"Rejected for misreporting themselves (docs/gate.md): {sum(counts.values())} ({found})."] if found else []
+    reasons = ", ".join(f"{reason} {count}" for reason, count in counts.items() if count)
+    return (
+        [f"Rejected for misreporting themselves (docs/gate.md): {sum(counts.values())} ({reasons})."] if reasons else []
+    )

@@ -12,7 +12,7 @@ import numpy as np
 
 from tacevo.choices import PromptPolicy
 from tacevo.evolution.archive import AddStatus, Archive, Elite, Growing, Point, Tessellation, insert
-from tacevo.records import Contract, Message, Reason, Rejection, Request, to_json
+from tacevo.records import ChatMessage, Contract, Reason, Rejection, Request, to_json
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
@@ -200,7 +200,7 @@ def repair_request(request: Request, answer: str, rejection: Rejection) -> Reque
     """
     if rejection.reason in _NOT_REPAIRED or not answer.strip():
         return None
-    turns = (Message(role="assistant", content=answer), Message(role="user", content=repair_text(rejection)))
+    turns = (ChatMessage(role="assistant", content=answer), ChatMessage(role="user", content=repair_text(rejection)))
     return replace(request, messages=(*request.messages, *turns))
 
 

@@ -22,7 +22,7 @@ from tacevo.evolution.prompts import (
     sample_text,
 )
 from tacevo.randomness import derived_seed, stream
-from tacevo.records import Message, Operator, Request, Setting, Task
+from tacevo.records import ChatMessage, Operator, Request, Setting, Task
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -331,7 +331,7 @@ def _asking(
     request = Request(
         model=settings.model,
         system="" if joined else task.system,
-        messages=(Message(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
+        messages=(ChatMessage(role="user", content=f"{task.system}\n\n{text}" if joined else text),),
         temperature=clip(slot.temperature + noise),
         max_tokens=settings.max_tokens,
         draw=derived_seed(settings.seed, "draw", *where) % 2**31,

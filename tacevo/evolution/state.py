@@ -86,7 +86,7 @@ class SearchState:
         return self.generation > plan.generations or (plan.budget is not None and plan.budget.is_spent(trained))
 
 
-class Ledger(Protocol):
+class LedgerWriter(Protocol):
     """Where the lines of a search go (`tacevo.storage.ledger`)."""
 
     def commit(self, line: SearchLine) -> None:

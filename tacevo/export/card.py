@@ -33,7 +33,7 @@ pixels = np.asarray(image, np.float32).transpose(2, 0, 1)[None]  # 1 x 3 x size 
 [output] = onnxruntime.InferenceSession("model.onnx").run(None, {"images": pixels})[0]
 """
 
-#: As `tacevo.data.sources.images` does it; the second where files have more than 8 bits, or a white point is set.
+#: As `tacevo.data.sources.image_files` does it; the second where files have more than 8 bits, or a white point is set.
 _TO_RGB = 'image = image.convert("RGB")'
 _TO_RGB_OF_WIDE = """\
 values = np.asarray(image if image.mode[0] in "IF" else image.convert("RGB"))

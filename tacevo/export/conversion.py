@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
-from tacevo.export.plain import check_onnx, check_pt2
+from tacevo.export.inert import check_onnx, check_pt2
 from tacevo.records import Contract, Json, Limits, Record, to_json
 from tacevo.sandbox.client import AnswerError, Died, Frame, Sandbox
 from tacevo.training.weights import Weights

@@ -17,11 +17,11 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from tacevo.export.plain import parts
+from tacevo.export.inert import parts
 from tacevo.records import Contract, Kind
 from tacevo.sandbox.candidate import build
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.network import state, switch
+from tacevo.sandbox.module_parts import state, switch
 from tacevo.sandbox.protocol import Header
 
 #: Another seed than that of any training: what a network draws and does not keep among its weights must not matter.

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
-from tacevo.gate.fences import STATEMENT, Kind, Part, parts_of
+from tacevo.gate.fences import STATEMENT, FenceKind, Part, parts_of
 from tacevo.gate.policy.problems import Problem, parse
 from tacevo.gate.tags import LEADING, code_after_tags, code_before_tags, is_tagged
 
@@ -26,7 +26,7 @@ class TooComplexError(Exception):
 
 
 @dataclass(slots=True)
-class Parser:
+class BlockParser:
     """Parses parts of one answer, up to a number of characters in all."""
 
     left: int = MOST_PARSED
@@ -46,7 +46,7 @@ class Parser:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class CodeBlock:
     """A stretch of an answer that may be code."""
 
     #: Dedented, without blank lines around it.
@@ -63,7 +63,7 @@ def trimmed(text: str) -> str:
     return textwrap.dedent(text).strip("\n").rstrip()
 
 
-def blocks_of(text: str, parser: Parser) -> list[Block]:
+def blocks_of(text: str, parser: BlockParser) -> list[CodeBlock]:
     """Collect the blocks of an answer, in its order.
 
     These are what stands between fences that are marked as Python or not marked at all, and elsewhere the longest
@@ -74,24 +74,26 @@ def blocks_of(text: str, parser: Parser) -> list[Block]:
         TooComplexError: there are too many, or they take too much work.
     """
     parts = parts_of(text.split("\n"))
-    every = (block for part in parts for block in (_fenced if part.kind is Kind.python else _stretches)(part, parser))
+    every = (
+        block for part in parts for block in (_fenced if part.kind is FenceKind.python else _stretches)(part, parser)
+    )
     blocks = list(islice(every, MOST_BLOCKS + 1))
     if len(blocks) > MOST_BLOCKS:
         raise TooComplexError(f"expected an answer with at most {MOST_BLOCKS} blocks of code; got more")
     return blocks
 
 
-def _fenced(part: Part, parser: Parser) -> Iterator[Block]:
+def _fenced(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:
     """Read what stands between two fences: one block, unless a tag keeps it from being parsed."""
     text = trimmed("\n".join(part.lines))
     parsed = parser.parse(text)
     if isinstance(parsed, Problem) and any(map(is_tagged, part.lines)):
         yield from _stretches(part, parser)
     else:
-        yield Block(text, parsed, part.closed, part.first + len(part.lines))
+        yield CodeBlock(text, parsed, part.closed, part.first + len(part.lines))
 
 
-def _stretches(part: Part, parser: Parser) -> Iterator[Block]:
+def _stretches(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:
     """Find code where no fence says what is code."""
     lines = list(part.lines)
     start = 0
@@ -101,18 +103,18 @@ def _stretches(part: Part, parser: Parser) -> Iterator[Block]:
         if _CODE_START.match(lines[start]):
             lines[start] = code_after_tags(lines[start])
             end, parsed = _parsable(lines, start, parser)
-            if parsed is None and part.kind is not Kind.other and _states_class(lines, start):
+            if parsed is None and part.kind is not FenceKind.other and _states_class(lines, start):
                 end = _suite_end(lines, start)
                 parsed = parser.parse(trimmed("\n".join(lines[start:end])))
         if parsed is not None:
             text = trimmed("\n".join(lines[start:end]))
             is_ended = lines[end - 1] != part.lines[end - 1]
             closed = part.closed or is_ended or any(line.strip() for line in lines[end:])
-            yield Block(_statements(text, parsed), parsed, closed, part.first + end)
+            yield CodeBlock(_statements(text, parsed), parsed, closed, part.first + end)
         start = max(end, start + 1)
 
 
-def _parsable(lines: list[str], start: int, parser: Parser) -> tuple[int, ast.Module | None]:
+def _parsable(lines: list[str], start: int, parser: BlockParser) -> tuple[int, ast.Module | None]:
     """Find where the longest parsable stretch from `start` ends, and its tree.
 
     A stretch is only ever cut before a line at its own indentation: a class with an error inside must fail, not

@@ -22,9 +22,9 @@ import ast
 import re
 from collections.abc import Sequence
 
-from tacevo.gate.blocks import Block, Parser, TooComplexError, blocks_of, trimmed
-from tacevo.gate.fences import Kind, parts_of
-from tacevo.gate.joining import Code, class_statements, future_first, parts_of_network
+from tacevo.gate.blocks import BlockParser, CodeBlock, TooComplexError, blocks_of, trimmed
+from tacevo.gate.fences import FenceKind, parts_of
+from tacevo.gate.joining import ParsedCode, class_statements, future_first, parts_of_network
 from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.tags import mentions_thought, without_thoughts
@@ -95,7 +95,7 @@ def _normalised(text: str) -> str:
 
 def _choose(text: str, name: str, cut_off: bool, own: bool) -> str | Problem:
     """Pick the source among the blocks of an answer, as the module's rules say."""
-    parser = Parser()
+    parser = BlockParser()
     answer, blocks = _read(text, name, parser)
     versions = [block for block in blocks if has_class(block, name)]
     if cut_off and not _is_closed(answer, versions, name):
@@ -110,7 +110,7 @@ def _choose(text: str, name: str, cut_off: bool, own: bool) -> str | Problem:
     return later_version(_behind(answer, chosen), source.tree, name, parser, own=own) or source.text
 
 
-def _behind(answer: str, chosen: Block) -> str:
+def _behind(answer: str, chosen: CodeBlock) -> str:
     """Return what of an answer stands behind a block and the fence around it."""
     lines = answer.split("\n")
     for part in parts_of(lines):
@@ -120,27 +120,31 @@ def _behind(answer: str, chosen: Block) -> str:
     return ""
 
 
-def _read(text: str, name: str, parser: Parser) -> tuple[str, list[Block]]:
+def _read(text: str, name: str, parser: BlockParser) -> tuple[str, list[CodeBlock]]:
     """Return an answer without its thoughts, and its blocks: all of it, if that is Python and defines the class."""
     whole = trimmed(text)
     parsed = parser.parse(whole)
     if isinstance(parsed, ast.Module) and class_statements(parsed, name):
-        return text, [Block(whole, parsed, closed=False, end=text.count("\n") + 1)]
+        return text, [CodeBlock(whole, parsed, closed=False, end=text.count("\n") + 1)]
     answer = without_thoughts(text, _lines_of_code(text, parser)) if mentions_thought(text) else text
     return answer, blocks_of(answer, parser)
 
 
-def _lines_of_code(text: str, parser: Parser) -> set[int]:
+def _lines_of_code(text: str, parser: BlockParser) -> set[int]:
     """Find the lines between fences that are Python, although they mention a thought."""
     numbers: set[int] = set()
     for part in parts_of(text.split("\n")):
         code = "\n".join(part.lines)
-        if part.kind is Kind.python and mentions_thought(code) and isinstance(parser.parse(trimmed(code)), ast.Module):
+        if (
+            part.kind is FenceKind.python
+            and mentions_thought(code)
+            and isinstance(parser.parse(trimmed(code)), ast.Module)
+        ):
             numbers.update(range(part.first, part.first + len(part.lines)))
     return numbers
 
 
-def _is_closed(answer: str, versions: Sequence[Block], name: str) -> bool:
+def _is_closed(answer: str, versions: Sequence[CodeBlock], name: str) -> bool:
     """Return whether the last class statement of an answer is in a block that the model finished."""
     if not versions or not versions[-1].closed:
         return False
@@ -152,13 +156,13 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
     return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
 
 
-def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -> Code | Problem:
+def _source(chosen: CodeBlock, blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> ParsedCode | Problem:
     """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once."""
     if isinstance(chosen.parsed, Problem):
         return chosen.parsed
     others = [block for block in blocks if block is not chosen]
-    codes = [Code(block.text, block.parsed) for block in others if isinstance(block.parsed, ast.Module)]
-    parts = parts_of_network(Code(chosen.text, chosen.parsed), codes, name)
+    codes = [ParsedCode(block.text, block.parsed) for block in others if isinstance(block.parsed, ast.Module)]
+    parts = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, name)
     text = "\n\n".join(parts)
     tree = chosen.parsed if text == chosen.text else parser.parse(text)
     if isinstance(tree, Problem):
@@ -167,10 +171,12 @@ def _source(chosen: Block, blocks: Sequence[Block], name: str, parser: Parser) -
     if len(lines) > 1:
         where = ", ".join(map(str, lines))
         return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
-    return Code((text if len(parts) == 1 else future_first(Code(text, tree))) + "\n", tree)
+    return ParsedCode((text if len(parts) == 1 else future_first(ParsedCode(text, tree))) + "\n", tree)
 
 
-def _explain(text: str, versions: Sequence[Block], blocks: Sequence[Block], name: str, parser: Parser) -> Problem:
+def _explain(
+    text: str, versions: Sequence[CodeBlock], blocks: Sequence[CodeBlock], name: str, parser: BlockParser
+) -> Problem:
     """Return why no block has the whole class."""
     if versions:
         return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")

@@ -18,7 +18,7 @@ _TEXT = {"text", "plaintext", "txt", "plain"}
 _QUOTES = re.compile("\"\"\"|'''")
 
 
-class Kind(Enum):
+class FenceKind(Enum):
     """What a part of an answer is."""
 
     python = auto()  # between fences that are marked as Python or not marked at all
@@ -30,7 +30,7 @@ class Kind(Enum):
 class Part:
     """Neighbouring lines of an answer."""
 
-    kind: Kind
+    kind: FenceKind
     lines: Sequence[str]
     #: Number of the first of them in the answer, from 0.
     first: int
@@ -44,7 +44,7 @@ class Part:
 class _Fence:
     """A line that opens a block."""
 
-    kind: Kind
+    kind: FenceKind
     sign: str
     #: The code on this line; usually there is none.
     code: list[str]
@@ -66,7 +66,7 @@ def parts_of(lines: Sequence[str]) -> Iterator[Part]:
             quoting = False
             continue
         body, end, following = read
-        kind, code = (fence.kind, fence.code) if fence else (Kind.prose, [])
+        kind, code = (fence.kind, fence.code) if fence else (FenceKind.prose, [])
         behind = end if following else min(end + 1, len(lines))
         yield Part(kind, [*code, *body], first - len(code), closed=end < len(lines), end=behind)
         first, fence = end + 1, following
@@ -84,7 +84,7 @@ def _body(
     for number in range(first, len(lines)):
         line = lines[number]
         before = docstring
-        if quoting and (fence is None or fence.kind is Kind.python):
+        if quoting and (fence is None or fence.kind is FenceKind.python):
             docstring = _docstring(line, before)
         if not before and not docstring:
             if fence is None and (opened := _opened(line)):
@@ -117,8 +117,8 @@ def _opened(line: str) -> _Fence | None:
         return None  # words about fences, or "```<|im_end|>", which closes a block
     if is_sentence and not (sign[0] == "`" and is_python and (info or before.rstrip()[-1] in ">:")):
         return None
-    kind = Kind.prose if language.lower() in _TEXT else Kind.other
-    return _Fence(Kind.python if is_python else kind, sign, [code] if code else [])
+    kind = FenceKind.prose if language.lower() in _TEXT else FenceKind.other
+    return _Fence(FenceKind.python if is_python else kind, sign, [code] if code else [])
 
 
 def _ending(line: str, sign: str) -> tuple[list[str], _Fence | None] | None:
@@ -126,7 +126,7 @@ def _ending(line: str, sign: str) -> tuple[list[str], _Fence | None] | None:
     if line.lstrip().startswith(sign):
         info = line.strip().lstrip(sign[0]).strip()
         following = _opened(line)
-        is_next = following is not None and info and (following.kind is Kind.python or " " not in info)
+        is_next = following is not None and info and (following.kind is FenceKind.python or " " not in info)
         return [], following if is_next else None
     line = code_before_tags(line).rstrip()
     code, _, words = line.partition(sign)

@@ -23,7 +23,7 @@ from torch.nn.utils import parametrize
 from tacevo.records import Reason
 from tacevo.sandbox.attributes import MODULE_NAMES
 from tacevo.sandbox.candidate import NAME, CandidateError
-from tacevo.sandbox.network import attributes, modules, parameters, state, switch
+from tacevo.sandbox.module_parts import attributes, modules, parameters, state, switch
 
 # A metaclass may define its own `__dict__` and `__mro__`.
 _CLASS_ATTRIBUTES, _CLASS_ORDER = vars(type)["__dict__"], vars(type)["__mro__"]

@@ -12,14 +12,14 @@ _WORDS = (ast.Name, ast.Attribute, ast.Tuple, ast.Constant, ast.BinOp, ast.Unary
 _SIGNS = (ast.operator, ast.unaryop, ast.boolop, ast.expr_context)
 
 
-class Code(NamedTuple):
+class ParsedCode(NamedTuple):
     """Text that parses, and its tree."""
 
     text: str
     tree: ast.Module
 
 
-def parts_of_network(chosen: Code, others: Sequence[Code], name: str) -> list[str]:
+def parts_of_network(chosen: ParsedCode, others: Sequence[ParsedCode], name: str) -> list[str]:
     """Return the texts that a block lacks and its own text, in the order to run them, without words that are not code.
 
     The others are in the order of the answer. Of another version of the class only the rest counts.
@@ -48,7 +48,7 @@ def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
     return sorted(taken)
 
 
-def future_first(code: Code) -> str:
+def future_first(code: ParsedCode) -> str:
     """Return a text with its imports from `__future__` before everything else, where Python wants them."""
     futures = [node for node in code.tree.body if isinstance(node, ast.ImportFrom) and node.module == "__future__"]
     lines = dict.fromkeys(map(ast.unparse, futures))
@@ -78,7 +78,7 @@ def _kept(tree: ast.Module, dropped: Iterable[ast.stmt]) -> list[ast.stmt]:
     return [node for node in tree.body if id(node) not in gone]
 
 
-def _without(code: Code, dropped: Sequence[ast.stmt]) -> str:
+def _without(code: ParsedCode, dropped: Sequence[ast.stmt]) -> str:
     """Drop the lines of a text on which nothing else stands than these statements, and blank lines around the rest."""
     gone = {line for node in dropped for line in _lines_of(node)}
     gone -= {line for node in _kept(code.tree, dropped) for line in _lines_of(node)}

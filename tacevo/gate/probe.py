@@ -22,7 +22,7 @@ from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
 from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, check_leaves, fault
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.network import modules, parameters
+from tacevo.sandbox.module_parts import modules, parameters
 from tacevo.sandbox.protocol import Header
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.

@@ -21,7 +21,7 @@ from torch.overrides import TorchFunctionMode
 from tacevo.gate.operations import CONVOLUTIONS, WEIGHTED, is_factory, is_transparent, operation
 from tacevo.gate.steps import Settings, StepRecorder, of_call, of_layer
 from tacevo.profile import Graph, Node, Step
-from tacevo.sandbox.network import parameters, switch
+from tacevo.sandbox.module_parts import parameters, switch
 
 #: Modules of torch.nn that only call others; every other class of torch.nn is one layer.
 _CONTAINERS = (

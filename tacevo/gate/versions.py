@@ -4,7 +4,7 @@ import ast
 import re
 from collections.abc import Collection, Iterator
 
-from tacevo.gate.blocks import Block, Parser, blocks_of
+from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of
 from tacevo.gate.joining import class_statements
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
@@ -17,7 +17,7 @@ _LANGUAGE = r"^([ \t]*(?:`{3,}|~{3,}))[ \t]*(?!(?:diff|patch|i?py\w*)\b)\w[^`\n]
 _HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
 
 
-def has_class(block: Block, name: str) -> bool:
+def has_class(block: CodeBlock, name: str) -> bool:
     """Return whether a block states the class; in text that does not parse, a line below must be indented."""
     if isinstance(block.parsed, ast.Module):
         return bool(class_statements(block.parsed, name))
@@ -25,7 +25,7 @@ def has_class(block: Block, name: str) -> bool:
     return re.search(statement, block.text, re.MULTILINE) is not None
 
 
-def completeness(block: Block, name: str) -> int:
+def completeness(block: CodeBlock, name: str) -> int:
     """Tell a version of the class from an excerpt.
 
     Returns:
@@ -61,7 +61,7 @@ def _is_left_out(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and node.value.value is ...
 
 
-def later_version(text: str, chosen: ast.Module, name: str, parser: Parser, *, own: bool) -> Problem | None:
+def later_version(text: str, chosen: ast.Module, name: str, parser: BlockParser, *, own: bool) -> Problem | None:
     """Find what shows that the model went on to another version of the class, in a form that cannot be used.
 
     A version that could be used would have been chosen. This one does not parse, has code left out, is quoted,

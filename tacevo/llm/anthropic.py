@@ -8,7 +8,7 @@ import anthropic
 import httpx2
 
 from tacevo.errors import ConfigError
-from tacevo.llm.answers import read_body, read_message
+from tacevo.llm.bodies import read_body, read_message
 from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of

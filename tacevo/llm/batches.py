@@ -21,8 +21,8 @@ from anthropic.types.messages import MessageBatchIndividualResponse, MessageBatc
 from anthropic.types.messages.batch_create_params import Request as BatchRequest
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.answers import read_message
 from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
+from tacevo.llm.bodies import read_message
 from tacevo.llm.failures import Failures, Models, Notices, scrubbed
 from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status

@@ -14,7 +14,7 @@ import httpx2
 
 from tacevo.environment import install
 from tacevo.errors import ConfigError
-from tacevo.llm.answers import read_body, read_chat
+from tacevo.llm.bodies import read_body, read_chat
 from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, FaultKind, fault_of

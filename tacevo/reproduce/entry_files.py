@@ -9,8 +9,8 @@ from pathlib import Path
 from tacevo.reproduce.replay import replay
 from tacevo.results.run import read_run
 from tacevo.runs.progress import Progress
-from tacevo.storage.arrays import KIND
-from tacevo.storage.entries import CANDIDATES, Budget, pack, unpack
+from tacevo.storage.array_store import KIND
+from tacevo.storage.entries import CANDIDATES, ReadBudget, pack, unpack
 from tacevo.storage.files import write_durably
 from tacevo.storage.listing import take_in
 from tacevo.storage.store import read_entry
@@ -47,7 +47,7 @@ def import_file(source: Path, root: Path) -> tuple[int, int, int]:
     Raises:
         StoreError: the file, an entry or a place in the stores is not as it should be; nothing was written.
     """
-    entries = list(unpack(source, Budget(source, source.stat().st_size)))
+    entries = list(unpack(source, ReadBudget(source, source.stat().st_size)))
     kinds = {entry.kind for entry in entries}
     left = {CANDIDATES, "studies"} if CANDIDATES in kinds and KIND not in kinds else {CANDIDATES}
     taken = [entry for entry in entries if entry.kind not in left]

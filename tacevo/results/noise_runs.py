@@ -19,8 +19,8 @@ def noise_digest(run: RecordedRun) -> str:
     Raises:
         RunError: none is finished.
     """
-    found = [(len(noise.networks), noise.seeds, str(noise.digest)) for noise in noise_runs(run)]
-    if not found:
+    runs = [(len(noise.networks), noise.seeds, str(noise.digest)) for noise in noise_runs(run)]
+    if not runs:
         path = run.directory.path
         raise RunError(
             "a run without a finished noise run",
@@ -28,7 +28,7 @@ def noise_digest(run: RecordedRun) -> str:
             expected="one to choose the elites by",
             remedy=f"run `tacevo noise {shlex.quote(str(path))}`",
         )
-    return max(found)[-1]
+    return max(runs)[-1]
 
 
 def noise_runs(run: RecordedRun) -> list[StudyRecord]:
@@ -65,4 +65,4 @@ def median_losses(rows: Iterable[Row]) -> dict[str, float]:
     losses: dict[str, list[float]] = {}
     for row in rows:
         losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
-    return {name: median(found) for name, found in losses.items() if max(found) < math.inf}
+    return {name: median(values) for name, values in losses.items() if max(values) < math.inf}

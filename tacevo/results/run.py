@@ -16,10 +16,19 @@ from tacevo.config.schema import RunConfig, StoreConfig
 from tacevo.costs import Spending
 from tacevo.environment import doubting
 from tacevo.errors import RunError
-from tacevo.evolution.archive import Bounds, best_distinct
+from tacevo.evolution.archive import AxisBounds, best_distinct
 from tacevo.evolution.chance import shortfall
 from tacevo.evolution.descriptors import on_axis
-from tacevo.evolution.files import (
+from tacevo.evolution.lines import (
+    CandidateLine,
+    GenerationLine,
+    ReevaluationLine,
+    not_sent,
+    trained_networks,
+    training_flops,
+)
+from tacevo.evolution.reevaluation import fitness_by_id
+from tacevo.evolution.search_files import (
     EliteEntry,
     Line,
     NetworkArchiveFile,
@@ -31,15 +40,6 @@ from tacevo.evolution.files import (
     read_finished,
     rules_of,
 )
-from tacevo.evolution.lines import (
-    CandidateLine,
-    GenerationLine,
-    ReevaluationLine,
-    not_sent,
-    trained_networks,
-    training_flops,
-)
-from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.records import DataFacts, to_json
 from tacevo.results.settings import read_settings
 from tacevo.rules import Rules
@@ -138,7 +138,7 @@ class RecordedRun:
         return rules_of(self.ledger.lines)
 
     @property
-    def bounds(self) -> Bounds | None:
+    def bounds(self) -> AxisBounds | None:
         """What the archive ended with; None where nothing was trained, or there are no niches."""
         return self.generations[-1].bounds
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, StoreConfig
-from tacevo.config.tasks import contract_of
+from tacevo.config.task_texts import contract_of
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError
 from tacevo.records import to_json
@@ -61,8 +61,8 @@ def _check_task(config: RunConfig, record: RunRecord, place: str) -> None:
     except ConfigError as error:
         place = f"{place}, {error.place}"
         raise RunError(error.got, place=place, expected=error.expected, remedy="restore it") from error
-    if found := differences(to_json(record.task.contract), to_json(contract)):
-        name = shown(found[0])
+    if differing := differences(to_json(record.task.contract), to_json(contract)):
+        name = shown(differing[0])
         place, expected = f"{place}, task.contract.{name}", f"{getattr(contract, name)}, as its settings and data say"
         raise RunError(str(getattr(record.task.contract, name)), place=place, expected=expected, remedy="restore it")
 

@@ -25,7 +25,7 @@ from tacevo.profile import Profile
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json
 from tacevo.rules import Rules
 from tacevo.storage.canonical import canonical, readable
-from tacevo.storage.entries import Budget
+from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
 from tacevo.storage.zipfiles import packed, read_members
 from tacevo.text import counted
@@ -199,7 +199,7 @@ def read_table(path: Path) -> SpaceTable:
 @cache
 def _read(path: Path, _: int, size: int) -> SpaceTable:
     try:
-        members = read_members(path, _PLACES, Budget(path, size))
+        members = read_members(path, _PLACES, ReadBudget(path, size))
     except TacevoError as error:
         error.expected = "the table of a space, as `tacevo tabulate` writes it"
         raise

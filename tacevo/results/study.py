@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory
-from tacevo.results.study_lines import Design, FailedLine, ScoreLine, Terms
+from tacevo.results.study_lines import Design, FailedLine, ScoreLine, StudyTerms
 from tacevo.text import listed
 
 BASELINE = "baseline"
@@ -33,7 +33,7 @@ class RecordedStudy(Design):
     """A finished study: what it was to find out, and its scores."""
 
     #: A noise run, which has none, is not a study.
-    terms: Terms
+    terms: StudyTerms
     #: Of the recording, one for each regressed value, empty where none is stated; () of a classification.
     units: tuple[str, ...]
     #: Units of the recording for one unit of training, one for each regressed value; () of a classification.
@@ -42,6 +42,8 @@ class RecordedStudy(Design):
     #: name: `mse`, `mse_Fx`, `mae`, `rmse`, `r2` ...; or `accuracy`, `macro_f1`, `cross_entropy`. A confusion counts
     #: test images by (true class, predicted class).
     scores: tuple[ScoreLine, ...]
+    #: The accuracy that no network can expect to exceed on these data; None where it is not known.
+    ceiling: float | None = None
 
     @property
     def kind(self) -> Kind:
@@ -98,8 +100,8 @@ def as_study(finished: FinishedStudy) -> RecordedStudy:
     """
     path, record, scores = finished.path, finished.record, finished.scores
     _check_failed(path, [row for row in scores.rows if isinstance(row, FailedLine)])
-    found, facts = scores.header, scores.header.data
-    if found.terms is None:
+    header, facts = scores.header, scores.header.data
+    if header.terms is None:
         raise RunError("a noise run, which has none", place=str(path), expected="a study with test scores")
     for name in ("units", "scale"):
         given: tuple[object, ...] = getattr(record, name)
@@ -107,7 +109,7 @@ def as_study(finished: FinishedStudy) -> RecordedStudy:
             expected = f"one for each of {listed(facts.names)}"
             raise RunError(listed(map(str, given)), place=f"{path}/study.json, {name}", expected=expected)
     study = RecordedStudy(
-        **{field.name: getattr(found, field.name) for field in fields(Design)},
+        **{field.name: getattr(header, field.name) for field in fields(Design)},
         units=record.units,
         scale=record.scale,
         scores=tuple(row for row in scores.rows if isinstance(row, ScoreLine)),

@@ -16,7 +16,7 @@ from tacevo.config.study import Margin
 from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rounding import rounded
 from tacevo.rules import FIRST_STUDY
-from tacevo.storage.plan import SeedPlan
+from tacevo.storage.plan_file import SeedPlan
 from tacevo.training.full import Kept
 from tacevo.typed import FreeJson
 
@@ -25,7 +25,7 @@ SCHEMA: Final = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Terms(Record):
+class StudyTerms(Record):
     """How a study is judged."""
 
     #: Level of the tests, in (0, 1); each family of p-values keeps it as a whole.
@@ -35,7 +35,7 @@ class Terms(Record):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Network(Record):
+class StudyNetwork(Record):
     """A network that is studied, with what its ledger line says of it."""
 
     #: `baseline`, `variant 1`, ...
@@ -63,9 +63,9 @@ class Design(Record):
     #: S.
     seeds: Annotated[int, Ge(1)]
     #: None of a noise run, which trains as the search did and takes no test score.
-    terms: Terms | None = None
+    terms: StudyTerms | None = None
     #: The baseline first.
-    networks: tuple[Network, ...]
+    networks: tuple[StudyNetwork, ...]
     #: Digest of the noise run by whose re-estimates the elites were chosen; empty if by their recorded fitness.
     chosen_by: str = ""
     #: (name, value) of the settings that are not the run's, where the study is about other data than the run had.

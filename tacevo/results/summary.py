@@ -50,7 +50,7 @@ class Told:
     #: That nothing was learned or found, and what to raise.
     shortfall: str
     #: The lowest fitness beside the baseline's and the best of generation 0; called the best only where it is one.
-    found: str
+    outcome: str
     #: The best elites, as a table.
     best: str
     #: The gate's rate, why first answers were rejected, and what came of second ones.
@@ -62,20 +62,20 @@ class Told:
     def in_short(self) -> str:
         """What fits one screen; where nothing was found it begins with that."""
         parts = [self.searched, self.not_sent]
-        if self.found:
-            parts += [self.shortfall, self.found, self.best, "\n".join(filter(None, (*self.gate, self.cost)))]
+        if self.outcome:
+            parts += [self.shortfall, self.outcome, self.best, "\n".join(filter(None, (*self.gate, self.cost)))]
         return "\n\n".join(filter(None, parts)) + "\n"
 
 
 def tell(run: RecordedRun) -> Told:
     """Say what a run found, which may have been stopped anywhere."""
-    shortfall, found, best = _found(run)
+    shortfall, outcome, best = _found(run)
     return Told(
         searched=_headline(run),
         data=_data(run),
         not_sent=_not_sent(run),
         shortfall=shortfall,
-        found=found,
+        outcome=outcome,
         best=best,
         gate=_gate(run.candidates),
         cost=_cost(run),

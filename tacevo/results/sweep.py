@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from tacevo.config.identity import config_hash
+from tacevo.config.identity import config_hash, is_equal_by_construction
+from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
-from tacevo.evolution.files import finished_digest
+from tacevo.evolution.search_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.tested import FailedTestError, JobScore, job_score
 from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms
@@ -21,7 +22,7 @@ ALPHA = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finished:
+class FinishedJob:
     """A finished job."""
 
     job: Job
@@ -66,7 +67,7 @@ class RecordedSweep:
 
     path: Path
     #: At least one.
-    finished: tuple[Finished, ...]
+    finished: tuple[FinishedJob, ...]
     missing: tuple[Missing, ...]
     terms: SweepTerms = UNSTATED
     #: Finished jobs that were not tested as the sweep states, where it states that.
@@ -76,6 +77,14 @@ class RecordedSweep:
     def failed(self) -> tuple[Job, ...]:
         """Jobs whose search failed, or the test of what they found."""
         return tuple(one.job for one in (*self.missing, *self.untested) if one.has_failed)
+
+    def twins_of(self, reference: str) -> list[str]:
+        """Name the arms whose finished searches must equal those of a reference, whatever they find."""
+        arms: dict[str, dict[int, RunConfig]] = {}
+        for one in self.finished:
+            arms.setdefault(one.job.arm, {})[one.job.seed] = one.run.config
+        own = arms.pop(reference, {})
+        return [arm for arm, configs in arms.items() if is_equal_by_construction(own, configs)]
 
     @property
     def task(self) -> str:
@@ -143,15 +152,15 @@ def state_of(directory: SweepDirectory, job: Job) -> tuple[Standing, str]:
     return (Standing.stopped if run.ledger.exists() else Standing.waiting), ""
 
 
-def _checked(job: Job, run: RecordedRun) -> Finished:
+def _checked(job: Job, run: RecordedRun) -> FinishedJob:
     """Check that a run is that of its job."""
-    found = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
+    where = {"place": str(run.path), "remedy": "delete the directory; the command that began the sweep repeats the job"}
     if run.config.seed != job.seed:
-        raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **found)
+        raise RunError(f"a run of seed {run.config.seed}", expected=f"seed {job.seed}, as sweep.json states", **where)
     if (came := config_hash(run.config)) != job.config:
         expected = f"{job.config[:12]}, the hash that sweep.json states of job {job.name}"
-        raise RunError(f"a run whose configuration has the hash {came[:12]}", expected=expected, **found)
-    return Finished(job=job, run=run)
+        raise RunError(f"a run whose configuration has the hash {came[:12]}", expected=expected, **where)
+    return FinishedJob(job=job, run=run)
 
 
 def _check_distinct(path: Path, jobs: tuple[Job, ...]) -> None:

@@ -8,10 +8,10 @@ import json
 from collections.abc import Callable
 
 from tacevo.errors import IncomparableError
-from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import TEMPERATURE
+from tacevo.evolution.search_files import rules_in_words
 from tacevo.records import Json, to_json
-from tacevo.results.sweep import Finished, RecordedSweep
+from tacevo.results.sweep import FinishedJob, RecordedSweep
 from tacevo.storage.canonical import canonical, differences, shown, value_at
 
 #: Python and the packages that can change a request, a verdict of the gate, a niche or a fitness. The others compose
@@ -56,7 +56,7 @@ def check_sweep(sweep: RecordedSweep) -> None:
     _compare_with_first(sweep, lambda one: one.job.arm, lambda one: {"arm": arm_settings(one)})
 
 
-def _check_temperatures(sweep: RecordedSweep, one: Finished, two: Finished) -> None:
+def _check_temperatures(sweep: RecordedSweep, one: FinishedJob, two: FinishedJob) -> None:
     """Check that two jobs do not differ in temperatures that were never sent to the model."""
     idle = [job for job in (one, two) if TEMPERATURE in job.run.not_sent]
     if idle and one.run.config.temperature != two.run.config.temperature:
@@ -76,7 +76,7 @@ _TRAINING = (
 )
 
 
-def _terms(one: Finished) -> dict[str, Json]:
+def _terms(one: FinishedJob) -> dict[str, Json]:
     """Return what must be equal in all jobs, by what it belongs to and by its name."""
     run, config = one.run, one.run.config
     search, bound = config.search, config.search.training_flops
@@ -100,22 +100,22 @@ def _terms(one: Finished) -> dict[str, Json]:
     return {"data": data, "budget": budget, "versions": versions}
 
 
-def _data(one: Finished) -> dict[str, Json]:
+def _data(one: FinishedJob) -> dict[str, Json]:
     return {"data": {"fingerprint of the data": one.run.facts.fingerprint}}
 
 
-def _niches(one: Finished) -> dict[str, Json]:
+def _niches(one: FinishedJob) -> dict[str, Json]:
     """Return what decides the niches of networks."""
     return {
         "archive": {f"archive.{key}": getattr(one.run.config.archive, key) for key in ("niches", "samples", "seed")}
     }
 
 
-def _kind_of_archive(one: Finished) -> str:
+def _kind_of_archive(one: FinishedJob) -> str:
     return canonical({key: value for key, value in to_json(one.run.config.archive).items() if key not in _SIZES})
 
 
-def arm_settings(one: Finished) -> dict[str, Json]:
+def arm_settings(one: FinishedJob) -> dict[str, Json]:
     """Return the settings that must be those of the whole arm."""
     config = {key: value for key, value in to_json(one.run.config).items() if key not in _INDIFFERENT}
     llm = {key: value for key, value in to_json(one.run.config.llm).items() if key not in _INDIFFERENT_LLM}
@@ -123,10 +123,10 @@ def arm_settings(one: Finished) -> dict[str, Json]:
 
 
 def _compare_with_first(
-    sweep: RecordedSweep, group_of: Callable[[Finished], str], fields_of: Callable[[Finished], dict[str, Json]]
+    sweep: RecordedSweep, group_of: Callable[[FinishedJob], str], fields_of: Callable[[FinishedJob], dict[str, Json]]
 ) -> None:
     """Compare the fields of each job, by what they belong to, with those of the first one of its group."""
-    firsts: dict[str, Finished] = {}
+    firsts: dict[str, FinishedJob] = {}
     for other in sweep.finished:
         first = firsts.setdefault(group_of(other), other)
         one, two = fields_of(first), fields_of(other)

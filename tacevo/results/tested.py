@@ -102,7 +102,7 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row], most: int = 1) 
         got = f"{listed(one.id for one in offered)} without a fitness"
         raise RunError(got, place=str(run.path), expected="a network that trained with every seed of the search")
     told = [row for row in rows if isinstance(row, ScoreLine)]
-    found = []
+    networks = []
     for network in best:
         failed = [row for row in rows if row.network == network.name and isinstance(row, FailedLine)]
         place = f"{run.path}, {network.name} ({network.id})"
@@ -113,19 +113,19 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row], most: int = 1) 
                 expected="a test score with every training seed",
                 remedy="study the sweep again with more seconds= or memory_mib=",
             )
-        found.append([row for row in told if row.network == network.name])
-        if len(found[-1]) != study.seeds:
-            raise RunError(f"{len(found[-1])}", place=place, expected=f"{study.seeds} scores")
+        networks.append([row for row in told if row.network == network.name])
+        if len(networks[-1]) != study.seeds:
+            raise RunError(f"{len(networks[-1])}", place=place, expected=f"{study.seeds} scores")
     kind = study.data.kind
     values, losses = (
-        tuple(tuple(row.metrics[metric] for row in own) for own in found) for metric in (PRIMARY[kind], LOSS[kind])
+        tuple(tuple(row.metrics[metric] for row in own) for own in networks) for metric in (PRIMARY[kind], LOSS[kind])
     )
     return JobScore(
         metric=PRIMARY[kind],
         networks=tuple(network.id for network in best),
         values=values,
         losses=losses,
-        late=sum(is_late(row, study.recipe.epochs) for own in found for row in own),
+        late=sum(is_late(row, study.recipe.epochs) for own in networks for row in own),
         trivial=metrics_from(told, study.data.names),
     )
 

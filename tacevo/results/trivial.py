@@ -53,8 +53,8 @@ def metrics_from(scores: Sequence[ScoreLine], names: Sequence[str]) -> dict[str,
         names: of the regressed values or classes.
     """
     confusion = scores[0].confusion
-    found = _of_outputs(scores, names) if confusion is None else _of_classes(confusion)
-    return {name: rounded(value) for name, value in found.items()}
+    metrics = _of_outputs(scores, names) if confusion is None else _of_classes(confusion)
+    return {name: rounded(value) for name, value in metrics.items()}
 
 
 def _of_classes(confusion: Confusion) -> dict[str, float]:
@@ -66,18 +66,18 @@ def _of_classes(confusion: Confusion) -> dict[str, float]:
 
 def _of_outputs(scores: Sequence[ScoreLine], names: Sequence[str]) -> dict[str, float]:
     worst = {name: _most_wrong(scores, name) for name in names}
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for name, metrics in worst.items():
         if metrics is not None:
             mse, r2 = metrics[f"mse_{name}"], metrics[f"r2_{name}"]
             variance = mse / (1 - r2)
-            found |= {f"mse_{name}": variance, f"rmse_{name}": math.sqrt(variance), f"r2_{name}": 0.0}
+            values |= {f"mse_{name}": variance, f"rmse_{name}": math.sqrt(variance), f"r2_{name}": 0.0}
             if recorded := metrics.get(f"recorded_rmse_{name}"):
-                found[f"recorded_rmse_{name}"] = recorded * math.sqrt(variance / mse)
+                values[f"recorded_rmse_{name}"] = recorded * math.sqrt(variance / mse)
     if worst and None not in worst.values():
-        mean = fmean(found[f"mse_{name}"] for name in names)
-        found |= {"mse": mean, "rmse": math.sqrt(mean), "r2": 0.0}
-    return found
+        mean = fmean(values[f"mse_{name}"] for name in names)
+        values |= {"mse": mean, "rmse": math.sqrt(mean), "r2": 0.0}
+    return values
 
 
 def _most_wrong(scores: Sequence[ScoreLine], output: str) -> Mapping[str, float] | None:

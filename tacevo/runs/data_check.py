@@ -12,13 +12,13 @@ from rich.console import Console
 from tacevo.choices import DataSource, Normalisation
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.data.dataset import Dataset
-from tacevo.data.figures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.labels import units_of
+from tacevo.data.pictures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.scaling import input_statistics
-from tacevo.data.simulator.files import overrides_for, write_files
 from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.simulator.writing import overrides_for, write_files
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.release import compared
 from tacevo.data.splitting import PARTS

@@ -89,32 +89,32 @@ class Inspection:
         return [images for images in self.duplicates if len({image.part for image in images}) > 1]
 
 
-def report(found: Inspection) -> str:
+def report(data: Inspection) -> str:
     """Write an inspection for a person."""
-    size = f"{found.image_size}x{found.image_size}"
-    drawn = "drawn at" if found.recorded_size is None else "{}x{} pixels, used at".format(*found.recorded_size)
-    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(found.mean, found.deviation, strict=True)]
-    table = pd.DataFrame(found.labels).to_string(index=False, float_format="{:.4g}".format)
+    size = f"{data.image_size}x{data.image_size}"
+    drawn = "drawn at" if data.recorded_size is None else "{}x{} pixels, used at".format(*data.recorded_size)
+    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(data.mean, data.deviation, strict=True)]
+    table = pd.DataFrame(data.labels).to_string(index=False, float_format="{:.4g}".format)
     lines = [
-        f"source:      {found.source}{'' if found.root is None else f', {found.root}'}, task {found.task}",
-        "images:      {all}: {train} training, {validation} validation, {test} test".format(**found.images),
-        *([f"selected:    by {', '.join(found.selected)}"] if found.selected else []),
-        *(f"release:     {words}" for words in found.release),
-        *_listed("left out:    {} whose image is missing (data.skip_missing)", "row", found.skipped),
-        *_listed("ignored:     {} outside the data set: ", "file", len(found.ignored), found.ignored, ", "),
-        f"size:        {drawn} {size} pixels{'' if found.is_sized else _UNSIZED}",
+        f"source:      {data.source}{'' if data.root is None else f', {data.root}'}, task {data.task}",
+        "images:      {all}: {train} training, {validation} validation, {test} test".format(**data.images),
+        *([f"selected:    by {', '.join(data.selected)}"] if data.selected else []),
+        *(f"release:     {words}" for words in data.release),
+        *_listed("left out:    {} whose image is missing (data.skip_missing)", "row", data.skipped),
+        *_listed("ignored:     {} outside the data set: ", "file", len(data.ignored), data.ignored, ", "),
+        f"size:        {drawn} {size} pixels{'' if data.is_sized else _UNSIZED}",
         "labels:",
         *(f"  {line}" for line in table.splitlines()),
         f"channels:    {', '.join(moments)} (mean and deviation of the training split, 0 to 255)",
-        *_equal_lines(found),
-        *(_listed("constant:    {} of one colour: ", "image", len(found.constant), found.constant, ", ")),
-        f"groups:      {_groups(found)}",
-        *_first("  nearly equal: ", found.nearly_equal, " ~ "),
-        f"prompt:      {found.prompt}",
-        f"fingerprint: {found.fingerprint}",
-        f"cached in:   {found.cache}",
-        f"look:        {found.sheet}",
-        *(f"warning:     {words}" for words in found.warnings),
+        *_equal_lines(data),
+        *(_listed("constant:    {} of one colour: ", "image", len(data.constant), data.constant, ", ")),
+        f"groups:      {_groups(data)}",
+        *_first("  nearly equal: ", data.nearly_equal, " ~ "),
+        f"prompt:      {data.prompt}",
+        f"fingerprint: {data.fingerprint}",
+        f"cached in:   {data.cache}",
+        f"look:        {data.sheet}",
+        *(f"warning:     {words}" for words in data.warnings),
     ]
     return "\n".join(lines)
 
@@ -124,29 +124,29 @@ def _listed(words: str, kind: str, count: int, items: Sequence[object] = (), joi
     return [words.format(counted(count, kind)) + _shortened(items, joint)] if count else []
 
 
-def _groups(found: Inspection) -> str:
+def _groups(data: Inspection) -> str:
     """Say which images the split keeps together."""
-    if found.recorded_size is None:
+    if data.recorded_size is None:
         return "each image is a press of its own"
-    if found.groups is None:
-        return f"none are known, so frames of one press may stand in two parts{HOW.get(found.source, '')}"
-    least, most = min(found.groups), max(found.groups)
+    if data.groups is None:
+        return f"none are known, so frames of one press may stand in two parts{HOW.get(data.source, '')}"
+    least, most = min(data.groups), max(data.groups)
     each = counted(most, "image") if least == most else f"{least} to {most} images"
     kept = "no two images share one" if most == 1 else "none in two parts"
-    chosen_by = "" if found.groups_chosen_by is None else f" ({found.groups_chosen_by})"
-    return f"{len(found.groups)} of {each}, {kept}{chosen_by}"
+    chosen_by = "" if data.groups_chosen_by is None else f" ({data.groups_chosen_by})"
+    return f"{len(data.groups)} of {each}, {kept}{chosen_by}"
 
 
-def _equal_lines(found: Inspection) -> Iterator[str]:
+def _equal_lines(data: Inspection) -> Iterator[str]:
     """List equal images, those that straddle splits before the others."""
-    leaks = found.leaks
-    if not found.duplicates:
+    leaks = data.leaks
+    if not data.duplicates:
         yield "equal:       no two images are equal"
         return
     verdict = f"{len(leaks)} of them in more than one split, which is a leak" if leaks else "each within one split"
-    yield f"equal:       {counted(len(found.duplicates), 'group')} of equal images, {verdict}"
+    yield f"equal:       {counted(len(data.duplicates), 'group')} of equal images, {verdict}"
     yield from _first("  leak: ", leaks, " = ")
-    yield from _first("  ", [images for images in found.duplicates if images not in leaks], " = ")
+    yield from _first("  ", [images for images in data.duplicates if images not in leaks], " = ")
 
 
 def _first(words: str, groups: Sequence[Sequence[Image]], joint: str) -> Iterator[str]:

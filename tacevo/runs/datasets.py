@@ -4,16 +4,16 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from tacevo.choices import DataSource, RecordedTask, SensorTask
+from tacevo.choices import DataSource, RecordedTask, SensorTask, SimulatedSensor
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import check_fit
+from tacevo.config.task_texts import check_fit
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import load
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue, Source
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import TableSource
 from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, DataError
@@ -92,9 +92,10 @@ def source_of(config: RunConfig) -> Source:
                 spacings_mm=tuple(data.spacings_mm),
                 sensor_seed=data.sensor_seed,
                 light=data.light,
+                sensor=SimulatedSensor(data.sensor),  # which `check_together` has looked at
             )
         case DataSource.csv:
-            return Table(
+            return TableSource(
                 root=root,
                 table=data.table,
                 image_column=data.image_column,

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from tacevo.choices import DataSource, SensorTask
 from tacevo.config.schema import RunConfig, TaskConfig
-from tacevo.config.tasks import left_of_others
+from tacevo.config.task_texts import left_of_others
 from tacevo.data.dataset import Dataset
 from tacevo.data.exposure import doubtful_images
 from tacevo.data.source import Catalogue, listed
@@ -22,17 +22,17 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
         DataError: the recording cannot be read any more.
         ConfigError: nor can the files of the task.
     """
-    found = left_of_others(config.task)
+    doubts = left_of_others(config.task)
     names = dataset.facts.names
     if config.data.source is not DataSource.tacverse and not _suit(config.task, names):
         outputs = listed(config.task.output_names) or "gratings"
-        found.append(
+        doubts.append(
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
             f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
         )
     if config.data.source not in {DataSource.simulated, DataSource.table}:
-        found += doubtful_images(source_of(config).catalogue() if catalogue is None else catalogue, dataset)
-    return found
+        doubts += doubtful_images(source_of(config).catalogue() if catalogue is None else catalogue, dataset)
+    return doubts
 
 
 def told(task: Task) -> str:
@@ -45,7 +45,7 @@ def _suit(task: TaskConfig, names: Sequence[str]) -> bool:
     """Answer whether labels of these names are what a task says they are; a unit may follow a name, as in `fx_N`."""
     if task.output_names:
         own = [name.casefold() for name in task.output_names]
-        found = [name.casefold() for name in names]
-        return all(any(name == each or name.startswith(f"{each}_") for each in own) for name in found)
+        folded = [name.casefold() for name in names]
+        return all(any(name == each or name.startswith(f"{each}_") for each in own) for name in folded)
     is_sizes = all(any(letter.isdigit() for letter in name) for name in names)
     return task.kind is Kind.regression or is_sizes or task.name != SensorTask.grating

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ExecutorKind, Numerics
+from tacevo.choices import ExecutorKind
 from tacevo.config.schema import UNCHOSEN, RunConfig, deliveries
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.errors import TacevoError
@@ -19,16 +19,14 @@ from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Task, to_json
 from tacevo.runs.datasets import source_of
-from tacevo.runs.pace import Measure, Pace, growth, measure, training_images, trainings
+from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
+from tacevo.runs.progress import LONG, told_saving
 from tacevo.runs.providers import prices_of
 from tacevo.runs.wiring import build_settings
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import counted, table
-
-#: In seconds: a search that takes longer is told whether it could be faster.
-_LONG = 600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +86,7 @@ def _facts(config: RunConfig) -> DataFacts:
     return replace(facts, names=source.names) if isinstance(source, Simulated) else facts
 
 
-def describe_estimate(config: RunConfig, measure: Measure = measure) -> str:
+def describe_estimate(config: RunConfig, measure: Measure = measure, saving: Saving = part_saved) -> str:
     """Write an estimate down: requests, tokens, the cost by model and delivery, and the hours by a measured pace."""
     estimated = estimate(config)
     delivered = deliveries(config.llm.provider)
@@ -110,7 +108,7 @@ def describe_estimate(config: RunConfig, measure: Measure = measure) -> str:
             "",
             *_remarks(config),
             "",
-            *_time(config, measure),
+            *_time(config, measure, saving),
         ]
     )
 
@@ -178,7 +176,7 @@ def _dollars(amount: float | None) -> str:
     return "unknown" if amount is None else dollars(amount)
 
 
-def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
+def _time(config: RunConfig, measure: Measure, saving: Saving) -> Sequence[str]:
     """Say how long the trainings take on this machine, and what that assumes; or why it is not known."""
     try:
         images, pace = training_images(config), measure(config)
@@ -198,24 +196,8 @@ def _time(config: RunConfig, measure: Measure) -> Sequence[str]:
         "searches suggest; that each is admitted and trained; and that the machine stays as busy as it is.",
         "Waiting for answers is not counted, nor is making the data set.",
         *([busy] if pace.load >= 1 else []),
-        *(_saving(config, measure, images, took) if took > _LONG else []),
+        *(told_saving(saving(config, images), took) if took > LONG else []),
     ]
-
-
-def _saving(config: RunConfig, measure: Measure, images: int, took: float) -> Iterator[str]:
-    """Measure what a long search would save with the AVX-512 of this CPU, and say so."""
-    if config.numerics.kind is not Numerics.portable or config.executor.kind is not ExecutorKind.local:
-        return
-    faster = replace(config, numerics=replace(config.numerics, kind=Numerics.portable512))
-    try:
-        saved = took - measure(faster).seconds(faster, images)
-    except TacevoError:  # of a CPU without AVX-512, before anything is trained
-        return
-    if saved > 0:
-        yield (
-            f"numerics=portable512 would save {_hours(saved)} of these hours, measured likewise; its bits are equal on "
-            "CPUs with AVX-512 only, and are others."
-        )
 
 
 def _hours(seconds: float) -> str:

@@ -1,25 +1,28 @@
-"""How long a search takes on this machine, from the baseline trained for some seconds on images of noise.
+"""How long a search takes on this machine, and what AVX-512 would save, from the baseline trained on images of noise.
 
 It is an estimate: candidates are other networks, the machine may be busier or less so later, and nobody knows how
 long answers take. docs/scale.md compares it with searches that were run.
 """
 
+import contextlib
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 
-from tacevo.choices import Device, ExecutorKind
+from tacevo.choices import Device, ExecutorKind, Numerics
 from tacevo.config.schema import OutputConfig, RunConfig, StoreConfig
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.loading import split_rows
 from tacevo.environment import usable_cores
-from tacevo.errors import RunError
+from tacevo.errors import RunError, TacevoError
 from tacevo.randomness import stream
 from tacevo.records import Kind, Mode, Rejection
 from tacevo.rules import CURRENT
@@ -33,6 +36,9 @@ GROWTH, GROWN = 0.7, 20
 
 #: Seconds that the baselines train beyond their start, at least, so that the clock and the load matter little.
 _SECONDS = 3.0
+
+#: Seconds of the processor that a turn takes, at least, where two numerics are compared.
+_TURN = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +68,9 @@ class Pace:
 
 #: Measures the pace of a configuration on this machine.
 Measure = Callable[[RunConfig], Pace]
+
+#: Measures what `part_saved` returns.
+Saving = Callable[[RunConfig, int], float]
 
 
 def growth(config: RunConfig) -> float:
@@ -100,49 +109,95 @@ def measure(config: RunConfig) -> Pace:
         SandboxError: the sandbox is broken, or is not as strong as asked.
         RunError: the baseline does not train.
     """
-    executor = replace(config.executor, kind=ExecutorKind.local, workers=trainings_at_once(config))
-    check_means(replace(config, executor=executor))
+    workers = trainings_at_once(config)
     load = os.getloadavg()[0] / (os.cpu_count() or 1)  # of the whole machine
-    with tempfile.TemporaryDirectory() as folder:
-        here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder), executor=executor)
-        task, data = load_task(here, facts_without_data(here)), noise(here, Path(folder))
-        with Workbench(here, task, data.facts, Mode.live, data=data) as bench:
-            gate = bench.gate(CURRENT)
-            gate.measure(task.baseline)  # starts the process that all others are forked from
-            judged = _timed(lambda: gate.measure(task.baseline))
+    with _baseline(config, workers) as (bench, source):
+        gate = bench.gate(CURRENT)
+        gate.measure(source)  # starts the process that all others are forked from
+        judged = _timed(lambda: gate.measure(source))
 
-            def train(epochs: int) -> float:
-                """Return the seconds of so many epochs of each worker's baseline."""
-                bench.config = replace(here, training=replace(here.training, epochs=epochs))
-                evaluator = bench.evaluator(CURRENT)
-                seeds = range(here.executor.workers)
-                return _timed(
-                    lambda: _check(list(bench.executor.map(lambda seed: evaluator.retrain(task.baseline, seed), seeds)))
-                )
+        def train(epochs: int) -> float:
+            """Return the seconds of so many epochs of each worker's baseline."""
+            return _timed(lambda: list(bench.executor.map(partial(_train, bench, source, epochs), range(workers))))
 
-            least, epochs = train(1), 2
-            while (took := train(epochs) - least) < _SECONDS:
-                epochs *= 2
+        least, epochs = train(1), 2
+        while (took := train(epochs) - least) < _SECONDS:
+            epochs *= 2
     of_epoch = took / (epochs - 1)
     return Pace(
-        at_once=here.executor.workers,
-        images_per_second=here.executor.workers * len(data.train) / of_epoch,
+        at_once=workers,
+        images_per_second=workers * config.training.batch_size / of_epoch,
         start=max(0.0, least - of_epoch),
         gate=judged,
         load=load,
     )
 
 
+def part_saved(config: RunConfig, images: int) -> float:
+    """Measure which part of the time of a training on so many images `numerics=portable512` would save.
+
+    It is the processor time of the baseline. The two levels take turns, so that both meet the same load: some ten
+    seconds of one core, and nothing is kept.
+
+    Returns:
+        A number in [0, 1): 0 where it saves nothing, trainings run elsewhere or with other numerics, this CPU lacks
+        AVX-512, or the baseline does not train.
+    """
+    is_here = config.executor.kind is ExecutorKind.local and config.training.device is Device.cpu
+    if not (is_here and config.numerics.kind is Numerics.portable):
+        return 0.0
+    faster = replace(config, numerics=replace(config.numerics, kind=Numerics.portable512))
+    try:
+        with _baseline(faster, 1) as fast, _baseline(config, 1) as slow:
+            least, epochs = [_cpu_seconds(*each, 1) for each in (slow, fast)], 2
+            while _cpu_seconds(*slow, epochs) - least[0] < _TURN:
+                epochs *= 2
+            turns = [[_cpu_seconds(*each, epochs) for each in (slow, fast)] for _ in range(3)]
+    except TacevoError:
+        return 0.0
+    more = config.training.epochs * images / config.training.batch_size - 1
+    costs: list[float] = [
+        one + more * (median(several) - one) / (epochs - 1)
+        for one, several in zip(least, zip(*turns, strict=True), strict=True)
+    ]
+    return max(0.0, 1 - costs[1] / costs[0])
+
+
+@contextlib.contextmanager
+def _baseline(config: RunConfig, workers: int) -> Iterator[tuple[Workbench, str]]:
+    """Open what trains the baseline on one batch of noise, by so many workers; yield that and its source."""
+    executor = replace(config.executor, kind=ExecutorKind.local, workers=workers)
+    check_means(replace(config, executor=executor))
+    with tempfile.TemporaryDirectory() as folder:
+        here = replace(config, store=StoreConfig(root=folder), run=OutputConfig(dir=folder), executor=executor)
+        task, data = load_task(here, facts_without_data(here)), noise(here, Path(folder))
+        with Workbench(here, task, data.facts, Mode.live, data=data) as bench:
+            yield bench, task.baseline
+
+
+def _train(bench: Workbench, source: str, epochs: int, seed: int) -> None:
+    """Train for so many epochs, which have one step each.
+
+    Raises:
+        RunError: the baseline does not train.
+    """
+    bench.config = replace(bench.config, training=replace(bench.config.training, epochs=epochs))
+    verdict = bench.evaluator(CURRENT).retrain(source, seed)
+    if isinstance(verdict, Rejection):
+        raise RunError(f"{verdict.reason}: {verdict.detail}", place="the baseline", expected="one that trains")
+
+
+def _cpu_seconds(bench: Workbench, source: str, epochs: int) -> float:
+    """Train in this thread, and return the processor time."""
+    before = bench.cpu_seconds()
+    _train(bench, source, epochs, 0)
+    return bench.cpu_seconds() - before
+
+
 def _timed(work: Callable[[], object]) -> float:
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
-
-
-def _check(verdicts: list[object]) -> None:
-    for verdict in verdicts:
-        if isinstance(verdict, Rejection):
-            raise RunError(f"{verdict.reason}: {verdict.detail}", place="the baseline", expected="one that trains")
 
 
 def _predicted(config: RunConfig) -> int:

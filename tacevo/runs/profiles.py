@@ -18,7 +18,7 @@ def recall_profiles(run: RecordedRun) -> dict[str, Profile]:
         RunError: a candidate's file is not what was trained, or the limits of the run reject its source.
     """
     trained = {line.id: line.source for line in run.candidates if line.source is not None and line.fitness is not None}
-    found = {}
+    profiles = {}
     stores = Stores(run.stores)
     with Workbench(run.config, run.record.task, run.record.data, Mode.replay, stores=stores) as bench:
         gate = bench.gate(run.rules)
@@ -27,5 +27,5 @@ def recall_profiles(run: RecordedRun) -> dict[str, Profile]:
             if not isinstance(verdict, Admitted):
                 detail = f"{name} was trained, and is rejected now: {verdict.reason}: {verdict.detail}"
                 raise RunError(detail, place=str(run.directory.path), remedy="restore run.json")
-            found[name] = verdict.profile
-    return found
+            profiles[name] = verdict.profile
+    return profiles

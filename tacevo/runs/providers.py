@@ -11,8 +11,8 @@ from pathlib import Path
 import yaml
 
 from tacevo.choices import OPTIONAL_SAMPLING, Provider
-from tacevo.config.ablation import GROUP, read_arm, split_arm
-from tacevo.config.folder import read_named
+from tacevo.config.arms import GROUP, read_arm, split_arm
+from tacevo.config.conf_folder import read_named
 from tacevo.config.schema import LLMConfig, RunConfig
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError

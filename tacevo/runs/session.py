@@ -2,8 +2,9 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from tacevo.choices import ExecutorKind, Tracking
@@ -11,15 +12,15 @@ from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import length
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.costs import Spending, spending_on, total
 from tacevo.data.dataset import Dataset
 from tacevo.environment import checked_out, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
-from tacevo.evolution.files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
+from tacevo.evolution.search_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
@@ -29,7 +30,7 @@ from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.doubts import doubts_of
-from tacevo.runs.pace import trainings_at_once
+from tacevo.runs.pace import part_saved, trainings_at_once
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
@@ -54,7 +55,7 @@ class Result:
     directory: Path
     digest: str
     #: What was found, in short; summary.md in the directory has all of it.
-    found: str
+    summary: str
     #: Id of the network archive's fittest elite; the baseline's where all failed when they were trained again.
     best: str
     #: Whether it found a network that is better than the baseline and than chance.
@@ -134,6 +135,7 @@ def record(
                 usable=usable,
                 trivial=trivial,
                 at_once=config.executor.workers if is_elsewhere else trainings_at_once(config),
+                saving=partial(part_saved, config, len(data.train)),
                 elsewhere=asks_elsewhere(config.llm),
             )
             with Workbench(
@@ -151,10 +153,10 @@ def record(
                 state = run_under(CURRENT, plan, bench.effects, ledger, observer)
             _check_length(ledger, directory)
             elites = archive_files(plan, state)[0].elites
-            found, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
+            summary, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
-        return Result(directory=directory.path, digest=ledger.digest, found=found, best=name, succeeded=succeeded)
+        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=name, succeeded=succeeded)
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:
@@ -315,9 +317,10 @@ class _Recorder(Watcher):
         usable: UsableAnswers,
         trivial: float,
         at_once: int,
+        saving: Callable[[], float],
         elsewhere: bool,
     ) -> None:
-        super().__init__(plan, view, trivial, at_once=at_once)
+        super().__init__(plan, view, trivial, at_once=at_once, saving=saving)
         self._usable = usable
         self._directory = directory
         self._ledger = ledger

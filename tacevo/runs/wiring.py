@@ -13,11 +13,11 @@ from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, Executor
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import check_head, import_ray
 from tacevo.cluster.facts import Order
-from tacevo.cluster.images import describe
+from tacevo.cluster.node_images import describe
 from tacevo.config.schema import ArchiveConfig, RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
-from tacevo.evolution.archive import Bounds, NetworkArchive, Tessellation, TopK, find_centroids
+from tacevo.evolution.archive import AxisBounds, NetworkArchive, Tessellation, TopK, find_centroids
 from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
@@ -31,7 +31,7 @@ from tacevo.runs.looked_up import LookedUp, Probes, table_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Score, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
-from tacevo.storage.arrays import KIND, ArrayStore
+from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.store import Store, Stores
 from tacevo.training import evaluation
 from tacevo.training.evaluation import Evaluator, Setting
@@ -101,14 +101,14 @@ def build_settings(config: RunConfig) -> Settings:
     )
 
 
-def _fixed_bounds(archive: ArchiveConfig) -> Bounds | None:
+def _fixed_bounds(archive: ArchiveConfig) -> AxisBounds | None:
     """Return the bounds of the network archive's axes, where the configuration has them."""
     if archive.kind is ArchiveKind.best or archive.bounds is BoundsRule.adaptive:
         return None
     scale = archive.eff_ratio_scale
     ranges = [[on_axis(axis, end, scale) for end in getattr(archive, f"{axis}_bounds")] for axis in archive.axes]
     low, high = zip(*ranges, strict=True)
-    return Bounds(low=low, high=high)
+    return AxisBounds(low=low, high=high)
 
 
 def stores_of(config: RunConfig) -> Stores:
@@ -127,8 +127,8 @@ def _places(archive: ArchiveConfig, store: Store) -> Tessellation | TopK:
 
 def _tessellation(archive: ArchiveConfig, niches: int, dimensions: int, store: Store) -> Tessellation:
     shape = {"niches": niches, "dimensions": dimensions, "samples": archive.samples, "seed": archive.seed}
-    found = store.recall(shape, lambda: find_centroids(**shape))
-    centroids = convert(list[list[float]], found, place="centroids", error=StoreError)
+    recalled = store.recall(shape, lambda: find_centroids(**shape))
+    centroids = convert(list[list[float]], recalled, place="centroids", error=StoreError)
     if [len(centroid) for centroid in centroids] != [dimensions] * niches:
         expected = f"{niches} points of {dimensions} coordinates"
         raise StoreError(f"{len(centroids)} others", place=str(store.path(store.key(shape))), expected=expected)
@@ -226,7 +226,7 @@ class Workbench:
             evaluate=lambda source, number: evaluator.evaluate(source, training_seed(seed, number)),
             evaluation_key=lambda source, number: evaluator.key(source, training_seed(seed, number)),
             executor=self.executor,
-            cpu_seconds=self._cpu_seconds,
+            cpu_seconds=self.cpu_seconds,
         )
 
     def gate(self, rules: Rules) -> Gate:
@@ -293,7 +293,7 @@ class Workbench:
         """Keep what this code computes from being stored under the numbers of other rules."""
         return self.mode if rules == CURRENT else Mode.replay
 
-    def _cpu_seconds(self) -> float:
+    def cpu_seconds(self) -> float:
         """Return the processor time of all candidates that this thread has waited for."""
         return getattr(self._waited, "seconds", 0.0)
 
@@ -307,7 +307,7 @@ class Workbench:
             entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
         ) -> Finished | Died:
             outcome = run(entry, header, payload, limits, score)
-            self._waited.seconds = self._cpu_seconds() + outcome.cpu_seconds
+            self._waited.seconds = self.cpu_seconds() + outcome.cpu_seconds
             return outcome
 
         return noting

@@ -87,7 +87,7 @@ def _loaded(name: str) -> tuple[int, Path]:
 
 def _symbols(library: Path, names: Sequence[bytes]) -> dict[bytes, tuple[int, int]]:
     """Look symbols up in the ELF file of a library; return the address and the size of those that it has."""
-    found = {}
+    places = {}
     with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         [table], [count] = struct.unpack_from("<Q", data, 40), struct.unpack_from("<H", data, 60)
         sections = np.frombuffer(data[table : table + _SECTION.itemsize * count], _SECTION)
@@ -98,5 +98,5 @@ def _symbols(library: Path, names: Sequence[bytes]) -> dict[bytes, tuple[int, in
             for name in names:
                 place = data.find(b"\0" + name + b"\0", first, last) + 1 - first
                 for symbol in symbols[symbols["name"] == place] if place > 0 else ():
-                    found[name] = int(symbol["value"]), int(symbol["size"])
-    return found
+                    places[name] = int(symbol["value"]), int(symbol["size"])
+    return places

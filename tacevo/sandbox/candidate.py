@@ -20,7 +20,7 @@ from tacevo.records import Contract, Json, Reason
 from tacevo.sandbox import caches
 from tacevo.sandbox.attributes import MODES, MODULE_NAMES, WEIGHTS, is_refused
 from tacevo.sandbox.child import Send
-from tacevo.sandbox.network import leaves, state
+from tacevo.sandbox.module_parts import leaves, state
 from tacevo.sandbox.protocol import describe
 
 if sizes := os.environ.get(caches.VARIABLE):

@@ -44,11 +44,11 @@ def readable(value: Json) -> str:
 def differences(recorded: Json, asked: Json, at: Field = ()) -> list[Field]:
     """List the fields in which two requests differ, e.g. `("messages", 0, "content")`, below the field `at`."""
     if isinstance(recorded, dict) and isinstance(asked, dict):
-        found: list[Field] = []
+        fields: list[Field] = []
         for key in sorted(recorded.keys() | asked.keys()):
             shared = key in recorded and key in asked
-            found += differences(recorded[key], asked[key], (*at, key)) if shared else [(*at, key)]
-        return found
+            fields += differences(recorded[key], asked[key], (*at, key)) if shared else [(*at, key)]
+        return fields
     if isinstance(recorded, list) and isinstance(asked, list) and len(recorded) == len(asked):
         pairs = enumerate(zip(recorded, asked, strict=True))
         return [field for index, (a, b) in pairs for field in differences(a, b, (*at, index))]

@@ -68,7 +68,7 @@ class _Header(Record):
     entries: Annotated[int, Ge(0), Le(MOST_ENTRIES)]
 
 
-class Budget:
+class ReadBudget:
     """Counts the bytes that a file of a size unpacks to, and stops at a limit."""
 
     def __init__(self, source: Path, size: int) -> None:
@@ -106,7 +106,7 @@ def _line(entry: Entry) -> str:
     return canonical({"kind": entry.kind, "request": entry.request, "answer": entry.answer})
 
 
-def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
+def unpack(source: Path, budget: ReadBudget) -> Iterator[Entry]:
     """Read the entries of a file that anybody may have written, one at a time.
 
     Raises:
@@ -116,7 +116,7 @@ def unpack(source: Path, budget: Budget) -> Iterator[Entry]:
     return (entry for entry, _, _ in _checked(source, budget))
 
 
-def unpack_in_memory(source: Path, budget: Budget) -> tuple[Member, tuple[Entry, ...]]:
+def unpack_in_memory(source: Path, budget: ReadBudget) -> tuple[Member, tuple[Entry, ...]]:
     """Read the entries of a bundle; return its stores, and the entries that hold candidates' files.
 
     A file of these stores is the line of its entry, which takes a tenth of the memory of what is read from it.
@@ -133,7 +133,7 @@ def unpack_in_memory(source: Path, budget: Budget) -> tuple[Member, tuple[Entry,
     return Member(str(source), as_tree(texts), between=", "), tuple(candidates)
 
 
-def _checked(source: Path, budget: Budget) -> Iterator[tuple[Entry, str, bytes]]:
+def _checked(source: Path, budget: ReadBudget) -> Iterator[tuple[Entry, str, bytes]]:
     """Read entries as `unpack`, each with its key and its line."""
     lines = _lines(source, budget)
     place, expected = f"{source}, line 1", "as many entries as the first line says"
@@ -171,7 +171,7 @@ def _check_text(line: bytes, text_of: Callable[[T], str], content: T, place: str
         raise StoreError("the same content in another text", place=place, expected="the text that is written of it")
 
 
-def _lines(source: Path, budget: Budget) -> Iterator[bytes]:
+def _lines(source: Path, budget: ReadBudget) -> Iterator[bytes]:
     """Yield the lines as they are unpacked, within the budget."""
     rest = bytearray()
     for chunk in _chunks(source):

@@ -8,7 +8,7 @@ from pathlib import Path
 from tacevo.costs import Spending, spending_on, token_cells, total, usd
 from tacevo.errors import StoreError
 from tacevo.records import Completion, Request
-from tacevo.storage.arrays import KIND, check_array
+from tacevo.storage.array_store import KIND, check_array
 from tacevo.storage.canonical import content_hash, differences, readable, shown
 from tacevo.storage.files import write_durably
 from tacevo.storage.store import KINDS, Entry, check_entry

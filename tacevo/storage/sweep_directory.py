@@ -19,7 +19,7 @@ from tacevo.errors import RunError, TacevoError
 from tacevo.records import Record, written
 from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
-from tacevo.storage.plan import SeedPlan
+from tacevo.storage.plan_file import SeedPlan
 from tacevo.storage.run_directory import RunDirectory, name_instead
 from tacevo.typed import parse
 
@@ -159,11 +159,11 @@ class SweepDirectory:
                 else name_instead(self.path) or "`tacevo search -m` makes one",
             )
         remedy = "restore it, or delete it and repeat the `tacevo search -m` command that began the sweep"
-        found = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
-        for job in found.jobs:
+        record = parse(SweepRecord, path.read_bytes(), place=str(path), error=RunError, remedy=remedy)
+        for job in record.jobs:
             if Path(job.name).name != job.name or job.name in _TAKEN:
                 raise RunError(repr(job.name), place=f"{path}, jobs", expected="the name of a directory", remedy=remedy)
-        return found
+        return record
 
     def fail(self, job: Job, reason: str, *, by_scheduler: bool = False) -> None:
         """Keep why a job failed."""

@@ -40,7 +40,7 @@ def read_verdict(
     kind: type[T], name: str, answer: Json, *, place: str, error: type[TacevoError] = StoreError
 ) -> T | Rejection:
     """Read a verdict from its JSON form; raises `error` where it is malformed."""
-    found = answer if isinstance(answer, dict) else {}
-    if "rejection" in found:
-        return convert(Rejection, found["rejection"], place=f"{place}, rejection", error=error)
-    return convert(kind, found.get(name), place=f"{place}, {name}", error=error)
+    fields = answer if isinstance(answer, dict) else {}
+    if "rejection" in fields:
+        return convert(Rejection, fields["rejection"], place=f"{place}, rejection", error=error)
+    return convert(kind, fields.get(name), place=f"{place}, {name}", error=error)

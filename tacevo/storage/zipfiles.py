@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tacevo.errors import BundleError
-from tacevo.storage.entries import Budget
+from tacevo.storage.entries import ReadBudget
 
 #: A run of 10,000 candidates has some 10,100 members; without zip64, no zip file has more than 65,535.
 MOST_MEMBERS = 50_000
@@ -57,7 +57,7 @@ def packed(members: Mapping[str, bytes]) -> bytes:
     return buffer.getvalue()
 
 
-def read_members(source: Path, places: re.Pattern[str], budget: Budget) -> dict[str, bytes]:
+def read_members(source: Path, places: re.Pattern[str], budget: ReadBudget) -> dict[str, bytes]:
     """Read every member of a zip file, by name.
 
     Raises:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from tacevo.errors import RunError
 from tacevo.evolution.archive import best_distinct
 from tacevo.evolution.lines import CandidateLine
-from tacevo.results.study_lines import Network
+from tacevo.results.study_lines import StudyNetwork
 
 
 def networks_of(
@@ -13,7 +13,7 @@ def networks_of(
     elites: Collection[str],
     count: int | None,
     estimates: Mapping[str, float] | None = None,
-) -> tuple[Network, ...]:
+) -> tuple[StudyNetwork, ...]:
     """Choose the networks of a study: the baseline, then the elites of the lowest validation loss.
 
     The earlier id wins a tie. An elite with the source of the baseline or of a better elite is passed over, so there
@@ -38,7 +38,7 @@ def networks_of(
     return baseline, *(_studied(f"variant {number}", lines[name]) for number, name in enumerate(best, start=1))
 
 
-def given_networks(candidates: Sequence[CandidateLine], names: Sequence[str]) -> tuple[Network, ...]:
+def given_networks(candidates: Sequence[CandidateLine], names: Sequence[str]) -> tuple[StudyNetwork, ...]:
     """Return the baseline and all given networks, by their names; lines and names are in the order of the networks.
 
     Raises:
@@ -47,14 +47,14 @@ def given_networks(candidates: Sequence[CandidateLine], names: Sequence[str]) ->
     return tuple(_studied(name, line) for name, line in zip(("baseline", *names), candidates, strict=False))
 
 
-def _studied(name: str, line: CandidateLine | None) -> Network:
+def _studied(name: str, line: CandidateLine | None) -> StudyNetwork:
     if line is None or line.source is None or line.fitness is None or line.parameters is None or line.flops is None:
         raise RunError(
             f"{name if line is None else line.id} without a fitness in the ledger",
             expected="elites that were trained",
             remedy="restore archive.json",
         )
-    return Network(
+    return StudyNetwork(
         name=name,
         id=line.id,
         source=line.source,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import RunError
-from tacevo.evolution.files import finished_digest
+from tacevo.evolution.search_files import finished_digest
 from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming
@@ -94,5 +94,5 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
 
 def _is_tested(directory: SweepDirectory, jobs: Sequence[Job], stated: Retraining) -> bool:
     """Return whether a job has a finished study as its sweep states them, of however many elites."""
-    records = (found.read() for job in jobs for found in studies_of(directory.run(job).path))
+    records = (study.read() for job in jobs for study in studies_of(directory.run(job).path))
     return any(record.digest is not None and is_stated(record, stated) for record in records)

@@ -25,14 +25,23 @@ from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
 from tacevo.results.publishable import other_settings
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
-from tacevo.results.study_lines import SCHEMA, FailedLine, Network, Row, ScoreLine, StudyHeader, Terms, fewest_seeds
+from tacevo.results.study_lines import (
+    SCHEMA,
+    FailedLine,
+    Row,
+    ScoreLine,
+    StudyHeader,
+    StudyNetwork,
+    StudyTerms,
+    fewest_seeds,
+)
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
 from tacevo.storage.files import in_use
-from tacevo.storage.plan import SeedPlan, read_plan
+from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
 from tacevo.studies.networks import given_networks, networks_of
 from tacevo.text import counted, listed
@@ -60,7 +69,7 @@ class Studied:
 class _Job:
     """One network to be trained with one seed."""
 
-    network: Network
+    network: StudyNetwork
     #: 0 to S - 1.
     index: int
     source: str
@@ -108,7 +117,7 @@ def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Stud
         seeds=config.seeds,
         epochs=config.epochs,
         limits=Limits(seconds=config.seconds, memory_mib=config.memory_mib),
-        terms=Terms(alpha=config.alpha, margin=margins.regression if is_regression else margins.classification),
+        terms=StudyTerms(alpha=config.alpha, margin=margins.regression if is_regression else margins.classification),
         chosen_by=noise_digest(run) if by_noise else "",
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
@@ -255,7 +264,7 @@ def _plan(
     seeds: int,
     epochs: int,
     limits: Limits,
-    terms: Terms | None,
+    terms: StudyTerms | None,
     chosen_by: str,
     planned: SeedPlan | None,
     rules: int,

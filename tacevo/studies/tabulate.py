@@ -13,7 +13,7 @@ from pathlib import Path
 from tacevo.choices import DataSource
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
 from tacevo.errors import ConfigError, telling

@@ -23,7 +23,7 @@ from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.searches import keep_ending, start, stop
+from tacevo.sweeps.search_process import keep_ending, start, stop
 from tacevo.text import first_line
 
 #: What `hydra/launcher=` may name.

@@ -22,7 +22,7 @@ from tacevo.records import Json
 from tacevo.redaction import secret_variables
 from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.searches import GRACE, keep_ending, start, stop
+from tacevo.sweeps.search_process import GRACE, keep_ending, start, stop
 from tacevo.sweeps.status import status_of
 from tacevo.text import first_line
 

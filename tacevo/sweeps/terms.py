@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import DataSource, Primary, SplitRule, Varied
-from tacevo.config.ablation import NONE
+from tacevo.config.arms import NONE
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.errors import ConfigError, RunError
-from tacevo.storage.plan import SeedPlan, read_plan
+from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
 
 

@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from tacevo.errors import RunError, TacevoError
-from tacevo.evolution.files import read_ledger
+from tacevo.evolution.search_files import read_ledger
 from tacevo.redaction import check_address
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.facts import read_settings
-from tacevo.tracking.failures import MlflowError, told
+from tacevo.tracking.data_and_code import read_settings
+from tacevo.tracking.mlflow_errors import MlflowError, told
 from tacevo.tracking.process import prepare, store_address
 
 #: A directory with one of these is that of a run, perhaps a damaged one.

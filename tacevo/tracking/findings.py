@@ -12,7 +12,7 @@ from analysis.report.collection import Compared, outcomes, read_studies
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.niches import load_niches
 from analysis.studies.comparison import of_whole
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Table
 from analysis.tables.comparison import scores_table, verdicts_table
 from analysis.tables.noise import noise_table
@@ -23,7 +23,7 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import FailedLine, ScoreLine, StudyRecord
 from tacevo.storage.run_directory import RunDirectory
-from tacevo.tracking.entries import Point, config_params
+from tacevo.tracking.params import Point, config_params
 from tacevo.tracking.writer import SearchWriter
 
 #: What MLflow does not take in the name of a metric: that of an output may be any text.
@@ -50,10 +50,10 @@ def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
     if not missing:
         return
     run = read_run(directory.path)
-    found = read_studies(run)
-    told, compared = outcomes(run, found), {one.name: one for one in found.studies}
-    again = {one.name: one for one in found.reestimates}
-    for finished in found.finished:
+    studies = read_studies(run)
+    told, compared = outcomes(run, studies), {one.name: one for one in studies.studies}
+    again = {one.name: one for one in studies.reestimates}
+    for finished in studies.finished:
         name, scores = finished.path.name, finished.scores
         if name not in missing:
             continue
@@ -115,6 +115,6 @@ def _verdicts(compared: Compared | None) -> dict[str, str]:
 def _table(run: RecordedRun, compared: Compared | None, again: Reestimates | None) -> Table | None:
     """Return the table of a study's verdicts, or of its scores where none can be given; of a noise run its own."""
     if compared is not None:
-        found = compared.comparisons
-        return scores_table(compared.study) if found is None else verdicts_table(compared.study, found)
+        comparisons = compared.comparisons
+        return scores_table(compared.study) if comparisons is None else verdicts_table(compared.study, comparisons)
     return None if again is None else noise_table(again, run.task, run.record.trivial)

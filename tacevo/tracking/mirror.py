@@ -9,13 +9,15 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from tacevo.costs import Spending, total
-from tacevo.evolution.files import Line, line_kind
 from tacevo.evolution.lines import CandidateLine, GenerationLine
+from tacevo.evolution.search_files import Line, line_kind
 from tacevo.records import Operator
 from tacevo.storage.ledger import read_line
 from tacevo.storage.run_directory import RunDirectory, RunRecord
-from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
-from tacevo.tracking.entries import (
+from tacevo.tracking.data_and_code import data_set, search_tags, shown_config, source_tags
+from tacevo.tracking.lock import alone
+from tacevo.tracking.mlflow_store import PARENT_TAG, find_or_create_experiment, open_store
+from tacevo.tracking.params import (
     Totals,
     candidate_measures,
     candidate_params,
@@ -23,9 +25,7 @@ from tacevo.tracking.entries import (
     cost_measures,
     generation_measures,
 )
-from tacevo.tracking.facts import data_set, search_tags, shown_config, source_tags
-from tacevo.tracking.lock import alone
-from tacevo.tracking.sweeps import SWEEP_TAG, find_sweep, join_sweep, leave_sweep
+from tacevo.tracking.sweep_run import SWEEP_TAG, find_sweep, join_sweep, leave_sweep
 from tacevo.tracking.writer import SearchWriter, search_key
 
 

@@ -22,8 +22,8 @@ from mlflow.types import Schema, TensorSpec
 
 from tacevo.errors import ConfigError
 from tacevo.storage.canonical import content_hash
-from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, log, open_store, tagged_runs, user_tags
-from tacevo.tracking.entries import config_params, note
+from tacevo.tracking.mlflow_store import PARENT_TAG, find_or_create_experiment, log, open_store, tagged_runs, user_tags
+from tacevo.tracking.params import config_params, note
 from tacevo.tracking.writer import NOTE_TAG, RUN_TAG
 
 #: The tag that names an export and what it is registered as, and the one that has its version once it is.

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from tacevo.errors import ConfigError
-from tacevo.tracking.entries import URI_VARIABLE, shown_address
+from tacevo.tracking.params import URI_VARIABLE, shown_address
 
 
 class Mirror:

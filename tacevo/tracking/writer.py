@@ -13,8 +13,8 @@ from mlflow.entities import Dataset, DatasetInput, InputTag, Run
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.storage.canonical import content_hash
-from tacevo.tracking.client import PARENT_TAG, find_or_create_run, log, tagged_runs, user_tags
-from tacevo.tracking.entries import Point, note
+from tacevo.tracking.mlflow_store import PARENT_TAG, find_or_create_run, log, tagged_runs, user_tags
+from tacevo.tracking.params import Point, note
 
 #: Tags that name a search, a candidate and a study within it, and the digest of a finished search.
 RUN_TAG = "tacevo.run"

@@ -25,7 +25,7 @@ from tacevo.records import DataFacts, Kind, Reason, Record, Rejection, Stage, Tr
 from tacevo.rules import CHOSEN_SINCE, KEPT_SINCE
 from tacevo.sandbox.client import Died, Finished, Run
 from tacevo.sandbox.protocol import one_line
-from tacevo.storage.arrays import ArrayStore, digest_of
+from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.text import listed
 from tacevo.training.evaluation import Examples, Setting, TrainingStore

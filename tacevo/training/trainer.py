@@ -2,10 +2,10 @@
 
 It gets the images, the training labels and the rows of the validation images, and sends back predictions. The
 validation labels never come here, so a candidate cannot know how well it does. Weights are listed, switched and hashed
-without calling the candidate's methods (`tacevo.sandbox.network`). In the full training of a study the test images are
-a second group to predict, also without labels. The parent tells after which epoch the validation loss was the lowest so
-far; a copy of those weights is kept, and they predict the test images in the end. The parent trusts nothing that leaves
-here, because the candidate shares this process.
+without calling the candidate's methods (`tacevo.sandbox.module_parts`). In the full training of a study the test images
+are a second group to predict, also without labels. The parent tells after which epoch the validation loss was the
+lowest so far; a copy of those weights is kept, and they predict the test images in the end. The parent trusts nothing
+that leaves here, because the candidate shares this process.
 """
 
 import math
@@ -33,7 +33,7 @@ from tacevo.sandbox.candidate import (
     standardise,
 )
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.network import parameters, state, switch
+from tacevo.sandbox.module_parts import parameters, state, switch
 from tacevo.sandbox.protocol import Header
 from tacevo.training.determinism import noting_nondeterminism
 

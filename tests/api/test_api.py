@@ -17,7 +17,7 @@ from refusals import refused
 import tacevo
 from analysis.runs.pareto import PARETO
 from analysis.sweeps.ablation import Ablation
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.arm_metrics import Metric
 from tacevo.api import frames
 from tacevo.api.sweeps import metric_of
 from tacevo.cli.app import main
@@ -171,7 +171,7 @@ def test_every_column_has_values() -> None:
 
 
 def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every table, byte for byte; a study's by its own name, too."""
+    """Every table and the summary, byte for byte; a study's table by its own name, too."""
     assert main(["tables", "run"]) == 0
     made = tacevo.open("run")
     assert isinstance(made, tacevo.Run)
@@ -180,6 +180,8 @@ def test_what_a_command_writes_can_be_had(run: Path, capsys: pytest.CaptureFixtu
     (study,) = made.studies
     assert study.tables["verdicts"].to_markdown() == made.tables[f"{study.name}/verdicts"].to_markdown()
     assert made.tables["verdicts"].to_markdown() in capsys.readouterr().out
+    assert main(["show", "run"]) == 0
+    assert capsys.readouterr().out.startswith(made.summary)
     assert next(iter(made.figures)) == "samples"
 
 
@@ -205,14 +207,14 @@ def test_network_is_built_only_for_who_trusts_it(opened: tacevo.Run) -> None:
         opened.network(name)
     contract = opened.recorded.record.task.contract
     images = torch.zeros(2, contract.in_channels, contract.image_size, contract.image_size)
-    found = []
+    outputs = []
     for seed in (3, 3, 4):
         torch.manual_seed(seed)
         with torch.no_grad():
-            found.append(opened.network(name, trust=True).eval()(images))
-    assert found[0].shape == (2, contract.outputs)
-    assert torch.equal(found[0], found[1])
-    assert not torch.equal(found[0], found[2])
+            outputs.append(opened.network(name, trust=True).eval()(images))
+    assert outputs[0].shape == (2, contract.outputs)
+    assert torch.equal(outputs[0], outputs[1])
+    assert not torch.equal(outputs[0], outputs[2])
 
 
 @pytest.mark.parametrize("name", ["g99s99", "../../run", ""])

@@ -12,8 +12,8 @@ from refusals import refused
 from tacevo.bundles.format import sealed
 from tacevo.bundles.verify import check_sizes, table_difference
 from tacevo.errors import RunError
-from tacevo.evolution.files import Line
 from tacevo.evolution.lines import SeedLine
+from tacevo.evolution.search_files import Line
 from tacevo.results.run import RecordedRun
 
 

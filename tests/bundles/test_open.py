@@ -19,8 +19,8 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.store import Store, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
-from tacevo.sweeps.plan import plan
 from tacevo.sweeps.status import status_of
+from tacevo.sweeps.sweeping import plan
 
 
 def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
@@ -28,17 +28,17 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
 
     Errors name members as the file has them, and what is not a member's name is the name of nothing.
     """
-    folder, found = opened(published / "run"), opened(published / "run.zip")
+    folder, place = opened(published / "run"), opened(published / "run.zip")
     assert (folder.folder, folder.store) == (published / "run", published / "cache")
     assert (folder.root, folder.digest) == (None, None)
-    assert found.folder.name == "run"
-    assert (found.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
-    assert f"{found.folder / 'run.json'}" == f"{published}/run.zip, run/run.json"
+    assert place.folder.name == "run"
+    assert (place.folder / "ledger.jsonl").read_bytes() == (published / "run" / "ledger.jsonl").read_bytes()
+    assert f"{place.folder / 'run.json'}" == f"{published}/run.zip, run/run.json"
     with refused(CacheMissError, place=f"{published}/run.zip, store.jsonl.xz, probes"):
-        Store(found.store, "probes", Mode.replay).find("of another run")
+        Store(place.store, "probes", Mode.replay).find("of another run")
     for name in ("..", "../run", "/etc/passwd", "candidates/../../run", "missing", "run.json/x"):
-        assert not (found.folder / name).exists()
-    completion = next(found.store.glob("completions/*/*.json"))
+        assert not (place.folder / name).exists()
+    completion = next(place.store.glob("completions/*/*.json"))
     assert read_entry(completion) == read_entry(next((published / "cache").rglob(completion.name)))
 
 
@@ -56,9 +56,9 @@ def test_bundle_is_opened_under_the_name_of_its_run(published: Path) -> None:
 )
 def test_bundle_is_only_read(touch: Callable[[Path], object], published: Path, place: Path) -> None:
     """Whatever else a path can do, no member leads to the disk."""
-    found = opened(published / "run.zip")
+    bundle = opened(published / "run.zip")
     with pytest.raises(TypeError, match="member of a bundle"):
-        touch(found.folder)
+        touch(bundle.folder)
     assert list(place.iterdir()) == []
 
 

@@ -8,7 +8,7 @@ from hand_runs import configured, of_lines
 from ledger_lines import FACTS, candidate, run_record
 from refusals import refused
 
-from tacevo.bundles.pages import Subject, Terms, citation, licence, readme
+from tacevo.bundles.readme import Subject, Terms, citation, licence, readme
 from tacevo.errors import ConfigError
 
 

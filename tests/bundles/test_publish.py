@@ -94,8 +94,8 @@ def test_run_of_another_release_is_published_with_todays_summary(
     assert main(["publish", str(tmp_path / "run"), "-o", str(tmp_path / "x.zip"), "--author", "A. Nyone"]) == 0
     said = capsys.readouterr().out.splitlines()
     assert {"licence: CC-BY-4.0", "author: A. Nyone", "the labels of 4 test images are in it"} <= {*said}
-    found, own = members_of(tmp_path / "x.zip"), members_of(published / "run.zip")
-    assert (found["run/summary.md"], found["run/run.json"]) == (own["run/summary.md"], own["run/run.json"])
+    made, own = members_of(tmp_path / "x.zip"), members_of(published / "run.zip")
+    assert (made["run/summary.md"], made["run/run.json"]) == (own["run/summary.md"], own["run/run.json"])
 
 
 def test_bundle_holds_all_that_was_asked_for(published: Path) -> None:

@@ -114,8 +114,8 @@ def test_retraining_draws_from_all_runs(swept: Path, place: Path, capsys: pytest
     """The best network of each run, networks of studies, and two others; each counted once, and told with its job."""
     assert main(["replay", str(swept / "sweep.zip"), "--retrain", "2"]) == 0
     said = capsys.readouterr()
-    found = opened(swept / "sweep.zip")
-    certain = decisive([found.read(run) for run in found.runs])
+    bundle = opened(swept / "sweep.zip")
+    certain = decisive([bundle.read(run) for run in bundle.runs])
     assert f"retrained: {len(certain) + 2} of" in said.out
     told = [line for line in said.err.splitlines() if ": as recorded (" in line]
     assert len(told) == len(certain) + 2

@@ -88,12 +88,12 @@ def member(members: Members, name: str) -> str:
 
 def read_texts(bundle: Path) -> None:
     """Read the run of a bundle and its studies, and compare their texts."""
-    found = opened(bundle)
+    place = opened(bundle)
     studies = [
         FinishedStudy(path=study.path, record=study.read(), scores=study.read_scores())
-        for study in studies_of(found.folder)
+        for study in studies_of(place.folder)
     ]
-    check_texts(found.read(found.folder), studies)
+    check_texts(place.read(place.folder), studies)
 
 
 def place_of_refusal(members: Members, target: Path) -> str:

@@ -58,9 +58,9 @@ def refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Refused:
 
 def verify_at(bundle: Path) -> None:
     """Verify a bundle's searches and studies, without its tables."""
-    found = opened(bundle)
+    place = opened(bundle)
     with Progress(Console(file=io.StringIO())) as view:
-        verify(found, lambda run, store: {}, view)
+        verify(place, lambda run, store: {}, view)
 
 
 def few_of(names: Sequence[str], contents: Sequence[Any]) -> list[ParameterSet]:

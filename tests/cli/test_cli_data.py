@@ -26,7 +26,7 @@ SMALL = ["task=force", "data.images=40", "data.image_size=16"]
 @pytest.fixture(autouse=True)
 def _elsewhere(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Work in a directory of the test's own, and draw two images on a sheet, which takes a tenth of the time of 40."""
-    monkeypatch.setattr("tacevo.data.figures.SHEET_IMAGES", 2)
+    monkeypatch.setattr("tacevo.data.pictures.SHEET_IMAGES", 2)
 
 
 def write_classes(root: Path, *, equal: int = 1) -> list[str]:
@@ -57,13 +57,13 @@ def test_check_in_json_is_for_machines(capsys: pytest.CaptureFixture[str]) -> No
     """One object with the same facts, and nothing else on standard output."""
     overrides = write_classes(Path("photos"))
     assert main(["data", "check", *overrides, "--json", "-o", "sheet.svg"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["images"] == {"all": 40, "train": 32, "validation": 4, "test": 4}
-    assert (found["recorded_size"], found["image_size"]) == ([20, 24], 16)
-    assert [sum(row[part] for row in found["labels"]) for part in ("train", "validation", "test")] == [32, 4, 4]
-    assert found["duplicates"] == []
-    assert found["sheet"] == "sheet.svg"
-    assert (Path(found["cache"]) / "images.npy").is_file()
+    told = json.loads(capsys.readouterr().out)
+    assert told["images"] == {"all": 40, "train": 32, "validation": 4, "test": 4}
+    assert (told["recorded_size"], told["image_size"]) == ([20, 24], 16)
+    assert [sum(row[part] for row in told["labels"]) for part in ("train", "validation", "test")] == [32, 4, 4]
+    assert told["duplicates"] == []
+    assert told["sheet"] == "sheet.svg"
+    assert (Path(told["cache"]) / "images.npy").is_file()
 
 
 def test_leak_is_listed_and_is_exit_status_1(capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,10 +27,10 @@ SMALL = [
 def searched(overrides: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """Search, replay, and return the search's summary."""
     assert main(["search", *SMALL, *overrides]) == 0
-    found = capsys.readouterr().out
+    printed = capsys.readouterr().out
     (run,) = Path("runs").iterdir()
     assert main(["replay", str(run)]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == found.splitlines()[-1]
+    assert capsys.readouterr().out.splitlines()[-1] == printed.splitlines()[-1]
     return (run / "summary.md").read_text()
 
 
@@ -39,18 +39,18 @@ def searched(overrides: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def test_search_on_tactip_recordings(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Depth, roll and pitch from 3,000 TacTip images: the stand-in for three forces."""
     columns = "data.target_columns=[depth_mm,roll_deg,pitch_deg]"
-    found = searched(["data=csv", f"data.root={DATA / 'tactip_surface'}", columns], capsys)
-    assert "2400 training, 300 validation and 300 test images" in found
+    printed = searched(["data=csv", f"data.root={DATA / 'tactip_surface'}", columns], capsys)
+    assert "2400 training, 300 validation and 300 test images" in printed
 
 
 @pytest.mark.slow
 @needs_recordings
 def test_search_on_gelsight_recordings(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Ten materials from 1,000 GelSight images: the stand-in for gratings."""
-    found = searched(
+    printed = searched(
         ["task=grating", "data=folder", f"data.root={DATA / 'gelsight_materials'}", "task.outputs=10"], capsys
     )
-    assert "800 training, 100 validation and 100 test images" in found
+    assert "800 training, 100 validation and 100 test images" in printed
 
 
 @needs_recordings

@@ -22,9 +22,9 @@ from tacevo.runs.datasets import load_same
 
 def shown_in(page: Path) -> Any:
     """Read the contents that lie in a page."""
-    found = re.search(r'<script type="application/json" id="contents">(.*?)</script>', page.read_text(), re.DOTALL)
-    assert found is not None
-    return json.loads(found[1])
+    contents = re.search(r'<script type="application/json" id="contents">(.*?)</script>', page.read_text(), re.DOTALL)
+    assert contents is not None
+    return json.loads(contents[1])
 
 
 def test_report_is_one_file(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

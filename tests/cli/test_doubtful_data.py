@@ -21,7 +21,7 @@ needs_cases = pytest.mark.skipif(not CASES.is_dir(), reason="the cases are not b
 @pytest.fixture(autouse=True)
 def _elsewhere(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Work in a directory of the test's own, and draw two images on a sheet, which takes a tenth of the time of 40."""
-    monkeypatch.setattr("tacevo.data.figures.SHEET_IMAGES", 2)
+    monkeypatch.setattr("tacevo.data.pictures.SHEET_IMAGES", 2)
 
 
 def save(images: Iterable[np.typing.NDArray[Any]], names: str = "fx,fy,fz") -> list[str]:
@@ -48,8 +48,8 @@ def noise(most: int, kind: type = np.uint16, count: int = 20) -> list[np.typing.
 def checked(overrides: list[str], capsys: pytest.CaptureFixture[str], status: int = 0) -> dict[str, Any]:
     """Check a data set; return what is found."""
     assert main(["data", "check", *overrides, "--json"]) == status
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
+    told: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return told
 
 
 @needs_cases
@@ -57,9 +57,9 @@ def checked(overrides: list[str], capsys: pytest.CaptureFixture[str], status: in
 def test_cameras_of_users_are_told(case: str, most: int, capsys: pytest.CaptureFixture[str]) -> None:
     """Twelve and eight bits in files of sixteen."""
     columns = "data.target_columns=[fx,fy,fz]"
-    found = checked(["data=csv", f"data.root={CASES / case}", columns, "data.image_size=24"], capsys)
-    assert f"is {most} of 65535" in found["warnings"][0]
-    assert f"data.white_point={most}" in found["warnings"][0]
+    told = checked(["data=csv", f"data.root={CASES / case}", columns, "data.image_size=24"], capsys)
+    assert f"is {most} of 65535" in told["warnings"][0]
+    assert f"data.white_point={most}" in told["warnings"][0]
 
 
 @pytest.mark.slow
@@ -80,11 +80,11 @@ def test_search_warns_and_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
 def test_check_says_what_the_prompt_tells_the_model(capsys: pytest.CaptureFixture[str]) -> None:
     """The names are those of the data, and what they are said to be is the task's; a mismatch is a warning."""
     overrides = save(noise(65535), "depth_mm,roll_deg,pitch_deg")
-    found = checked(overrides, capsys)
-    assert "estimates the contact force: 3 values (depth_mm, roll_deg, pitch_deg)" in found["prompt"]
-    (warning,) = found["warnings"]
+    told = checked(overrides, capsys)
+    assert "estimates the contact force: 3 values (depth_mm, roll_deg, pitch_deg)" in told["prompt"]
+    (warning,) = told["warnings"]
     assert "task=force is for Fx, Fy, Fz, and the data set has depth_mm, roll_deg, pitch_deg" in warning
-    assert f'"{found["prompt"]}"' in warning
+    assert f'"{told["prompt"]}"' in warning
     lines = Path("recording/labels.csv").read_text().split("\n", 1)
     Path("recording/labels.csv").write_text(f"image,FX,fy_N,fz_mN\n{lines[1]}")
     fitting = [*overrides[:2], "data.target_columns=[FX,fy_N,fz_mN]", overrides[3]]
@@ -112,10 +112,10 @@ def test_groups_are_told_and_frames_in_two_parts_are_warned_of(capsys: pytest.Ca
         image + rng.integers(0, 3, (16, 16)).astype(np.uint8) for image in noise(250, np.uint8, 10) for _ in range(4)
     ]
     overrides = save(frames)
-    found = checked(overrides, capsys)
-    assert found["groups"] is None
-    (warning,) = found["warnings"]
-    near = found["nearly_equal"]
+    told = checked(overrides, capsys)
+    assert told["groups"] is None
+    (warning,) = told["warnings"]
+    near = told["nearly_equal"]
     assert f"{len(near)} images for validation or test nearly equal one of another part" in warning
     assert "data.group_column=COLUMN" in warning
     for one, other in near:

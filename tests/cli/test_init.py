@@ -11,10 +11,10 @@ from mounts import read_only
 from refusals import refused
 
 from tacevo.cli.app import main
-from tacevo.config import folder
+from tacevo.config import conf_folder
 from tacevo.config.compose import compose
 from tacevo.config.new_task import write_task
-from tacevo.config.tasks import facts_without_data, left_of_others, load_task
+from tacevo.config.task_texts import facts_without_data, left_of_others, load_task
 from tacevo.errors import ConfigError
 from tacevo.runs.datasets import source_of
 
@@ -23,14 +23,14 @@ from tacevo.runs.datasets import source_of
 def conf(place: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the conf/ of a checkout of the test's own."""
     shutil.copytree(ROOT / "conf", place / "conf")
-    monkeypatch.setattr(folder, "__file__", str(place / "tacevo" / "config" / "folder.py"))
+    monkeypatch.setattr(conf_folder, "__file__", str(place / "tacevo" / "config" / "folder.py"))
     return place / "conf"
 
 
 def contents(conf: Path) -> dict[str, bytes | None]:
     """Read all that lies in a directory, hidden files and empty directories, too."""
-    found = {str(path.relative_to(conf)): path for path in conf.rglob("*")}
-    return {name: None if path.is_dir() else path.read_bytes() for name, path in found.items()}
+    paths = {str(path.relative_to(conf)): path for path in conf.rglob("*")}
+    return {name: None if path.is_dir() else path.read_bytes() for name, path in paths.items()}
 
 
 @pytest.mark.few(1)
@@ -72,7 +72,7 @@ def test_new_task_may_be_like_an_own_one(conf: Path, capsys: pytest.CaptureFixtu
         assert (conf / "library" / "twist" / name).read_bytes() == (conf / "library" / "force" / name).read_bytes()
 
 
-@pytest.mark.parametrize("name", ["Shear", "1shear", "my-task", "my task", "", "../shear", "null", "true", "nan"])
+@pytest.mark.parametrize("name", ["Shear", "1shear", "my-", "-my", "my task", "", "../shear", "null", "true", "nan"])
 def test_name_is_a_lower_case_identifier(name: str, conf: Path) -> None:
     """Hydra would read another one as a value, or it names a file elsewhere."""
     before = contents(conf)

@@ -13,7 +13,7 @@ from refusals import refused
 from tacevo.cli.app import main
 from tacevo.cli.inspect import _sandbox, task_without_data
 from tacevo.cli.show import show_run
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.plain import to_plain
 from tacevo.errors import RunError, SandboxError
 from tacevo.evolution.lines import ReevaluationLine, RepairedAnswer
@@ -147,12 +147,12 @@ def test_file_that_cannot_be_read_stops_no_other(place: Path, capsys: pytest.Cap
     (place / "good.py").write_text((conf_root() / "library" / "force" / "baseline.py").read_text())
     unreadable = ["absent", "folder", "latin.txt", "x.json", "y.json"]
     assert main(["check", *unreadable[:2], "good.py", *unreadable[2:], "--image-size", "32", "--json"]) == 2
-    found = {entry["file"]: entry for entry in map(json.loads, capsys.readouterr().out.splitlines())}
-    assert list(found) == ["absent", "folder", "good.py", "latin.txt", "x.json", "y.json"]
-    assert found["good.py"]["verdict"] == "admitted"
+    files = {entry["file"]: entry for entry in map(json.loads, capsys.readouterr().out.splitlines())}
+    assert list(files) == ["absent", "folder", "good.py", "latin.txt", "x.json", "y.json"]
+    assert files["good.py"]["verdict"] == "admitted"
     for name in unreadable:
-        assert (found[name]["verdict"], found[name]["stage"], found[name]["parameters"]) == ("unreadable", None, None)
-        assert found[name]["detail"].startswith(f"{name}: expected ")
+        assert (files[name]["verdict"], files[name]["stage"], files[name]["parameters"]) == ("unreadable", None, None)
+        assert files[name]["detail"].startswith(f"{name}: expected ")
 
 
 def test_doctor_names_a_baseline_that_the_gate_rejects(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ from tacevo.cli.app import main
 from tacevo.cli.study import _located_sweep
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.study_directory import studies_of
-from tacevo.storage.plan import read_plan
+from tacevo.storage.plan_file import read_plan
 from tacevo.storage.sweep_directory import SweepDirectory
 
 pytestmark = pytest.mark.timeout(300)

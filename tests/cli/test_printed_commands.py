@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
 
-from tacevo.bundles.pages import _origin
+from tacevo.bundles.readme import _origin
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_study
 from tacevo.errors import RunError
@@ -20,7 +20,7 @@ from tacevo.results.noise_runs import noise_digest
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory, SweepRecord
 from tacevo.text import as_override
-from tacevo.tracking.entries import viewing
+from tacevo.tracking.params import viewing
 from tacevo.tracking.process import Mirror
 
 #: The name of a directory in which a shell and Hydra would each read something else.

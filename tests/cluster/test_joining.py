@@ -16,12 +16,12 @@ import pytest
 from refusals import refused
 
 from tacevo.choices import Confinement, Device, Numerics
-from tacevo.cluster import images as files
+from tacevo.cluster import node_images as files
 from tacevo.cluster.connection import check_head, import_ray, is_guarded, kept_environment
 from tacevo.cluster.facts import Facts, Order, check_alike, facts_here
-from tacevo.cluster.images import Images
-from tacevo.cluster.members import join, works
-from tacevo.cluster.node import Node
+from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import Images
+from tacevo.cluster.node_members import join, works
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.runs.wiring import check_means
@@ -64,21 +64,21 @@ def test_node_with_a_key_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) 
     """The error names the variable, and not the key."""
     monkeypatch.setenv(name, "sk-secret")
     monkeypatch.setenv("RAY_AUTH_TOKEN", "f" * 64)  # which every node has
-    found = facts_here(ORDER)
+    facts = facts_here(ORDER)
     with refused(SandboxError, place=NODE, got=f"{name} in the environment", remedy="ray start"):
-        check_alike(found, facts_here(ORDER), NODE)
-    assert "sk-secret" not in str(found.fault)
-    assert b"sk-secret" not in pickle.dumps(found)
+        check_alike(facts, facts_here(ORDER), NODE)
+    assert "sk-secret" not in str(facts.fault)
+    assert b"sk-secret" not in pickle.dumps(facts)
 
 
 def test_node_that_cannot_confine_as_asked_is_refused() -> None:
     """`sandbox.require` holds on each node; a fault that a node found survives its way here."""
     fault = SandboxError("process", place="sandbox.require", expected="kernel", remedy="use another")
-    found = Facts(decisive={}, level=Confinement.process, fault=pickle.loads(pickle.dumps(fault)))
+    facts = Facts(decisive={}, level=Confinement.process, fault=pickle.loads(pickle.dumps(fault)))
     with refused(
         SandboxError, place=f"{NODE}, sandbox.require", got="process", expected="kernel", remedy="use another"
     ):
-        check_alike(found, facts_here(ORDER), NODE)
+        check_alike(facts, facts_here(ORDER), NODE)
     assert facts_here(ORDER).level == available()
     assert facts_here(replace(ORDER, device=Device.cuda, numerics=Numerics.fast)).level == Confinement.none
 
@@ -174,7 +174,7 @@ class _Ray:
         self._answers = iter(answers.values())
         self.killed = 0
 
-    def remote(self, _: type[Node]) -> Any:
+    def remote(self, _: type[ClusterNode]) -> Any:
         """Return what starts the process of the next node."""
         started = SimpleNamespace(remote=lambda *_: _Actor(next(self._answers)))
         return SimpleNamespace(options=lambda **_: started)
@@ -204,7 +204,7 @@ def test_node_that_hangs_or_is_lost_while_it_joins_may_try_again_and_holds_up_no
     answers = {alike: facts_here(ORDER), hangs: None, lost: OSError("connection reset"), faulty: fault}
     ray = _Ray(answers)
     nodes = [{"NodeID": name, "NodeManagerAddress": "10.0.0.7", "Resources": {"CPU": 1.0}} for name in answers]
-    joined, refused_ = join(ray, nodes, Node, ORDER, None)
+    joined, refused_ = join(ray, nodes, ClusterNode, ORDER, None)
     assert list(joined) == [alike]
     assert {refusal.node: refusal.is_final for refusal in refused_} == {hangs: False, lost: False, faulty: True}
     assert ["TimeoutError" in str(refusal.error) for refusal in refused_] == [True, False, False]
@@ -216,7 +216,7 @@ def test_images_are_brought_to_a_node_that_lacks_them(tmp_path: Path) -> None:
     images = describe(tmp_path, np.arange(3 * 16 * 16, dtype=np.uint8).reshape(1, 3, 16, 16))
     node = {"NodeID": "5" * 56, "NodeManagerAddress": "10.0.0.7", "Alive": True, "Resources": {"CPU": 2.0}}
     ray = _Ray({"one": facts_here(ORDER)})
-    joined, refused_ = join(ray, [node], Node, ORDER, (images, tmp_path / "images.npy"))
+    joined, refused_ = join(ray, [node], ClusterNode, ORDER, (images, tmp_path / "images.npy"))
     (member,) = joined.values()
     assert member.process.received == (tmp_path / "images.npy").read_bytes()
     assert (refused_, works(node), works({**node, "Alive": False})) == ([], True, False)

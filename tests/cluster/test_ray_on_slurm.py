@@ -79,11 +79,11 @@ def test_study_on_two_nodes_has_the_digest_of_this_machine(
 
 def _environments_with(text: str) -> list[bytes]:
     """List the commands of the living processes that hold a text in their environment."""
-    found = []
+    commands = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
             if text.encode() in (process / "environ").read_bytes():
-                found.append((process / "cmdline").read_bytes())
+                commands.append((process / "cmdline").read_bytes())
         except OSError:
             continue
-    return found
+    return commands

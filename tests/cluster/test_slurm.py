@@ -160,7 +160,7 @@ def test_ctrl_c_cancels_the_jobs(slurm: Slurm, tmp_path: Path) -> None:
 
 def _searches(folder: Path) -> list[Path]:
     """Return the searches of a sweep's jobs, as directories in /proc."""
-    found = []
+    processes = []
     for process in Path("/proc").glob("[0-9]*"):
         try:
             words = (process / "cmdline").read_bytes().split(b"\0")
@@ -168,8 +168,8 @@ def _searches(folder: Path) -> list[Path]:
         except OSError:
             continue
         if b"search" in words and b"-m" in words[1:4] and b"--into" not in words and stands_here:
-            found.append(process)
-    return found
+            processes.append(process)
+    return processes
 
 
 def _files_with(text: str, *folders: Path) -> list[Path]:

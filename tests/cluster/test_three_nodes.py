@@ -43,8 +43,8 @@ def is_quiet(cluster: RayCluster) -> bool:
 
 def confinement(folder: Path) -> list[dict[str, str]]:
     """Read what run.json says of the nodes."""
-    found: list[dict[str, str]] = json.loads((folder / "run" / "run.json").read_text())["confinement"]
-    return found
+    walls: list[dict[str, str]] = json.loads((folder / "run" / "run.json").read_text())["confinement"]
+    return walls
 
 
 def test_three_nodes_give_the_bytes_of_this_machine(

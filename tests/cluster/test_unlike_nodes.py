@@ -153,7 +153,7 @@ def test_ray_that_a_search_starts_holds_no_key_and_lets_no_stranger_in(
                 held = (Path("/proc") / str(pid) / "environ").read_bytes()
                 seen.add((command, key.encode() in held))
                 if "ray::run_job" in command and not said:
-                    (head,) = {found for line, _ in seen for found in re.findall(r"--gcs-address=(\S+)", line)}
+                    (head,) = {address for line, _ in seen for address in re.findall(r"--gcs-address=(\S+)", line)}
                     (token,) = re.findall(rb"RAY_AUTH_TOKEN=([0-9a-f]{64})\0", held)
                     said = {"stranger": asked(head, None), "friend": asked(head, token.decode())}
         time.sleep(0.05)

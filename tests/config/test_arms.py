@@ -16,12 +16,12 @@ from checkout import ROOT
 from refusals import refused
 
 from tacevo.choices import Axis, Provider, Scale, TemperatureRule
-from tacevo.config.ablation import check_change, parse_arm, read_arm, split_arm
+from tacevo.config.arms import check_change, parse_arm, read_arm, split_arm
 from tacevo.config.compose import compose
-from tacevo.config.folder import groups
+from tacevo.config.conf_folder import groups
 from tacevo.config.identity import identity
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import facts_without_data
+from tacevo.config.task_texts import facts_without_data
 from tacevo.errors import ConfigError
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import AddStatus
@@ -104,8 +104,8 @@ def test_arm_wins_over_the_command_line(arm_name: str, clash: str) -> None:
 def test_what_an_arm_is_not_about_stays_the_users() -> None:
     """Beside an arm's own settings, those of the command line hold."""
     config = arm("fixed_temperature", "temperature=stall", "temperature.start=0.3", "seed=7")
-    found = (config.temperature.rule, config.temperature.start, config.seed, config.llm.provider)
-    assert found == (TemperatureRule.fixed, 0.3, 7, Provider.anthropic)
+    settings = (config.temperature.rule, config.temperature.start, config.seed, config.llm.provider)
+    assert settings == (TemperatureRule.fixed, 0.3, 7, Provider.anthropic)
     assert arm("extract", "archive.axes=[arch_div]").archive.axes == (Axis.arch_div,)
 
 
@@ -303,10 +303,10 @@ def before_each_generation(recorder: fakes.Recorder) -> Iterator[tuple[list[Cand
 def test_drift_takes_losers_as_parents(folder: Path) -> None:
     """Parents are trained candidates, also such as no archive took, and such as are worse than most."""
     _, recorder = searched("drift", folder)
-    found = list(before_each_generation(recorder))
-    assert all(parents <= {one.id for one in trained} for trained, _, parents in found)
-    rejected = {one.id for trained, _, _ in found for one in trained if one.status is AddStatus.rejected}
-    assert rejected & set().union(*(parents for _, _, parents in found))
+    generations = list(before_each_generation(recorder))
+    assert all(parents <= {one.id for one in trained} for trained, _, parents in generations)
+    rejected = {one.id for trained, _, _ in generations for one in trained if one.status is AddStatus.rejected}
+    assert rejected & set().union(*(parents for _, _, parents in generations))
 
 
 def test_best_k_parents_are_as_many_of_the_fittest_as_there_are_elites(folder: Path) -> None:

@@ -10,12 +10,12 @@ from refusals import refused
 from sweeps import composed
 
 from tacevo.choices import DataSource, SplitRule
-from tacevo.config import folder
+from tacevo.config import conf_folder
 from tacevo.config.compose import compose, compose_study
-from tacevo.config.folder import conf_root, groups
+from tacevo.config.conf_folder import conf_root, groups
 from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.data.splitting import part_sizes
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Kind
@@ -263,7 +263,7 @@ def test_every_file_of_the_library_belongs_to_a_task() -> None:
 
 def test_package_without_configs_is_to_be_installed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is missing is named by its place."""
-    monkeypatch.setattr(folder, "__file__", str(tmp_path / "tacevo" / "config" / "folder.py"))
+    monkeypatch.setattr(conf_folder, "__file__", str(tmp_path / "tacevo" / "config" / "folder.py"))
     with refused(ConfigError, place=str(tmp_path / "tacevo" / "conf"), got="nothing", remedy="install tacevo again"):
         conf_root()
 

@@ -10,7 +10,7 @@ from smallest import SMALLEST
 
 from tacevo.choices import ArchiveKind, DataSource, PromptPolicy, SplitRule
 from tacevo.config.compose import compose, compose_data
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.given import compose_given, gives_networks
 from tacevo.config.identity import task_hash
 from tacevo.errors import ConfigError
@@ -167,12 +167,12 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
     """A stranger's run.json cannot read the environment into a study, which is published; odd paths are only paths."""
     monkeypatch.setenv("TACEVO_SECRET", "s3cr3t")
     run = compose(SMALLEST)
-    data = replace(run.data, root="/mnt/a${b}/set", sensor="${oc.env:TACEVO_SECRET}", image_column="${seed}")
+    data = replace(run.data, root="/mnt/a${b}/set", table="${oc.env:TACEVO_SECRET}", image_column="${seed}")
     theirs = replace(run, data=data, task=replace(run.task, system="${oc.env:TACEVO_SECRET}"))
-    found = compose_data(theirs, overrides)
-    assert (found.data.sensor, found.data.image_column) == (data.sensor, data.image_column)
-    assert found.data.root == ("mine" if "data.root=mine" in overrides else data.root)
-    assert found.task == theirs.task
+    composed = compose_data(theirs, overrides)
+    assert (composed.data.table, composed.data.image_column) == (data.table, data.image_column)
+    assert composed.data.root == ("mine" if "data.root=mine" in overrides else data.root)
+    assert composed.task == theirs.task
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_study
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.identity import identity
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig

@@ -6,8 +6,8 @@ import pytest
 import yaml
 from refusals import refused
 
-from tacevo.config import tasks
-from tacevo.config.ablation import parse_arm
+from tacevo.config import task_texts
+from tacevo.config.arms import parse_arm
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError
 from tacevo.runs.providers import load_prices
@@ -63,6 +63,6 @@ def test_every_reader_of_yaml_refuses_it(tmp_path: Path) -> None:
     with refused(ConfigError, place="llm.prices", expected="YAML", got="'a' a second time"):
         load_prices(str(twice))
     with refused(ConfigError, place="task.instructions", got="'a' a second time"):
-        tasks._read_library(str(twice))
+        task_texts._read_library(str(twice))
     with refused(ConfigError, place="hydra.launcher"):
         split_launcher(["hydra.launcher.params={a: 1, a: 2}"])

@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 from tacevo.choices import DataSource
-from tacevo.config import ablation
+from tacevo.config import arms
 from tacevo.config.compose import compose, compose_data
 from tacevo.config.schema import DataConfig
 from tacevo.config.sources import USED, check_used
@@ -143,9 +143,7 @@ def test_group_set_whole_is_looked_into() -> None:
 
 def test_arm_is_looked_into(monkeypatch: pytest.MonkeyPatch) -> None:
     """An arm that changes what has no effect is a copy of the search without it."""
-    monkeypatch.setattr(
-        "tacevo.config.compose.read_arm", lambda choice: ablation.parse_arm(choice, "data: {light: dim}")
-    )
+    monkeypatch.setattr("tacevo.config.compose.read_arm", lambda choice: arms.parse_arm(choice, "data: {light: dim}"))
     assert compose(["ablation=dim"]).data.light == "dim"
     with refused(ConfigError, place="data.light"):
         compose(["ablation=dim", "data=numpy", "data.root=mine.npz"])

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from refusals import refused
 from small_recordings import loaded
 
-from tacevo.data.figures import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
 from tacevo.data.labels import in_order, labels_of, plain_name, texts_of, units_of
+from tacevo.data.pictures import SHEET_IMAGES, WIDTHS, contact_sheet, sample_figure, save
 from tacevo.data.splitting import PARTS
 from tacevo.data.survey import constant_images, equal_images, label_table
 from tacevo.errors import ConfigError

@@ -11,7 +11,7 @@ from small_recordings import loaded, save_arrays, save_deep_colour
 
 from tacevo.data.exposure import doubtful_images
 from tacevo.data.source import Source
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import TableSource
 
 
 def noise(most: int, kind: type = np.uint16) -> list[np.typing.NDArray[Any]]:
@@ -22,14 +22,14 @@ def noise(most: int, kind: type = np.uint16) -> list[np.typing.NDArray[Any]]:
     return images
 
 
-def save(root: Path, images: list[np.typing.NDArray[Any]]) -> Table:
+def save(root: Path, images: list[np.typing.NDArray[Any]]) -> TableSource:
     """Write images and a table."""
     root.mkdir(exist_ok=True)
     for number, image in enumerate(images):
         Image.fromarray(image).save(root / f"{number:02d}.png")
     rows = "".join(f"{number:02d}.png,{number}\n" for number in range(len(images)))
     (root / "labels.csv").write_text(f"image,fx\n{rows}")
-    return Table(root=root, table="labels.csv", image_column="image", target_columns=("fx",), image_size=16)
+    return TableSource(root=root, table="labels.csv", image_column="image", target_columns=("fx",), image_size=16)
 
 
 def doubts(source: Source, cache: Path) -> list[str]:

@@ -8,7 +8,7 @@ from checkout import ROOT
 
 from tacevo.cli.app import _parsed
 from tacevo.config.compose import compose, compose_estimate, spread
-from tacevo.config.folder import check_experiment
+from tacevo.config.conf_folder import check_experiment
 
 PAGES = (
     *sorted(ROOT.glob("*.md")),
@@ -17,7 +17,7 @@ PAGES = (
 )
 
 #: Written on purpose with a part left out, or with a task that `tacevo init` makes first.
-NOT_WHOLE = re.compile(r"\.\.\.| @|task=shear")
+NOT_WHOLE = re.compile(r"\.\.\.| @|task=(shear|\w+-paper)")
 
 
 def commands() -> list[str]:

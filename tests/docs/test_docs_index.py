@@ -14,8 +14,8 @@ GUIDES = ("CONTRIBUTING.md", "docs/glossary.md")
 
 def links(page: Path) -> list[str]:
     """List what a page links to, without addresses of other sites and places within a page."""
-    found = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    return [link for link in found if "://" not in link]
+    targets = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    return [link for link in targets if "://" not in link]
 
 
 def test_index_lists_every_page_once() -> None:

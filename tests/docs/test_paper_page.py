@@ -44,8 +44,8 @@ def test_no_text_names_a_section_of_the_paper() -> None:
     """Sections of another document were once named as the paper's; Algorithm 1 and its tables are named instead."""
     files = [path for folder in ("tacevo", "analysis", "docs") for path in (ROOT / folder).rglob("*.*")]
     texts = {path: path.read_text(encoding="utf-8") for path in files if path.suffix in {".py", ".md"}}
-    found = re.compile(r"paper(\.md)?,? \(?section|its section [IV]+")
-    assert [str(path) for path, text in texts.items() if found.search(text)] == []
+    section = re.compile(r"paper(\.md)?,? \(?section|its section [IV]+")
+    assert [str(path) for path, text in texts.items() if section.search(text)] == []
 
 
 def test_what_is_ours_is_not_called_the_papers() -> None:

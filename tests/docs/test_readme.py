@@ -6,6 +6,8 @@ import shlex
 import zipfile
 from fnmatch import fnmatch
 
+import numpy as np
+import pandas as pd
 import pytest
 from checkout import GOLDEN, PUBLISHED, ROOT
 from rich.console import Console
@@ -19,6 +21,7 @@ from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.evolution.lines import GenerationLine
 from tacevo.reproduce.replay import replay
+from tacevo.results.run import read_run
 from tacevo.rules import CURRENT
 from tacevo.runs.progress import Progress
 from tacevo.studies.study import replay_studies
@@ -67,6 +70,19 @@ def test_readme_says_what_the_tables_say(
     for figure in figures:
         assert stands(figure, told)
         assert stands(figure, row)
+
+
+def test_readme_says_the_ceiling_and_what_qd_scores_are() -> None:
+    """The one follows from the spacings of the study, the other from the runs of the ablation."""
+    (ends, differs) = (next(line for line in README.splitlines() if line.startswith(f"| {at}. ")) for at in (3, 4))
+    (run,) = (read_run(folder) for folder in opened(PUBLISHED / "grating-winners.zip").runs)
+    (study,) = read_studies(run).studies
+    assert study.study.ceiling is not None
+    assert stands(f"{100 * study.study.ceiling:.1f}", ends)
+    with zipfile.ZipFile(PUBLISHED / "ablation-grating.zip") as bundle:
+        (name,) = (name for name in bundle.namelist() if fnmatch(name, "tables/ablation_runs_*.csv"))
+        runs = pd.read_csv(bundle.open(name))
+    assert stands(f"{np.corrcoef(runs['QD-score'], runs.coverage)[0, 1] ** 2:.2f}", differs)
 
 
 @pytest.mark.parametrize(

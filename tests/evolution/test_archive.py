@@ -11,7 +11,7 @@ from ribs.archives import CVTArchive
 from tacevo.evolution.archive import (
     AddStatus,
     Archive,
-    Bounds,
+    AxisBounds,
     Elite,
     Individual,
     NetworkArchive,
@@ -110,7 +110,7 @@ def test_centroids_are_even_and_repeatable() -> None:
 
 def test_bounds_clip_and_centre() -> None:
     """Outside is clipped; an axis without extent gives its middle."""
-    bounds = Bounds(low=(0.0, 5.0), high=(2.0, 5.0))
+    bounds = AxisBounds(low=(0.0, 5.0), high=(2.0, 5.0))
     assert bounds.normalise((1.0, 5.0)) == (0.5, 0.5)
     assert bounds.normalise((-1.0, 9.0)) == (0.0, 0.5)
     assert bounds.normalise((3.0, 0.0)) == (1.0, 0.5)
@@ -118,7 +118,7 @@ def test_bounds_clip_and_centre() -> None:
 
 def test_fixed_bounds_never_move() -> None:
     """Given bounds clip what lies outside."""
-    fixed = NetworkArchive(bounds=Bounds(low=(0.0, 0.0), high=(1.0, 1.0)), fixed=True)
+    fixed = NetworkArchive(bounds=AxisBounds(low=(0.0, 0.0), high=(1.0, 1.0)), fixed=True)
     networks, niche, _ = fixed.offer(QUARTERS, individual("a", 1.0, (9.0, -9.0)))
     assert niche == QUARTERS.niche_of((1.0, 0.0))
     assert networks.bounds == fixed.bounds
@@ -133,7 +133,7 @@ def test_grown_archive_equals_one_rebuilt_from_scratch(offers: list[tuple[float,
         assert networks.bounds is not None
         assert niche == QUARTERS.niche_of(networks.bounds.normalise((x, y)))
     xs, ys, _ = zip(*offers, strict=True)
-    assert networks.bounds == Bounds(low=(min(xs), min(ys)), high=(max(xs), max(ys)))
+    assert networks.bounds == AxisBounds(low=(min(xs), min(ys)), high=(max(xs), max(ys)))
     fresh = Archive()
     for index, (x, y, objective) in enumerate(offers):
         fresh, _ = insert(fresh, QUARTERS.niche_of(networks.bounds.normalise((x, y))), elite(str(index), objective))

@@ -71,10 +71,10 @@ def test_property_of_zeros_varies_by_nothing() -> None:
 
 def test_describe_joins_the_parts() -> None:
     """For the chain, 1000 FLOPs and 50 parameters: efficiency is 1000 / (50 x 8 / 4) = 10."""
-    found = describe(Profile(parameters=50, flops=1000, modules=9, graph=CHAIN))
-    assert found.eff_ratio == 10.0
-    assert found.arch_div == pytest.approx((0.960230 + 0.4 + 7 / 36) / 3, abs=1e-6)
-    assert (found.entropy, found.density, found.variation) == (entropy(CHAIN), density(CHAIN), variation(CHAIN))
+    point = describe(Profile(parameters=50, flops=1000, modules=9, graph=CHAIN))
+    assert point.eff_ratio == 10.0
+    assert point.arch_div == pytest.approx((0.960230 + 0.4 + 7 / 36) / 3, abs=1e-6)
+    assert (point.entropy, point.density, point.variation) == (entropy(CHAIN), density(CHAIN), variation(CHAIN))
 
 
 def test_network_without_parameters_has_no_efficiency() -> None:

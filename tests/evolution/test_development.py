@@ -15,7 +15,7 @@ from tacevo.errors import LLMError, SandboxError, TransportError
 from tacevo.evolution.development import LLM, Effects, Outcome, develop
 from tacevo.evolution.proposals import Proposal
 from tacevo.profile import Admitted, Graph, Profile
-from tacevo.records import Completion, Message, Operator, Reason, Rejection, Request, Stage, Training
+from tacevo.records import ChatMessage, Completion, Operator, Reason, Rejection, Request, Stage, Training
 
 PROFILE = Profile(parameters=1, flops=1, modules=1, graph=Graph(nodes=(), edges=(), channels=(), kernels=(), hidden=()))
 REFUSAL = Rejection(stage=Stage.extract, reason=Reason.no_class, detail="there was no class")
@@ -54,7 +54,7 @@ def proposals(*texts: str) -> list[Proposal]:
 
 def mutation(slot: int, text: str) -> Proposal:
     """Make a proposal whose answer is a given text."""
-    messages = (Message(role="user", content=text),)
+    messages = (ChatMessage(role="user", content=text),)
     request = Request(model="m", system="", messages=messages, temperature=0.5, max_tokens=1, draw=slot)
     return Proposal(generation=0, slot=slot, operator=Operator.mutation, parents=("g00s00",), prompt=0, request=request)
 

@@ -13,7 +13,8 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.evolution.algorithm import run_search
-from tacevo.evolution.files import (
+from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine
+from tacevo.evolution.search_files import (
     check_references,
     finished_digest,
     line_kind,
@@ -23,7 +24,6 @@ from tacevo.evolution.files import (
     read_ledger,
     write_archives,
 )
-from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine
 from tacevo.records import Operator
 from tacevo.runs.search_files import archive_files
 from tacevo.storage.ledger import Ledger

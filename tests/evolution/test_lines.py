@@ -10,8 +10,8 @@ from checkout import GOLDEN, PUBLISHED
 from refusals import refused
 
 from tacevo.errors import RunError
-from tacevo.evolution.files import line_kind
 from tacevo.evolution.lines import CandidateLine, GenerationLine
+from tacevo.evolution.search_files import line_kind
 from tacevo.records import Operator, written
 from tacevo.storage.ledger import read_line, read_lines, seal
 

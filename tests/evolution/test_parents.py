@@ -31,10 +31,10 @@ DRAWS = 2000
 
 def archive(*names: str) -> Archive:
     """Make an archive of elites, whose niches fall from name to name."""
-    found = Archive()
+    filled = Archive()
     for niche, name in zip(range(len(names), 0, -1), names, strict=True):
-        found, _ = insert(found, niche, Elite(name=name, objective=-CANDIDATES[name].fitness))
-    return found
+        filled, _ = insert(filled, niche, Elite(name=name, objective=-CANDIDATES[name].fitness))
+    return filled
 
 
 @pytest.mark.parametrize(

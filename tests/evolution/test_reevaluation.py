@@ -42,14 +42,14 @@ def again(recorder: fakes.Recorder) -> list[ReevaluationLine]:
 
 def losses_by_source(lines: list[SearchLine]) -> dict[str, dict[int, float]]:
     """Collect the losses of each source by the numbers of their seeds, from the lines alone."""
-    found: dict[str, dict[int, float]] = {}
+    losses: dict[str, dict[int, float]] = {}
     for line in lines:
         if not isinstance(line, GenerationLine) and line.source is not None:
-            of_source = found.setdefault(line.source, {})
+            of_source = losses.setdefault(line.source, {})
             for one in line.by_seed():
                 loss = math.inf if one.validation_losses is None else one.validation_losses[-1]
                 of_source[one.seed] = loss
-    return found
+    return losses
 
 
 @pytest.mark.parametrize("seeds", [1, 3])
@@ -234,11 +234,11 @@ def test_archive_of_every_generation_is_rebuilt_from_the_lines() -> None:
     _, recorder = fakes.search(PLAN)
     candidates = [line for line in recorder.lines if isinstance(line, CandidateLine)]
     ends = [state for line, state in zip(recorder.lines, recorder.states, strict=True) if line.kind == "generation"]
-    found = altered(
+    changed = altered(
         hand_run(candidates, [closed(number) for number in range(9)], archive={"kind": "extract"}),
         reevaluations=tuple(again(recorder)),
     )
-    archives = archive_history(found, fakes.NETWORKS.centroids)
+    archives = archive_history(changed, fakes.NETWORKS.centroids)
     assert [dict(archive.elites) for archive in archives] == [dict(state.networks.archive.elites) for state in ends]
 
 

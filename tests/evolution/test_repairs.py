@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 from tacevo.evolution.prompts import repair_request
-from tacevo.records import Message, Reason, Rejection, Request, Stage
+from tacevo.records import ChatMessage, Reason, Rejection, Request, Stage
 
 ASKED = Request(
     model="m",
     system="s",
-    messages=(Message(role="user", content="Widen it."),),
+    messages=(ChatMessage(role="user", content="Widen it."),),
     temperature=0.7,
     max_tokens=9,
     draw=3,
@@ -27,7 +27,7 @@ def test_repair_goes_on_with_the_conversation() -> None:
     assert replace(repair, messages=ASKED.messages) == ASKED
     first, answer, reason = repair.messages
     assert first == ASKED.messages[0]
-    assert answer == Message(role="assistant", content="class A: ...")
+    assert answer == ChatMessage(role="assistant", content="class A: ...")
     assert reason.role == "user"
     assert "'probe' for the reason 'bad_output': expected (2, 3); got (2, 4)" in reason.content
     again = repair_request(repair, "two", FAULT)

@@ -15,8 +15,8 @@ from refusals import refused
 from tacevo.choices import ParentPolicy, PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
 from tacevo.evolution.algorithm import run_search
-from tacevo.evolution.files import line_kind
 from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine, training_flops
+from tacevo.evolution.search_files import line_kind
 from tacevo.evolution.state import Budget, Plan
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.storage.ledger import Ledger, read_lines
@@ -132,7 +132,7 @@ def test_one_operator_holds_for_a_whole_generation() -> None:
         {line.operator for line in candidates(recorder) if line.generation == generation} for generation in range(13)
     ]
     assert operators[0] == {"baseline", "mutation"}
-    assert all(len(found) == 1 for found in operators[1:])
+    assert all(len(used) == 1 for used in operators[1:])
     assert {"mutation"} in operators[1:]
     assert {"crossover"} in operators[1:]
 

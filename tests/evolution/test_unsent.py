@@ -10,8 +10,8 @@ from hand_sweeps import finished, run_to, sweep_of
 from ledger_lines import header
 from refusals import refused
 
+from analysis.figures.by_generation import temperature
 from analysis.figures.maps import prompt_map
-from analysis.figures.progress import temperature
 from analysis.report.figure_list import run_pictures
 from analysis.runs.health import alarms
 from analysis.runs.niches import Niches
@@ -94,9 +94,9 @@ def test_health_page_says_it_instead_of_a_stuck_temperature() -> None:
     """A temperature that nobody was sent is not stuck."""
     hand = without_temperatures()
     stuck = altered(hand, generations=tuple(closed(number, temperature=1.0) for number in range(4)))
-    found = [alarm for alarm in alarms(stuck, NICHES) if "temperature" in alarm.name]
-    assert [(alarm.name, alarm.figures) for alarm in found] == [("temperature not sent", {"requests": 3})]
-    assert found[0].sentence.startswith(WORDS)
+    raised = [alarm for alarm in alarms(stuck, NICHES) if "temperature" in alarm.name]
+    assert [(alarm.name, alarm.figures) for alarm in raised] == [("temperature not sent", {"requests": 3})]
+    assert raised[0].sentence.startswith(WORDS)
 
 
 def test_figures_of_temperatures_say_it() -> None:

@@ -18,7 +18,7 @@ from rich.console import Console
 import tacevo
 from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
-from tacevo.data.sources.images import decode
+from tacevo.data.sources.image_files import decode
 from tacevo.export.card import agreement, card
 from tacevo.export.contents import Exported, config_of, run_of
 from tacevo.export.conversion import FORMS, Converted

@@ -23,12 +23,12 @@ from refusals import refused
 from training_jobs import CONTRACT, SOURCE
 from waiting import eventually
 
-from tacevo.api.network import build
+from tacevo.api.trusted_network import build
 from tacevo.choices import Numerics
 from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
 from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, convert
-from tacevo.export.plain import check_onnx, check_pt2
+from tacevo.export.inert import check_onnx, check_pt2
 from tacevo.records import DataFacts, Kind, Loss
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.processes import descendants

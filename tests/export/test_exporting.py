@@ -35,7 +35,7 @@ from tacevo.results.study_lines import ScoreLine
 from tacevo.rules import STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
-from tacevo.storage.arrays import ArrayStore
+from tacevo.storage.array_store import ArrayStore
 from tacevo.storage.store import Entry, Store
 from tacevo.training.full import read_kept
 from tacevo.training.weights import weights_digest

@@ -45,7 +45,7 @@ PROFILE = Profile(
 )
 ANSWER: Any = {"profile": to_json(PROFILE)}
 
-Run = Callable[[str, Any, bytes, Limits], Finished | Died]
+Run = Callable[..., Finished | Died]
 
 
 class FakeSandbox:
@@ -100,8 +100,8 @@ def sandbox() -> Iterator[Sandbox]:
 def test_each_stage_rejects_in_its_turn(tmp_path: Path) -> None:
     """An answer that fails early never reaches the sandbox."""
     fake = FakeSandbox()
-    found = [gate(fake.run, tmp_path).admit(completion(text)) for text in ("", "import os\n" + VALID)]
-    assert [(it.stage, it.reason) for it in found if isinstance(it, Rejection)] == [
+    verdicts = [gate(fake.run, tmp_path).admit(completion(text)) for text in ("", "import os\n" + VALID)]
+    assert [(it.stage, it.reason) for it in verdicts if isinstance(it, Rejection)] == [
         (Stage.extract, Reason.empty),
         (Stage.policy, Reason.forbidden_import),
     ]
@@ -119,8 +119,8 @@ def test_admitted_source_that_this_python_cannot_parse_is_measured_in_a_replay(t
 def test_checked_text_is_the_text_that_runs(tmp_path: Path) -> None:
     """The sandbox and the caller get the very text that the policy saw."""
     fake = FakeSandbox()
-    found = gate(fake.run, tmp_path).admit(completion(f"Here:\n```python\n{VALID}```"))
-    assert found == Admitted(source=VALID, profile=PROFILE)
+    verdict = gate(fake.run, tmp_path).admit(completion(f"Here:\n```python\n{VALID}```"))
+    assert verdict == Admitted(source=VALID, profile=PROFILE)
     assert [header["source"] for header in fake.headers] == [VALID]
     assert fake.headers[0]["limits"] == {"parameters": 20_000_000, "flops": 10**11, "modules": 1_000}
     assert fake.headers[0]["contract"] == to_json(contract())
@@ -196,8 +196,8 @@ def test_answer_is_read_once(tmp_path: Path) -> None:
     """The second gate recalls the verdict of extraction and policy, for a source and for a rejection."""
     for text in (VALID, "import os\n" + VALID, "no class"):
         fake = FakeSandbox()
-        found = gate(fake.run, tmp_path).admit(completion(text))
-        assert gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text)) == found
+        verdict = gate(fake.run, tmp_path).admit(completion(text))
+        assert gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text)) == verdict
     assert len(list(Store(tmp_path, "answers").entries())) == 3
 
 
@@ -214,8 +214,8 @@ def test_replay_takes_the_recorded_verdict_on_an_answer(tmp_path: Path) -> None:
     fake = FakeSandbox()
     assert isinstance(gate(fake.run, tmp_path).inspect(VALID), Admitted)
     Store(tmp_path, "answers").write(request, {"source": VALID})
-    found = gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text))
-    assert found == Admitted(source=VALID, profile=PROFILE)
+    verdict = gate(fake.run, tmp_path, mode=Mode.replay).admit(completion(text))
+    assert verdict == Admitted(source=VALID, profile=PROFILE)
 
 
 def test_everything_that_can_change_the_reading_enters_its_key(tmp_path: Path) -> None:
@@ -255,9 +255,9 @@ def test_rules_of_older_runs_admit_it(tmp_path: Path) -> None:
 def test_answer_that_needs_no_parsing_is_not_kept(tmp_path: Path, text: str, reason: Reason) -> None:
     """A huge answer would fill the disk and a lone surrogate cannot be written; a replay judges them again."""
     for mode in (Mode.record, Mode.replay):
-        found = gate(FakeSandbox().run, tmp_path, mode=mode).admit(completion(text))
-        assert isinstance(found, Rejection)
-        assert (found.stage, found.reason) == (Stage.extract, reason)
+        verdict = gate(FakeSandbox().run, tmp_path, mode=mode).admit(completion(text))
+        assert isinstance(verdict, Rejection)
+        assert (verdict.stage, verdict.reason) == (Stage.extract, reason)
     assert list(Store(tmp_path, "answers").entries()) == []
 
 
@@ -299,9 +299,9 @@ FORGED = [
 )
 def test_forged_answer_is_a_crash(tmp_path: Path, headers: list[Any]) -> None:
     """A candidate can write frames of its own; what is not a probe's answer counts against it."""
-    found = gate(FakeSandbox(sent(*headers)).run, tmp_path).inspect(VALID)
-    assert isinstance(found, Rejection)
-    assert (found.stage, found.reason) == (Stage.probe, Reason.crashed)
+    verdict = gate(FakeSandbox(sent(*headers)).run, tmp_path).inspect(VALID)
+    assert isinstance(verdict, Rejection)
+    assert (verdict.stage, verdict.reason) == (Stage.probe, Reason.crashed)
 
 
 @pytest.mark.parametrize("change", [("output", [2]), ("steps.1.sources", [[1]]), ("graph.edges", [[0, 9]])])
@@ -322,26 +322,26 @@ def test_every_admitted_profile_has_finite_descriptors(tmp_path: Path) -> None:
     graph = Graph(nodes=nodes, edges=((0, 1),), channels=(0, top), kernels=(5e-324, top), hidden=())
     huge = Profile(parameters=1, flops=top, modules=0, graph=graph)
     unlimited = GateLimits(parameters=top, flops=top, modules=top)
-    found = gate(FakeSandbox(sent({"profile": to_json(huge)})).run, tmp_path, limits=unlimited).inspect(VALID)
-    assert isinstance(found, Admitted)
-    assert all(math.isfinite(value) and value >= 0 for value in astuple(describe(found.profile)))
+    verdict = gate(FakeSandbox(sent({"profile": to_json(huge)})).run, tmp_path, limits=unlimited).inspect(VALID)
+    assert isinstance(verdict, Admitted)
+    assert all(math.isfinite(value) and value >= 0 for value in astuple(describe(verdict.profile)))
 
 
 def test_forged_detail_is_cut_to_one_line(tmp_path: Path) -> None:
     """A rejection's text is shown to a person; control characters and further lines would speak to the terminal."""
     loud = {"stage": "probe", "reason": "crashed", "detail": "\x1b[2Jgone\n" + "x" * 1_000}
-    found = gate(FakeSandbox(sent({"rejection": loud})).run, tmp_path).inspect(VALID)
-    assert found == Rejection(stage=Stage.probe, reason=Reason.crashed, detail="?[2Jgone")
+    verdict = gate(FakeSandbox(sent({"rejection": loud})).run, tmp_path).inspect(VALID)
+    assert verdict == Rejection(stage=Stage.probe, reason=Reason.crashed, detail="?[2Jgone")
 
 
 def test_layer_of_width_zero_is_admitted_and_described(tmp_path: Path, sandbox: Sandbox) -> None:
     """What honest code such as `nn.Linear(4, 4 // 8)` gives passes the gate and has a place in the archive."""
     layers = "self.down = nn.Linear(4, 4 // 8)\nself.up = nn.Linear(4 // 8, 4)"
     source = candidate("h = self.conv(x).mean((2, 3))\nreturn self.head(h + self.up(self.down(h)))", layers)
-    found = gate(sandbox.run, tmp_path).inspect(source)
-    assert isinstance(found, Admitted), found
-    assert found.profile.graph.hidden == (0, 4)
-    assert describe(found.profile).variation == pytest.approx((0 + 1.0) / 3)
+    verdict = gate(sandbox.run, tmp_path).inspect(source)
+    assert isinstance(verdict, Admitted), verdict
+    assert verdict.profile.graph.hidden == (0, 4)
+    assert describe(verdict.profile).variation == pytest.approx((0 + 1.0) / 3)
 
 
 @pytest.mark.timeout(60)
@@ -355,10 +355,10 @@ def test_candidate_over_its_time_is_rejected(tmp_path: Path, sandbox: Sandbox) -
 def test_seed_of_the_machine_is_told_in_our_words(tmp_path: Path, sandbox: Sandbox) -> None:
     """A generator would read it from a file, which a candidate cannot open; the message names no file."""
     init = "g = torch.Generator()\ng.seed()\nself.w = nn.Parameter(torch.rand(9, generator=g))"
-    found = gate(sandbox.run, tmp_path).inspect(candidate("return self.head(self.conv(x).mean((2, 3)))", init))
-    assert isinstance(found, Rejection)
-    assert found.reason is Reason.fixed_seed
-    assert "/dev" not in found.detail
+    verdict = gate(sandbox.run, tmp_path).inspect(candidate("return self.head(self.conv(x).mean((2, 3)))", init))
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.fixed_seed
+    assert "/dev" not in verdict.detail
 
 
 @pytest.mark.few(12)
@@ -368,12 +368,12 @@ def test_seed_of_the_machine_is_told_in_our_words(tmp_path: Path, sandbox: Sandb
 def test_real_answer_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example: Any, image_size: int) -> None:
     """What trains in a plain process is admitted, with as many parameters; the rest is rejected."""
     task = contract(example["task"], image_size)
-    found = gate(sandbox.run, tmp_path, contract=task).admit(completion(example["response"], example["stop_reason"]))
-    assert isinstance(found, Admitted) == example["trains_at"][str(image_size)]
-    if isinstance(found, Admitted):
-        assert found.profile.parameters == example["parameters"]
+    verdict = gate(sandbox.run, tmp_path, contract=task).admit(completion(example["response"], example["stop_reason"]))
+    assert isinstance(verdict, Admitted) == example["trains_at"][str(image_size)]
+    if isinstance(verdict, Admitted):
+        assert verdict.profile.parameters == example["parameters"]
     else:
-        assert found.stage is not Stage.policy
+        assert verdict.stage is not Stage.policy
 
 
 @needs_shared
@@ -382,14 +382,14 @@ def test_real_answer_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example:
 def test_attack_gets_its_verdict(tmp_path: Path, sandbox: Sandbox, example: Any) -> None:
     """What must be rejected is, harmless oddities are admitted, and the rest may be either but never an error."""
     limits = Limits(seconds=4.0, memory_mib=1_000)
-    found = gate(sandbox.run, tmp_path, probe_limits=limits).admit(completion(example["source"]))
+    verdict = gate(sandbox.run, tmp_path, probe_limits=limits).admit(completion(example["source"]))
     match example["expected"]:
         case "reject_static":
-            assert isinstance(found, Rejection)
-            assert found.stage in (Stage.extract, Stage.policy)
+            assert isinstance(verdict, Rejection)
+            assert verdict.stage in (Stage.extract, Stage.policy)
         case "reject_probe":
-            assert isinstance(found, Rejection)
+            assert isinstance(verdict, Rejection)
         case "allowed_harmless":
             # One loops over its batch and mixes neighbouring images, so five images are other work than one; and one
             # draws its weights from a seed of its own.
-            assert isinstance(found, Admitted) or found.reason in {Reason.depends_on_batch, Reason.fixed_seed}
+            assert isinstance(verdict, Admitted) or verdict.reason in {Reason.depends_on_batch, Reason.fixed_seed}

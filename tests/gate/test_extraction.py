@@ -216,19 +216,19 @@ LINES = [
 @given(st.lists(st.sampled_from([*LINES, VALID]), max_size=30))
 def test_any_lines_get_an_answer(lines: list[str]) -> None:
     """No shuffling of code, fences, tags and prose makes extraction raise, and a source extracts to itself."""
-    found = extract(completion("\n".join(lines)), CONTRACT)
-    if isinstance(found, str):
-        assert extract(completion(found), CONTRACT) == found
+    extracted_source = extract(completion("\n".join(lines)), CONTRACT)
+    if isinstance(extracted_source, str):
+        assert extract(completion(extracted_source), CONTRACT) == extracted_source
 
 
 @needs_shared
 @pytest.mark.parametrize("example", examples("llm_answers"), ids=lambda example: example["file"])
 def test_real_answer_extracts_unless_cut_off(example: dict[str, str]) -> None:
     """Every real answer holds its class, but for the one that reached the token limit."""
-    found = extracted(completion(example["response"], example["stop_reason"]), contract(example["task"]))
-    assert isinstance(found, str) == (example["stop_reason"] == "end_turn")
-    if isinstance(found, Rejection):
-        assert found.reason is Reason.truncated
+    extracted_source = extracted(completion(example["response"], example["stop_reason"]), contract(example["task"]))
+    assert isinstance(extracted_source, str) == (example["stop_reason"] == "end_turn")
+    if isinstance(extracted_source, Rejection):
+        assert extracted_source.reason is Reason.truncated
 
 
 #: Why an answer of the shared set is rejected here; the others of these kinds have a source.
@@ -266,5 +266,5 @@ def test_odd_answer_gets_its_verdict(path: Path) -> None:
     text, stop_reason = path.read_text(encoding="utf-8"), "end_turn"
     if path.suffix == ".json":
         text, stop_reason = json.loads(text)["response"], json.loads(text)["stop_reason"]
-    found = extracted(completion(text, stop_reason), CONTRACT)
-    assert (found.reason if isinstance(found, Rejection) else None) == REJECTED.get(path.stem)
+    extracted_source = extracted(completion(text, stop_reason), CONTRACT)
+    assert (extracted_source.reason if isinstance(extracted_source, Rejection) else None) == REJECTED.get(path.stem)

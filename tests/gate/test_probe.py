@@ -30,17 +30,17 @@ def probe(source: str, task: Contract, **limits: int) -> Profile | Rejection:
 
 def profile_of(source: str, task: Contract | None = None, **limits: int) -> Profile:
     """Probe and insist on a profile."""
-    found = probe(source, task or contract(), **limits)
-    assert isinstance(found, Profile), found
-    return found
+    verdict = probe(source, task or contract(), **limits)
+    assert isinstance(verdict, Profile), verdict
+    return verdict
 
 
 def rejection_of(source: str, **limits: int) -> Rejection:
     """Probe and insist on a rejection at this stage."""
-    found = probe(source, contract(), **limits)
-    assert isinstance(found, Rejection)
-    assert found.stage is Stage.probe
-    return found
+    verdict = probe(source, contract(), **limits)
+    assert isinstance(verdict, Rejection)
+    assert verdict.stage is Stage.probe
+    return verdict
 
 
 def test_valid_candidate_is_measured() -> None:
@@ -64,12 +64,12 @@ def test_baseline_is_the_worked_example() -> None:
     assert profile.flops == 2 * products == 84_675_584
     assert profile.graph.channels == (32, 64, 128)
     assert profile.graph.hidden == (512,)
-    found = describe(profile)
-    assert found.entropy == pytest.approx(0.934978, abs=1e-6)
-    assert found.density == 0.2
-    assert found.variation == pytest.approx(0.178174, abs=1e-6)
-    assert found.arch_div == pytest.approx(0.437717, abs=1e-6)
-    assert found.eff_ratio == pytest.approx(0.722902, abs=1e-6)
+    descriptor = describe(profile)
+    assert descriptor.entropy == pytest.approx(0.934978, abs=1e-6)
+    assert descriptor.density == 0.2
+    assert descriptor.variation == pytest.approx(0.178174, abs=1e-6)
+    assert descriptor.arch_div == pytest.approx(0.437717, abs=1e-6)
+    assert descriptor.eff_ratio == pytest.approx(0.722902, abs=1e-6)
 
 
 def test_attention_is_counted() -> None:

@@ -9,7 +9,7 @@ import pytest
 from gate_cases import VALID, completion, contract, extracted, fenced, source_of
 
 from tacevo.gate import blocks
-from tacevo.gate.blocks import Parser
+from tacevo.gate.blocks import BlockParser
 from tacevo.gate.policy import problems
 from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.versions import later_version
@@ -60,8 +60,8 @@ STARTS = [
 
 def read(text: str) -> str | Rejection:
     """Read an answer as the search's process does."""
-    found = extracted(completion(text), contract())
-    return found if isinstance(found, Rejection) else rejection_of(found, contract()) or found
+    source = extracted(completion(text), contract())
+    return source if isinstance(source, Rejection) else rejection_of(source, contract()) or source
 
 
 def calls(text: str) -> int:
@@ -102,7 +102,7 @@ def test_blocks_that_lack_each_other_cost_as_many_steps_as_there_are() -> None:
 def test_name_that_repeats_is_looked_for_once() -> None:
     """A pattern that tries each place of the name with every other one would take minutes."""
     text = f"class {'ImageRegressionCNN' * 25_000}x"
-    assert later_version(text, ast.parse(VALID), "ImageRegressionCNN", Parser(), own=True) is None
+    assert later_version(text, ast.parse(VALID), "ImageRegressionCNN", BlockParser(), own=True) is None
 
 
 def test_number_of_blocks_is_bounded() -> None:
@@ -133,6 +133,6 @@ def test_characters_that_are_parsed_are_bounded(line: str, monkeypatch: pytest.M
 
 def test_answer_that_takes_too_much_parsing_is_rejected() -> None:
     """The class may stand in the part that was not read."""
-    found = read(f"You gave:\n{fenced(VALID)}\nIt's:\n{STARTS[0] * 8_000}{VALID}")
-    assert isinstance(found, Rejection)
-    assert found.reason is Reason.too_complex
+    verdict = read(f"You gave:\n{fenced(VALID)}\nIt's:\n{STARTS[0] * 8_000}{VALID}")
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.too_complex

@@ -15,7 +15,7 @@ from refusals import refused
 
 from tacevo.costs import in_words, spending_on
 from tacevo.errors import StoreError, TransportError
-from tacevo.llm.answers import read_body, read_chat, read_message
+from tacevo.llm.bodies import read_body, read_chat, read_message
 from tacevo.llm.recording import RecordingLLM, ever_answered
 from tacevo.llm.retry import FaultError, FaultKind
 from tacevo.records import Completion, Delivery, Json, Mode, Price, to_json

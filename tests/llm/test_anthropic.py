@@ -11,7 +11,7 @@ from refusals import refused
 from tacevo.config.compose import compose
 from tacevo.errors import ConfigError
 from tacevo.llm.anthropic import connect, connect_batches
-from tacevo.records import Completion, Message, Request
+from tacevo.records import ChatMessage, Completion, Request
 from tacevo.runs.providers import provider_settings
 
 
@@ -27,7 +27,7 @@ def test_request_is_sent_whole() -> None:
     asked = Request(
         model="model-x",
         system="Be brief.",
-        messages=tuple(Message(role=role, content=content) for role, content in turns),
+        messages=tuple(ChatMessage(role=role, content=content) for role, content in turns),
         temperature=0.65,
         max_tokens=50_000,  # so many that the SDK would want an answer in pieces
         draw=1,

@@ -19,7 +19,7 @@ from llm_server import LLMServer, serving
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.cli.app import main
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.costs import dollars
 
 pytestmark = pytest.mark.usefixtures("keys")

@@ -68,9 +68,9 @@ def trainer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Trainer]:
 @pytest.fixture(scope="module")
 def alone(trainer: Trainer) -> Training:
     """Train the decent candidate first."""
-    found = trainer.train(SOURCE)
-    assert isinstance(found, Training)
-    return found
+    outcome = trainer.train(SOURCE)
+    assert isinstance(outcome, Training)
+    return outcome
 
 
 @pytest.fixture(autouse=True)
@@ -82,11 +82,11 @@ def _no_trace(trainer: Trainer, alone: Training) -> Iterator[None]:
     assert trainer.train(SOURCE) == alone
 
 
-def rejection(found: Training | Rejection) -> Rejection:
+def rejection(outcome: Training | Rejection) -> Rejection:
     """Insist on a rejection by the training."""
-    assert isinstance(found, Rejection), found
-    assert found.stage is Stage.train
-    return found
+    assert isinstance(outcome, Rejection), outcome
+    assert outcome.stage is Stage.train
+    return outcome
 
 
 QUICK = ["import", "constructor", "forward", "backward hook", "finaliser"]
@@ -98,9 +98,9 @@ QUICK = ["import", "constructor", "forward", "backward hook", "finaliser"]
 def test_candidate_that_hangs_anywhere_is_out_of_time_and_gone(trainer: Trainer, place: str) -> None:
     """In Python, in native code or deaf to signals, it is killed and reaped before the search hears of the limit."""
     with watching_candidates() as seen:
-        found = trainer.train(sources.ENDLESS[place], seconds=1)
+        outcome = trainer.train(sources.ENDLESS[place], seconds=1)
         left = living(seen)
-    assert rejection(found).reason is Reason.out_of_time
+    assert rejection(outcome).reason is Reason.out_of_time
     assert seen
     assert left == []
 
@@ -109,9 +109,9 @@ def test_candidate_that_hangs_anywhere_is_out_of_time_and_gone(trainer: Trainer,
 def test_candidate_that_would_hang_at_its_end_is_evaluated_and_gone(trainer: Trainer, source: str) -> None:
     """What it left for its end holds up neither its answer nor its own end."""
     with watching_candidates() as seen:
-        found = trainer.train(source, seconds=2)
+        outcome = trainer.train(source, seconds=2)
         left = living(seen)
-    assert isinstance(found, Training)
+    assert isinstance(outcome, Training)
     assert seen
     assert left == []
 
@@ -126,15 +126,15 @@ def test_candidate_over_its_memory_is_out_of_memory(trainer: Trainer, source: st
 @pytest.mark.parametrize("source", sources.NO_PREDICTIONS.values(), ids=sources.NO_PREDICTIONS.keys())
 def test_what_is_no_prediction_has_no_fitness(trainer: Trainer, source: str) -> None:
     """Shapes, types, numbers and amounts are checked outside, whatever was done to the checks inside."""
-    found = rejection(trainer.train(source))
-    assert found.reason in {Reason.bad_output, Reason.not_finite, Reason.backward_failed, Reason.crashed}
+    outcome = rejection(trainer.train(source))
+    assert outcome.reason in {Reason.bad_output, Reason.not_finite, Reason.backward_failed, Reason.crashed}
 
 
 @pytest.mark.parametrize("source", sources.PATCHES.values(), ids=sources.PATCHES.keys())
 def test_patched_code_makes_nobody_better(trainer: Trainer, alone: Training, source: str) -> None:
     """The loss is computed outside from what was predicted: none of these gains by what it changes inside."""
-    found = trainer.train(source)
-    assert isinstance(found, Rejection) or found.validation_losses[-1] >= alone.validation_losses[-1]
+    outcome = trainer.train(source)
+    assert isinstance(outcome, Rejection) or outcome.validation_losses[-1] >= alone.validation_losses[-1]
 
 
 def test_patched_seeds_are_refused_by_the_policy(trainer: Trainer) -> None:
@@ -145,9 +145,9 @@ def test_patched_seeds_are_refused_by_the_policy(trainer: Trainer) -> None:
     assert refused.stage is Stage.policy
 
 
-def steps_of(found: Training) -> int:
+def steps_of(outcome: Training) -> int:
     """Read how many steps were taken, which `sources.MORE_STEPS` sends in place of a digest."""
-    return int(found.weights_sha256, 16)
+    return int(outcome.weights_sha256, 16)
 
 
 def test_more_steps_of_the_trainer_are_noticed(trainer: Trainer) -> None:
@@ -159,12 +159,12 @@ def test_more_steps_beside_the_trainer_pay_and_are_refused_by_the_policy(trainer
     """A known limit: who resets that count is not seen; what stands against it is the check of the text."""
     hidden = sources.MORE_STEPS.replace("return loss", sources.COUNT_RESET)
     assert hidden != sources.MORE_STEPS
-    found = trainer.train(hidden)
-    assert isinstance(found, Training)
+    outcome = trainer.train(hidden)
+    assert isinstance(outcome, Training)
     batches = len(EXAMPLES.train) // RECIPE.batch_size
-    assert steps_of(found) == 20 * batches * RECIPE.epochs
-    assert found.validation_losses[-1] < alone.validation_losses[-1]
-    assert trainer.train(hidden) == found  # as `replay --retrain` shows it to whoever reads the source
+    assert steps_of(outcome) == 20 * batches * RECIPE.epochs
+    assert outcome.validation_losses[-1] < alone.validation_losses[-1]
+    assert trainer.train(hidden) == outcome  # as `replay --retrain` shows it to whoever reads the source
     refused = rejection_of(sources.MORE_STEPS, CONTRACT)
     assert refused is not None
     assert (refused.stage, refused.reason) == (Stage.policy, Reason.forbidden_import)
@@ -180,10 +180,10 @@ def test_more_steps_than_the_time_limit_allows_give_no_fitness(trainer: Trainer)
 
 def test_forged_answer_is_worth_what_it_predicts(trainer: Trainer) -> None:
     """Who writes the answer itself gets the loss of just these predictions, and no other."""
-    found = trainer.train(sources.FORGED_ANSWER)
-    assert isinstance(found, Training)
+    outcome = trainer.train(sources.FORGED_ANSWER)
+    assert isinstance(outcome, Training)
     guess = np.full(EXAMPLES.validation_targets.shape, 0.5, np.float32)
-    assert found.validation_losses[-1] == pytest.approx(
+    assert outcome.validation_losses[-1] == pytest.approx(
         mean_squared_error(guess, EXAMPLES.validation_targets), rel=1e-8
     )
 
@@ -234,7 +234,7 @@ def test_search_gives_good_candidates_the_fitness_they_have_alone(trainer: Train
             evaluate=lambda source, seed: trainer.train(source, seconds=2),
         )
         run_search(plan, effects, Ledger(), recorder)
-    found = [(outcome.admitted.source, outcome.result) for outcome in recorder.outcomes if outcome.admitted]
-    assert {source for source, _ in found} >= set(GOOD)
-    assert {source for source, _ in found} & set(BAD)
-    assert all(result == expected[source] for source, result in found if source in expected)
+    results = [(outcome.admitted.source, outcome.result) for outcome in recorder.outcomes if outcome.admitted]
+    assert {source for source, _ in results} >= set(GOOD)
+    assert {source for source, _ in results} & set(BAD)
+    assert all(result == expected[source] for source, result in results if source in expected)

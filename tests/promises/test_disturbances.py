@@ -219,10 +219,10 @@ def kill_one_below(pid: int, depth: int, older: set[int]) -> bool:
 
 def at_work_below(pid: int, depth: int) -> list[int]:
     """List the processes of a search's sandbox that are at work: zygotes (0), supervisors (1) or candidates (2)."""
-    found = [pid]
+    processes = [pid]
     for _ in range(depth + 1):
-        found = [below for process in found for below in children(process) if is_at_work(below)]
-    return found
+        processes = [below for process in processes for below in children(process) if is_at_work(below)]
+    return processes
 
 
 def is_at_work(pid: int) -> bool:

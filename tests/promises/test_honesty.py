@@ -147,5 +147,5 @@ def test_leaves_are_found_in_a_deep_graph() -> None:
 
 def test_reasons_are_those_that_a_report_counts() -> None:
     """Every lie has a reason that summary and report count as misreporting, or one that the policy had before."""
-    found = {lie.policy for lie in LIES.values()} | {lie.probe for lie in LIES.values()}
-    assert set(MISREPORTING) == found - {None, *OTHERS}
+    reasons = {lie.policy for lie in LIES.values()} | {lie.probe for lie in LIES.values()}
+    assert set(MISREPORTING) == reasons - {None, *OTHERS}

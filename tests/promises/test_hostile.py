@@ -50,9 +50,9 @@ def harness(traps: Canaries, tmp_path_factory: pytest.TempPathFactory) -> Iterat
 @pytest.fixture(scope="module")
 def alone(harness: Harness) -> Training:
     """Train the decent candidate before anybody else."""
-    found = harness.good_one()
-    assert isinstance(found, Training)
-    return found
+    outcome = harness.good_one()
+    assert isinstance(outcome, Training)
+    return outcome
 
 
 @pytest.fixture
@@ -74,21 +74,21 @@ def contained(
 @EVERY_PROGRAM
 def test_program_gets_its_outcome_at_the_gate(program: Any, harness: Harness, contained: list[object]) -> None:
     """What must be refused is refused by the stage that must, and what trains repeats itself."""
-    found = harness.through_the_gate(program["source"])
-    contained.append(found)
+    outcome = harness.through_the_gate(program["source"])
+    contained.append(outcome)
     match program["expected"]:
         case "reject_static":
-            assert isinstance(found, Rejection)
-            assert found.stage in (Stage.extract, Stage.policy)
+            assert isinstance(outcome, Rejection)
+            assert outcome.stage in (Stage.extract, Stage.policy)
         case "reject_probe":
-            assert isinstance(found, Rejection)
-            assert found.stage is not Stage.train
+            assert isinstance(outcome, Rejection)
+            assert outcome.stage is not Stage.train
         case "allowed_harmless":
             # One loops over its batch and mixes neighbouring images, so five images are other work than one.
-            assert isinstance(found, Training) or found.reason is Reason.depends_on_batch
-    if isinstance(found, Training):
-        assert found.validation_losses[-1] > 0
-        assert harness.through_the_gate(program["source"]) == found
+            assert isinstance(outcome, Training) or outcome.reason is Reason.depends_on_batch
+    if isinstance(outcome, Training):
+        assert outcome.validation_losses[-1] > 0
+        assert harness.through_the_gate(program["source"]) == outcome
 
 
 @EVERY_PROGRAM
@@ -102,6 +102,6 @@ def test_program_is_contained_in_the_probe(program: Any, harness: Harness, conta
 @EVERY_PROGRAM
 def test_program_is_contained_in_the_training(program: Any, harness: Harness, contained: list[object]) -> None:
     """Past policy and probe, no program forges a fitness or gets out."""
-    found = harness.trained(program["source"])
-    contained.append(found)
-    assert isinstance(found, Rejection) or found.validation_losses[-1] > 0
+    outcome = harness.trained(program["source"])
+    contained.append(outcome)
+    assert isinstance(outcome, Rejection) or outcome.validation_losses[-1] > 0

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect
 from rich.console import Console
 
 from analysis.report.page.html import as_html
-from analysis.report.page.sources import source_contents
+from analysis.report.page.source_texts import source_contents
 from analysis.report.page.whole import PageContents
 from benchmarks.synthetic import record_synthetic
 from tacevo.gate.imports import with_imports

@@ -121,11 +121,13 @@ def survived(*emulator: str) -> dict[str, str]:
     An expression that crashes a process which has computed nothing else is `crashed`.
     """
     waiting = list(expressions())
-    found: dict[str, str] = {}
-    while len(found) < len(waiting):
-        further = printed("portable_operations.operations", *emulator, check=False, variables={"SKIP": str(len(found))})
-        found |= further or {waiting[len(found)]: "crashed"}
-    return found
+    digests: dict[str, str] = {}
+    while len(digests) < len(waiting):
+        further = printed(
+            "portable_operations.operations", *emulator, check=False, variables={"SKIP": str(len(digests))}
+        )
+        digests |= further or {waiting[len(digests)]: "crashed"}
+    return digests
 
 
 def able(numerics: Numerics) -> None:
@@ -167,7 +169,7 @@ def table(differing: list[str]) -> str:
             computed(expression)
         for kernel in sorted(watcher.not_portable) or ["not known"]:
             rows.setdefault(kernel, []).append(f"`{expression}`")
-    lines = [f"| `{kernel}` | {', '.join(found)} |" for kernel, found in sorted(rows.items())]
+    lines = [f"| `{kernel}` | {', '.join(levels)} |" for kernel, levels in sorted(rows.items())]
     return "\n".join(["| kernel | measured to differ |", "|---|---|", *lines])
 
 
@@ -204,12 +206,12 @@ def test_operations_that_differ_are_flagged_and_documented() -> None:
     assert list(there) == list(here) == list(expressions())
     assert "crashed" not in {*here.values(), *there.values()}
     differing = [name for name in here if there[name] != here[name] and name not in MISCOMPUTED]
-    found = table(differing)
-    assert "not known" not in found
+    rows = table(differing)
+    assert "not known" not in rows
     documented = DOCUMENT.read_text(encoding="utf-8")
     for kernel in NOT_PORTABLE:
-        assert f"| `{kernel}` |" in found, found
-        assert f"| `{kernel}` |" in documented, f"put this table into docs/determinism.md:\n{found}"
+        assert f"| `{kernel}` |" in rows, rows
+        assert f"| `{kernel}` |" in documented, f"put this table into docs/determinism.md:\n{rows}"
 
 
 @deprecated
@@ -311,7 +313,7 @@ def test_networks_hold_every_form_of_the_grammar() -> None:
 
 def test_networks_are_twelve_that_the_policy_admits() -> None:
     """Beside the three baselines; what the gate refuses would prove nothing."""
-    found = list(candidates())
-    assert len(found) == 3 + 12
+    networks = list(candidates())
+    assert len(networks) == 3 + 12
     assert len(list(NETWORKS.iterdir())) == 12
-    assert [rejection_of(source, task) for _, source, task in found] == [None] * 15
+    assert [rejection_of(source, task) for _, source, task in networks] == [None] * 15

@@ -13,7 +13,7 @@ from smallest import Once
 from tacevo.cli.app import main
 from tacevo.errors import StoreError
 from tacevo.reproduce.entry_files import import_file
-from tacevo.storage.entries import Budget, pack, unpack
+from tacevo.storage.entries import ReadBudget, pack, unpack
 from tacevo.storage.store import SEARCHED, Entry, Store
 
 
@@ -33,7 +33,7 @@ def exported(published: Path, once: Once) -> Path:
 
 def entries_of(file: Path) -> list[Entry]:
     """Read the entries of an export."""
-    return list(unpack(file, Budget(file, file.stat().st_size)))
+    return list(unpack(file, ReadBudget(file, file.stat().st_size)))
 
 
 def import_refused(entries: Sequence[Entry], tmp_path: Path, expected: str) -> None:

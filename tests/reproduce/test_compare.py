@@ -16,7 +16,7 @@ from ledger_lines import ended, header, rejected, run_record, trained
 
 from tacevo.choices import ArchiveKind
 from tacevo.cli.app import main
-from tacevo.evolution.files import Line, RunLine
+from tacevo.evolution.search_files import Line, RunLine
 from tacevo.records import Json
 from tacevo.reproduce.compare import compare
 from tacevo.results.run import RecordedRun
@@ -116,7 +116,7 @@ def test_places_that_mean_something_else_are_not_compared(other: RecordedRun) ->
 def refused(run: Path, published: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """See that the comparison ends in one line."""
     assert main(["replay", str(run), "--diff", str(published / "run")]) == 2
-    (said,) = capsys.readouterr().err.splitlines()
+    _, said = capsys.readouterr().err.splitlines()
     assert said.startswith("error: ")
 
 

@@ -23,8 +23,8 @@ from tacevo.choices import Device, Numerics
 from tacevo.cli import reproduce as commands
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, DataError, DivergenceError
-from tacevo.evolution.files import read_ledger
 from tacevo.evolution.lines import CandidateLine
+from tacevo.evolution.search_files import read_ledger
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.reproduce.retrain import (
     _check_equal,
@@ -345,10 +345,10 @@ def test_bundle_does_not_take_the_walls_down(
     group, _, name = key.partition(".")
     run["config"][group][name] = value
     bundle = resealed({**members, "run/run.json": json.dumps(run).encode()}, tmp_path / "x.zip")
-    found = opened(bundle)
+    place = opened(bundle)
     with pytest.raises(BundleError, match=words):
-        check_walls(found)
+        check_walls(place)
     for command in (["replay", str(bundle), "--retrain"], ["extend", str(bundle), "search.generations=9"]):
         assert main(command) == 1
         assert words in capsys.readouterr().err
-    check_walls(Opened(folder=found.folder, entries=found.store))
+    check_walls(Opened(folder=place.folder, entries=place.store))

@@ -9,7 +9,7 @@ from tacevo.choices import MarginKind
 from tacevo.config.study import Margin
 from tacevo.errors import RunError
 from tacevo.records import Json
-from tacevo.results.study_lines import Terms, fewest_seeds
+from tacevo.results.study_lines import StudyTerms, fewest_seeds
 from tacevo.typed import convert
 
 
@@ -49,7 +49,7 @@ def test_level_out_of_range_is_refused(alpha: float) -> None:
     """A level is in the open interval."""
     terms: Json = {"alpha": alpha, "margin": {"value": 0.1, "kind": "relative"}}
     with refused(RunError, place="study.json, alpha", expected="number"):
-        convert(Terms, terms, place="study.json", error=RunError)
+        convert(StudyTerms, terms, place="study.json", error=RunError)
 
 
 @pytest.mark.parametrize(("alpha", "seeds"), [(0.5, 2), (0.1, 3), (0.0999, 4), (0.05, 4), (0.01, 5), (0.001, 7)])

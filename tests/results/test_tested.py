@@ -45,11 +45,11 @@ def scored(run: RecordedRun, study: RecordedStudy) -> JobScore:
 
 def test_score_is_the_median_of_the_best_by_fitness(run: Path) -> None:
     """By hand: 0.4 of the elite; the baseline's 0.2 where it is fitter or as fit; test scores choose nothing."""
-    found = read_run(run)
-    assert scored(found, studied(0.5, 0.4, 0.45)).values == ((0.3, 0.5, 0.4),)
-    assert scored(found, studied(0.5, 0.4, 0.45)).value == 0.4
-    assert scored(found, studied(0.3, 0.4, 0.45)).value == 0.2
-    assert scored(found, studied(0.4, 0.4, 0.45)).networks == ("g00s00",)
+    recorded = read_run(run)
+    assert scored(recorded, studied(0.5, 0.4, 0.45)).values == ((0.3, 0.5, 0.4),)
+    assert scored(recorded, studied(0.5, 0.4, 0.45)).value == 0.4
+    assert scored(recorded, studied(0.3, 0.4, 0.45)).value == 0.2
+    assert scored(recorded, studied(0.4, 0.4, 0.45)).networks == ("g00s00",)
 
 
 def test_several_networks_give_one_value(run: Path) -> None:
@@ -57,31 +57,31 @@ def test_several_networks_give_one_value(run: Path) -> None:
 
     One perfect training makes that mean 0, and no logarithm fails.
     """
-    found, study = read_run(run), studied(0.41, 0.4, 0.45)
-    two = _score(found, study, study.scores, most=2)
+    recorded, study = read_run(run), studied(0.41, 0.4, 0.45)
+    two = _score(recorded, study, study.scores, most=2)
     assert two.networks == ("g01s00", "g00s00")
     assert two.value == pytest.approx((0.4 + 0.2) / 2, rel=1e-8)
     assert two.losses == two.values == ((0.3, 0.5, 0.4), (0.1, 0.2, 0.6))
     assert two.loss == pytest.approx((0.3 * 0.5 * 0.4 * 0.1 * 0.2 * 0.6) ** (1 / 6), rel=1e-8)
     third = replace(study.networks[2], id="g01s01", fitness=0.405)
     three = replace(study, networks=(*study.networks[:2], third))
-    assert _score(found, three, study.scores, most=2).networks == ("g01s00", "g01s01")
-    assert _score(found, three, study.scores, most=2).loss == 0
-    assert len(_score(found, three, study.scores, most=9).networks) == 3
+    assert _score(recorded, three, study.scores, most=2).networks == ("g01s00", "g01s01")
+    assert _score(recorded, three, study.scores, most=2).loss == 0
+    assert len(_score(recorded, three, study.scores, most=9).networks) == 3
 
 
 def test_study_of_fewer_networks_than_stated_is_not_the_test(run: Path) -> None:
     """The archive has more of them; a study of all that it has is, however many were wished for."""
-    found = read_run(run)
-    most = len(found.best(99))
+    recorded = read_run(run)
+    most = len(recorded.best(99))
     (directory,) = (StudyDirectory(path) for path in run.glob("studies/*"))
     studied_ones = len(directory.read().networks) - 1
     assert most > studied_ones >= 1  # else this test attacks nothing
-    assert len(job_score(found, replace(STATED, elites=studied_ones)).networks) == studied_ones
+    assert len(job_score(recorded, replace(STATED, elites=studied_ones)).networks) == studied_ones
     with refused(RunError, expected="one finished study with the settings that the sweep states"):
-        job_score(found, replace(STATED, elites=studied_ones + 1))
-    kept = [elite for elite in found.elites if elite.id in {one.id for one in directory.read().networks}]
-    assert job_score(replace(found, elites=tuple(kept)), replace(STATED, elites=99)).value > 0
+        job_score(recorded, replace(STATED, elites=studied_ones + 1))
+    kept = [elite for elite in recorded.elites if elite.id in {one.id for one in directory.read().networks}]
+    assert job_score(replace(recorded, elites=tuple(kept)), replace(STATED, elites=99)).value > 0
 
 
 def test_score_is_of_the_network_that_a_noise_run_chose(run: Path) -> None:
@@ -105,12 +105,12 @@ def test_score_is_of_the_network_that_a_noise_run_chose(run: Path) -> None:
 
 def test_score_is_read_from_the_runs_own_study(run: Path) -> None:
     """As its lines have it."""
-    found = job_score(read_run(run), STATED)
+    score = job_score(read_run(run), STATED)
     (lines,) = run.glob("studies/*/scores.jsonl")
     rows = [json.loads(line) for line in lines.read_text().splitlines()[1:]]
-    scores = [row["metrics"]["mse"] for row in rows if row["id"] == found.networks[0]]
+    scores = [row["metrics"]["mse"] for row in rows if row["id"] == score.networks[0]]
     assert len(scores) == 4
-    assert found.value == pytest.approx(median(scores), rel=1e-8)
+    assert score.value == pytest.approx(median(scores), rel=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -150,9 +150,9 @@ def test_noise_run_and_study_on_other_data_are_not_the_test() -> None:
 
 def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> None:
     """Its first draw stands in the study, and would be the best; without an elite there is nothing to score."""
-    found, study = read_run(run), studied(0.3, 0.4, 0.45)
-    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=found.baseline.source, evaluation="e")
-    out = altered(found, reevaluations=(failed,))
+    recorded, study = read_run(run), studied(0.3, 0.4, 0.45)
+    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=recorded.baseline.source, evaluation="e")
+    out = altered(recorded, reevaluations=(failed,))
     assert scored(out, study).networks == ("g01s00",)
     with refused(RunError, expected="a network that trained"):
         scored(out, replace(study, networks=study.networks[:1]))
@@ -160,12 +160,12 @@ def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> No
 
 def test_failure_counts_only_of_the_network_that_was_found(run: Path) -> None:
     """A baseline that fails its test leaves the score of the elite; an elite that fails is said to have failed."""
-    found, study = read_run(run), studied(0.5, 0.4, 0.45)
+    recorded, study = read_run(run), studied(0.5, 0.4, 0.45)
 
     def with_failure(name: str) -> JobScore:
         one = FailedLine(network=name, id="x", seed=1, evaluation="e", stage=Stage.train, reason=Reason.out_of_time)
         kept = [row for row in study.scores if (row.network, row.seed) != (name, 1)]
-        return _score(found, study, [*kept, one])
+        return _score(recorded, study, [*kept, one])
 
     assert with_failure("baseline").values == ((0.3, 0.5, 0.4),)
     with refused(FailedTestError, place="variant 1 (g01s00)", got="out_of_time with seed 1"):

@@ -12,20 +12,21 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from tacevo.choices import Device, ExecutorKind, Numerics
+from tacevo.choices import Device, ExecutorKind
 from tacevo.cli.app import main
 from tacevo.config.compose import compose, compose_estimate
-from tacevo.config.schema import NumericsConfig, RunConfig
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.schema import RunConfig
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
 from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
 from tacevo.runs.estimate import describe_estimate, describe_estimates, estimate
-from tacevo.runs.pace import GROWTH, Pace, growth, measure, training_images, trainings, trainings_at_once
+from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings, trainings_at_once
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
 from tacevo.storage.store import Store
+from tacevo.text import lasting
 
 SMALL = [
     "experiment=published_force",
@@ -34,8 +35,6 @@ SMALL = [
     "search.candidates=10",
     "search.initial=4",
 ]
-
-AVX512 = NumericsConfig(kind=Numerics.portable512)
 
 Estimating = Callable[..., list[str]]
 
@@ -53,7 +52,7 @@ def paced(config: RunConfig) -> Pace:
 
 def described(config: RunConfig) -> str:
     """Write an estimate down without measuring."""
-    return describe_estimate(config, paced)
+    return describe_estimate(config, paced, lambda config, images: 0.0)
 
 
 def first_requests(overrides: list[str]) -> list[Request]:
@@ -136,8 +135,8 @@ def test_sum_of_a_sweep_is_that_of_its_jobs_and_measures_a_pace_once(overrides: 
 def test_estimate_needs_no_choice_of_a_model(chosen: list[str], tmp_path: Path) -> None:
     """Of an experiment that leaves it to the user, nor of a server's model; requests and tokens do not depend on it."""
     paper = ["experiment=paper_force", "data.image_size=32", f"store.root={tmp_path}"]
-    found, named = (estimate(compose_estimate([*paper, *more])) for more in (chosen, ["llm=anthropic"]))
-    assert found == named
+    estimated, named = (estimate(compose_estimate([*paper, *more])) for more in (chosen, ["llm=anthropic"]))
+    assert estimated == named
     told = described(compose_estimate([*paper, *chosen]))
     assert "llm=anthropic" in told or "llm.model=claude-opus-5" in chosen
     assert "1010 requests to" in told
@@ -150,22 +149,22 @@ def test_recorded_answers_of_generation_0_cost_nothing(overrides: Estimating) ->
     """What is in the store is not asked for; another model's answers have another length, and say nothing."""
     record(overrides(), first_requests(overrides("llm.model=claude-opus-5")), tokens=(7, 7))
     record(overrides(), first_requests(overrides())[:3], tokens=(100, 50))
-    found = estimate(compose(overrides()))
-    assert (found.requests, found.recorded, found.samples) == (24, 3, 3)
-    assert (found.input_tokens, found.output_tokens) == (21 * 100, 21 * 50)
+    estimated = estimate(compose(overrides()))
+    assert (estimated.requests, estimated.recorded, estimated.samples) == (24, 3, 3)
+    assert (estimated.input_tokens, estimated.output_tokens) == (21 * 100, 21 * 50)
     assert "answers are like the mean of the 3 recorded ones of this model" in described(compose(overrides()))
 
 
 def test_cost_is_shown_for_each_delivery(overrides: Estimating) -> None:
     """Both columns of the table, from the price table and the tokens."""
-    found = estimate(compose(overrides()))
+    estimated = estimate(compose(overrides()))
     prices = load_prices("prices.yaml")
     shown = described(compose(overrides())).splitlines()
     costs = []
     for delivery in Delivery:
         price = prices.price("claude-haiku-4-5", delivery)
         assert price is not None
-        costs.append(dollars(price.cost(found.input_tokens, found.output_tokens)))
+        costs.append(dollars(price.cost(estimated.input_tokens, estimated.output_tokens)))
     assert [cell.strip() for cell in shown[5].split("|")[3:5]] == costs
 
 
@@ -254,29 +253,37 @@ def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp
 
 
 def test_long_search_is_told_what_avx512_would_save(overrides: Estimating) -> None:
-    """As measured; not a search of minutes, nor one with other numerics, nor where it saves nothing or cannot run."""
-
-    def measured(images_per_second: float, config: RunConfig) -> Pace:
-        is_faster = config.numerics.kind is Numerics.portable512
-        return replace(paced(config), images_per_second=images_per_second if is_faster else 100.0)
-
-    def lacking(config: RunConfig) -> Pace:
-        if config.numerics.kind is Numerics.portable512:
-            raise ConfigError("x86_64 without avx512f")
-        return paced(config)
-
+    """As measured; not a search of minutes, which it is not measured for, nor one that it saves less than a minute."""
     long, short = compose(overrides("training.seeds=3")), compose(overrides("training.epochs=1"))
-    saved = paced(long).seconds(long, 480) - measured(150.0, replace(long, numerics=AVX512)).seconds(long, 480)
-    told = describe_estimate(long, partial(measured, 150.0))
-    assert told.splitlines()[-1].startswith(f"numerics=portable512 would save about {saved / 3600:.2g} of these hours")
-    for config, measuring in (
-        (long, partial(measured, 99.0)),
-        (long, lacking),
-        (short, partial(measured, 150.0)),
-        (replace(long, numerics=AVX512), partial(measured, 150.0)),
-        (compose(overrides("training.seeds=3", "numerics=fast")), partial(measured, 150.0)),
-    ):
-        assert "would save" not in describe_estimate(config, measuring)
+    took = paced(long).seconds(long, 480)
+    asked: list[tuple[RunConfig, int]] = []
+
+    def told(config: RunConfig, part: float) -> str:
+        def saving(config: RunConfig, images: int) -> float:
+            asked.append((config, images))
+            return part
+
+        return describe_estimate(config, paced, saving).splitlines()[-1]
+
+    assert told(long, 0.2).startswith(f"numerics=portable512 would save {lasting(0.2 * took)} of it (20%)")
+    assert "would save" not in told(long, 59 / took)
+    assert asked == [(long, 480)] * 2
+    assert "would save" not in told(short, 0.2)
+    assert len(asked) == 2
+
+
+@pytest.mark.parametrize(
+    "setting", ["numerics=portable512", "numerics=fast", "executor=ray", "task.baseline=/dev/null"]
+)
+def test_nothing_is_saved_where_nothing_can_be_chosen(setting: str, overrides: Estimating) -> None:
+    """Other numerics, nodes, a baseline that does not train: no reason to stop a search."""
+    assert part_saved(compose(overrides(setting)), 480) == 0.0
+
+
+@pytest.mark.slow
+def test_saving_is_measured(overrides: Estimating) -> None:
+    """A part of the time, on a CPU with AVX-512; none on others, which are told no error."""
+    assert 0 <= part_saved(compose(overrides()), 480) < 1
 
 
 def test_hours_that_cannot_be_measured_are_said_to_be_so(overrides: Estimating) -> None:

@@ -59,7 +59,10 @@ def test_long_search_says_how_long_it_takes(pace: float, told: bool) -> None:
     left = [line for line in out.getvalue().splitlines() if " left)" in line]
     assert len(left) == (2 if told else 0)  # of three generations, the last has nothing left
     trained = next(outcome for outcome in done.outcomes if outcome.cpu_seconds)
-    watcher = Watcher(PLAN, Progress(Console(file=out)), at_once=2)
+    watcher = Watcher(PLAN, Progress(Console(file=out)), at_once=2, saving=lambda: 0.25)
     watcher.developed(replace(trained, cpu_seconds=0.0, seconds=1e6))  # recalled
     watcher.developed(replace(trained, seconds=pace))
     assert ("about 1.3 hours at the pace of the first training" in out.getvalue()) == told  # 16 slots of 600 s, by two
+    assert ("portable512 would save about 20 minutes of it (25%)" in out.getvalue()) == told
+    watcher.developed(replace(trained, seconds=1e6))
+    assert out.getvalue().count("would save") == told  # once

@@ -47,15 +47,15 @@ def test_one_worker_and_a_store_that_has_all_give_the_digest_of_two(uncertain: P
 
 def test_tables_and_page_have_the_archive_as_the_search_left_it(uncertain: Path) -> None:
     """Rebuilt from the lines, with its corrected figures beside it; a candidate names the losses of all its seeds."""
-    found = collect(uncertain / "run", uncertain / "cache")
-    assert found.run.reevaluations
-    last = archive_history(found.run, found.niches.networks)[-1]
+    collection = collect(uncertain / "run", uncertain / "cache")
+    assert collection.run.reevaluations
+    last = archive_history(collection.run, collection.niches.networks)[-1]
     held = {niche: (elite.name, -elite.objective) for niche, elite in last.elites.items()}
-    assert held == {elite.niche: (elite.id, elite.fitness) for elite in found.run.elites}
-    assert any(table.name.endswith("/corrected") for table in tables_of(found, None))
-    page = run_contents(RunMaterial(found=found, texts=read_texts(found.run)[0]))
-    again = {line.source for line in found.run.reevaluations}
+    assert held == {elite.niche: (elite.id, elite.fitness) for elite in collection.run.elites}
+    assert any(table.name.endswith("/corrected") for table in tables_of(collection, None))
+    page = run_contents(RunMaterial(collection=collection, texts=read_texts(collection.run)[0]))
+    again = {line.source for line in collection.run.reevaluations}
     losses = {one["id"]: len(one["losses"]) for one in page["candidates"]}
     assert losses == {
-        line.id: 0 if line.fitness is None else 3 + 3 * (line.source in again) for line in found.run.candidates
+        line.id: 0 if line.fitness is None else 3 + 3 * (line.source in again) for line in collection.run.candidates
     }

@@ -11,12 +11,12 @@ from smallest import SMALLEST, UNTRACKED
 from tacevo.cli.app import main
 from tacevo.cli.search import print_end
 from tacevo.config.compose import compose
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.errors import LLMError
 from tacevo.evolution.development import Outcome
-from tacevo.evolution.files import read_ledger
 from tacevo.evolution.lines import GenerationLine
 from tacevo.evolution.proposals import Proposal
+from tacevo.evolution.search_files import read_ledger
 from tacevo.llm.grammar.provider import answer
 from tacevo.llm.recording import Keep, RecordingLLM
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage
@@ -137,8 +137,8 @@ def test_useless_search_that_is_at_its_end_has_a_summary(search: Searching, caps
     """It is whole, and its end reads like no success."""
     result = search("search.generations=1", llm=Rubbish())
     assert not result.succeeded
-    assert "Nothing beat the baseline." in result.found
-    assert "Best fitness" not in result.found
+    assert "Nothing beat the baseline." in result.summary
+    assert "Best fitness" not in result.summary
     capsys.readouterr()
     print_end(result)
     out = capsys.readouterr().out

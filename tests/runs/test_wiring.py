@@ -14,7 +14,7 @@ from small_recordings import save_arrays, save_folder, save_forces, save_grating
 from tacevo.choices import Confinement, GratingClasses
 from tacevo.config.compose import compose
 from tacevo.config.plain import from_plain, to_plain
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.sources.tacverse import TacVerse
 from tacevo.environment import gpus

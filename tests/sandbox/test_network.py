@@ -7,7 +7,7 @@ import torch
 from torch import nn
 from torch.nn.utils import parametrizations
 
-from tacevo.sandbox.network import modules, parameters, state, switch
+from tacevo.sandbox.module_parts import modules, parameters, state, switch
 
 
 def _tied() -> nn.Module:

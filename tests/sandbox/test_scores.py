@@ -57,7 +57,8 @@ def test_time_of_the_score_is_not_the_candidates(sandbox: Sandbox) -> None:
 
 def test_job_that_runs_again_hears_of_its_own_frames_alone(sandbox: Sandbox) -> None:
     """One that was killed from outside begins anew; so do its scores."""
-    before, killed = set(descendants(os.getpid())), []
+    before: set[int] = set(descendants(os.getpid()))
+    killed: list[int] = []
 
     def kill_once(payload: bytes) -> float:
         if payload == b"2" and not killed:

@@ -57,8 +57,8 @@ def folder_with_files(folder: Path) -> Path:
 
 def state(folder: Path) -> list[tuple[object, ...]]:
     """Return all that the attacks could have changed in a directory."""
-    found = {path.name: path.lstat() for path in sorted(folder.iterdir())}
-    return [(name, seen.st_mode, seen.st_ino, seen.st_mtime_ns, seen.st_size) for name, seen in found.items()]
+    statuses = {path.name: path.lstat() for path in sorted(folder.iterdir())}
+    return [(name, seen.st_mode, seen.st_ino, seen.st_mtime_ns, seen.st_size) for name, seen in statuses.items()]
 
 
 def test_no_name_or_mode_in_the_file_system_changes(walled: Sandbox, plain: Sandbox, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from refusals import refused
 
 from tacevo.errors import CacheMissError, StoreError
 from tacevo.records import Mode
-from tacevo.storage.arrays import KIND, ArrayStore, digest_of
+from tacevo.storage.array_store import KIND, ArrayStore, digest_of
 from tacevo.storage.listing import take_in, verify
 from tacevo.storage.store import Store
 
@@ -36,8 +36,8 @@ def test_array_comes_back_bit_for_bit(array: np.ndarray, tmp_path: Path) -> None
     """Kept twice it is one entry, and a replay reads it."""
     digest = store(tmp_path).keep(array)
     assert digest == digest_of(array) == store(tmp_path).keep(array.copy())
-    found = store(tmp_path, Mode.replay).read(digest, "<f4" if array.dtype == np.float32 else "<i8", array.shape)
-    assert (found.tobytes(), found.dtype, found.shape) == (array.tobytes(), array.dtype, array.shape)
+    array_read = store(tmp_path, Mode.replay).read(digest, "<f4" if array.dtype == np.float32 else "<i8", array.shape)
+    assert (array_read.tobytes(), array_read.dtype, array_read.shape) == (array.tobytes(), array.dtype, array.shape)
     assert len(list(Store(tmp_path, KIND).entries())) == 1
 
 

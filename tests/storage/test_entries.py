@@ -12,7 +12,7 @@ from refusals import refused
 
 from tacevo.errors import StoreError
 from tacevo.storage.canonical import canonical
-from tacevo.storage.entries import FREE_BYTES, MOST_ENTRIES, Budget, pack, unpack
+from tacevo.storage.entries import FREE_BYTES, MOST_ENTRIES, ReadBudget, pack, unpack
 from tacevo.storage.store import Entry, Store, read_entry
 
 LINES: list[Any] = [
@@ -38,7 +38,7 @@ def packed_as(lines: Sequence[Any], path: Path) -> None:
 
 def unpacked(path: Path) -> list[Entry]:
     """Read all entries."""
-    return list(unpack(path, Budget(path, path.stat().st_size)))
+    return list(unpack(path, ReadBudget(path, path.stat().st_size)))
 
 
 def test_entries_come_back(file: Path) -> None:

@@ -150,11 +150,11 @@ def test_any_flipped_bit_of_a_ledger_is_refused_or_cuts_it(step: int, tmp_path: 
         data[place // 8] ^= 1 << place % 8
         flipped.write_bytes(data)
         try:
-            found = read_ledger(flipped).lines
+            lines_read = read_ledger(flipped).lines
         except RunError as error:
             refusals.append(error)
         else:
-            assert found == lines[:-1]
+            assert lines_read == lines[:-1]
     assert all(re.search(r"line [123]", error.place) for error in refusals)
     assert len(refusals) == len([place for place in places if place // 8 < len(whole) - 1])
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tacevo.cli.app import main
-from tacevo.records import Completion, Delivery, Message, Price, Request, to_json
+from tacevo.records import ChatMessage, Completion, Delivery, Price, Request, to_json
 from tacevo.storage.listing import list_stores, verify
 from tacevo.storage.store import Store
 
@@ -16,7 +16,7 @@ HALF = Price(input_usd=1.0, output_usd=2.0, dated="2026-11-21", factor=0.5)
 
 def request(draw: int, model: str = "claude-x") -> Request:
     """Make a request."""
-    messages = (Message(role="user", content="Widen it."),)
+    messages = (ChatMessage(role="user", content="Widen it."),)
     return Request(model=model, system="s", messages=messages, temperature=0.5, max_tokens=9, draw=draw)
 
 

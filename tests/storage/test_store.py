@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from refusals import refused
 
 from tacevo.errors import CacheMissError
-from tacevo.records import Json, Message, Mode, Request, to_json
+from tacevo.records import ChatMessage, Json, Mode, Request, to_json
 from tacevo.storage.canonical import canonical, content_hash, leaves, readable
 from tacevo.storage.store import Store
 
 REQUEST = Request(
     model="m",
     system="Be brief.",
-    messages=(Message(role="user", content="Widen it."),),
+    messages=(ChatMessage(role="user", content="Widen it."),),
     temperature=0.5,
     max_tokens=100,
     draw=7,
@@ -33,8 +33,8 @@ VARIED: dict[str, list[Any]] = {
     "system": ["Be brief. ", "be brief."],
     "messages": [
         (),
-        (Message(role="assistant", content="Widen it."),),
-        (Message(role="user", content="Widen it"),),
+        (ChatMessage(role="assistant", content="Widen it."),),
+        (ChatMessage(role="user", content="Widen it"),),
         (*REQUEST.messages, *REQUEST.messages),
     ],
     "temperature": [0.5000000000000001, 0.0, 1.0],

@@ -117,12 +117,12 @@ def test_any_flipped_bit_of_an_entry_is_refused_or_harmless(step: int, store: St
         data = bytearray(whole)
         data[place // 8] ^= 1 << place % 8
         path.write_bytes(data)
-        found, refusal = answer_or_refusal(store)
+        answer_read, refusal = answer_or_refusal(store)
         if refusal:
             refusals += 1
             assert "restore the file from a copy, or delete it" in refusal
         else:
-            assert found == answer
+            assert answer_read == answer
     assert refusals > 0.99 * len(places)
 
 

@@ -14,7 +14,7 @@ from bundles import zipped
 from refusals import refused
 
 from tacevo.errors import BundleError, StoreError, TacevoError
-from tacevo.storage.entries import FREE_BYTES, MOST_RATIO, Budget
+from tacevo.storage.entries import FREE_BYTES, MOST_RATIO, ReadBudget
 from tacevo.storage.zipfiles import LONGEST_NAME, MOST_MEMBERS, MOST_OF_A_MEMBER, packed, read_members
 
 ANY = re.compile(".*", re.DOTALL)
@@ -31,7 +31,7 @@ def file(tmp_path: Path) -> Path:
 def unpacked(source: Path, *, budget: int = 0, places: re.Pattern[str] = ANY) -> dict[str, bytes]:
     """Read the members; nothing may be written."""
     try:
-        return read_members(source, places, Budget(source, budget or source.stat().st_size))
+        return read_members(source, places, ReadBudget(source, budget or source.stat().st_size))
     finally:
         assert {path.name for path in source.parent.iterdir()} == {source.name}
 
@@ -114,14 +114,14 @@ def test_no_cut_and_no_flipped_byte_changes_what_is_read(file: Path) -> None:
     for length in range(len(data)):
         file.write_bytes(data[:length])
         with pytest.raises(BundleError):
-            read_members(file, ANY, Budget(file, len(data)))
+            read_members(file, ANY, ReadBudget(file, len(data)))
     for place in range(len(data)):
         file.write_bytes(data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :])
         try:
-            found = read_members(file, ANY, Budget(file, len(data)))
+            members = read_members(file, ANY, ReadBudget(file, len(data)))
         except BundleError:
             continue
-        assert set(found.values()) <= set(MEMBERS.values())
+        assert set(members.values()) <= set(MEMBERS.values())
 
 
 def test_bomb_is_stopped_while_it_unpacks(file: Path) -> None:

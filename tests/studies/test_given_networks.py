@@ -19,7 +19,7 @@ from tacevo.records import Given, Operator
 from tacevo.results.run import read_run
 from tacevo.results.study_directory import StudyDirectory, studies_of
 from tacevo.runs.progress import Progress
-from tacevo.studies.given import _check_different
+from tacevo.studies.given_run import _check_different
 from tacevo.studies.study import replay_studies
 
 pytestmark = pytest.mark.timeout(300)
@@ -72,8 +72,8 @@ def here(given_study: Path, place: Path) -> Path:
 
 def study_on(where: str) -> StudyDirectory:
     """Return the study of the run that is on these data."""
-    (found,) = (directory for directory in studies_of(Path("run")) if directory.read().where == where)
-    return found
+    (of_it,) = (directory for directory in studies_of(Path("run")) if directory.read().where == where)
+    return of_it
 
 
 def test_every_given_network_is_studied_under_its_name(here: Path) -> None:
@@ -103,6 +103,19 @@ def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFix
         assert main(["study", *command]) == 0
         assert "(6 of 6 trainings recorded already)" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in here.glob("run/studies/*/*")} == before
+
+
+def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By commas; they end in one table. A value that is wrong is told before the first is studied."""
+    assert main(["study", "run", "seeds=2", "epochs=1", "data.split_seed=7,0"]) == 0
+    told = capsys.readouterr()
+    assert told.err.count("(6 of 6 trainings recorded already)") == 2
+    assert "Kendall's W" in " ".join(told.out.split())
+    assert "split_seed=7" in told.out
+    before = list(here.glob("run/studies/*"))
+    assert main(["study", "run", "seeds=3", "epochs=1", "data.split_seed=1,-1"]) == 2
+    assert "data.split_seed" in capsys.readouterr().err
+    assert list(here.glob("run/studies/*")) == before
 
 
 def test_study_that_was_begun_under_its_earlier_name_is_continued(

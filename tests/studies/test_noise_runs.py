@@ -14,7 +14,7 @@ from smallest import Once
 
 from analysis.report.collection import collect, tables_of
 from analysis.rounding import shown
-from analysis.studies.noise import load_reestimates
+from analysis.studies.reestimates import load_reestimates
 from analysis.tables.noise import noise_tables
 from tacevo.cli.app import main
 from tacevo.errors import RunError
@@ -62,8 +62,8 @@ def folder(noisy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 
 def noise_of(folder: Path) -> StudyDirectory:
     """Return the noise run of a directory."""
-    (found,) = (one for one in studies_of(folder / "run") if one.path.name.startswith("noise"))
-    return found
+    (directory,) = (one for one in studies_of(folder / "run") if one.path.name.startswith("noise"))
+    return directory
 
 
 def rows_of(directory: StudyDirectory) -> list[ScoreLine]:
@@ -131,12 +131,12 @@ def test_bundle_holds_the_noise_run_and_can_be_verified(folder: Path, capsys: py
 
 def test_tables_set_record_and_re_estimates_beside_each_other(noisy: Path) -> None:
     """Of the noise run and of the study, whose losses at the search's epoch are fitnesses too."""
-    found = collect(noisy / "run", noisy / "cache")
-    assert found.left_out == ()
-    by_name = {one.name: one for one in found.reestimates}
+    collection = collect(noisy / "run", noisy / "cache")
+    assert collection.left_out == ()
+    by_name = {one.name: one for one in collection.reestimates}
     assert sorted(name[:5] for name in by_name) == ["elite", "noise"]
     noise, rows = by_name[noise_of(noisy).path.name], rows_of(noise_of(noisy))
-    best = found.run.ranked()[0]
+    best = collection.run.ranked()[0]
     assert best.fitness in list(noise.noise.recorded)
     assert noise.median_of(best.id) == pytest.approx(median(row.validation_loss for row in rows if row.id == best.id))
     (study,) = (one for name, one in by_name.items() if name.startswith("elites"))
@@ -153,8 +153,8 @@ def test_archive_whose_elites_were_all_trained_again_is_corrected(folder: Path) 
     """Not by a part of them; the table stands with those of the noise run."""
 
     def names() -> list[str]:
-        found = collect(folder / "run", folder / "cache")
-        return [table.name for table in tables_of(found, None) if table.name.endswith("/corrected")]
+        collection = collect(folder / "run", folder / "cache")
+        return [table.name for table in tables_of(collection, None) if table.name.endswith("/corrected")]
 
     whole = len({line.source for line in read_run(folder / "run").best(99)}) <= 2
     assert bool(names()) == whole
@@ -177,12 +177,12 @@ def test_network_that_a_seed_does_not_train_is_left_out_by_name(folder: Path) ->
     """The others keep their re-estimates; without the baseline there is nothing to compare them with."""
     run, directory = read_run(folder / "run"), noise_of(folder)
     failing(directory, "variant 1")
-    found = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
-    assert found is not None
-    assert [network.name for network in found.networks] == ["baseline", "variant 2"]
-    assert [network.name for network in found.failed] == ["variant 1"]
-    assert [len(values) for values in found.estimates] == [2, 2]
-    assert any("variant 1" in note for note in noise_tables(found, "force", None)[0].notes)
+    reestimates = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
+    assert reestimates is not None
+    assert [network.name for network in reestimates.networks] == ["baseline", "variant 2"]
+    assert [network.name for network in reestimates.failed] == ["variant 1"]
+    assert [len(values) for values in reestimates.estimates] == [2, 2]
+    assert any("variant 1" in note for note in noise_tables(reestimates, "force", None)[0].notes)
     failing(directory, "baseline")
     with refused(RunError, expected="a baseline that trains with every seed"):
         load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
@@ -220,8 +220,8 @@ def test_noise_run_is_not_a_study_with_test_scores(noisy: Path) -> None:
 
 def chosen(folder: Path) -> Sequence[str]:
     """Return the ids of the networks of the study whose elites a noise run chose."""
-    (found,) = (one.read() for one in studies_of(folder / "run") if one.read().chosen_by)
-    return [network.id for network in found.networks]
+    (record,) = (one.read() for one in studies_of(folder / "run") if one.read().chosen_by)
+    return [network.id for network in record.networks]
 
 
 def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -231,11 +231,9 @@ def test_noise_run_ends_with_what_it_found_and_the_next_step(folder: Path, capsy
     run, directory = read_run(folder / "run"), noise_of(folder)
     again = load_reestimates(directory.read_finished(), run.config, run.facts.fingerprint, folder / "cache")
     assert again is not None
-    for found in again.noise.itertuples():
-        cells = [shown(value) for value in (found.recorded, found.median, found.least, found.most)]
-        assert all(
-            cell in line for cell in cells for line in told.splitlines() if line.startswith(f"| {found.network} ")
-        )
+    for row in again.noise.itertuples():
+        cells = [shown(value) for value in (row.recorded, row.median, row.least, row.most)]
+        assert all(cell in line for cell in cells for line in told.splitlines() if line.startswith(f"| {row.network} "))
     assert "fitness, one draw" in told
     assert run.shortfall  # one epoch teaches nothing, so no study of it is proposed
     *_, first, second, digest = told.splitlines()
@@ -320,7 +318,7 @@ def test_study_that_trains_otherwise_gives_no_re_estimates(noisy: Path) -> None:
 def test_training_that_the_store_lacks_is_named(folder: Path) -> None:
     """The study stays whole, which is not a failed check; why it has no re-estimates is said."""
     shutil.rmtree(folder / "cache" / "studies")
-    found = collect(folder / "run", folder / "cache")
-    assert (len(found.studies), len(found.reestimates)) == (1, 1)
-    assert found.left_out == ()
-    assert "none of baseline with seed 0" in found.remarks[0]
+    collection = collect(folder / "run", folder / "cache")
+    assert (len(collection.studies), len(collection.reestimates)) == (1, 1)
+    assert collection.left_out == ()
+    assert "none of baseline with seed 0" in collection.remarks[0]

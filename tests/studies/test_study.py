@@ -240,10 +240,10 @@ def test_changed_score_is_a_difference(folder: Path, capsys: pytest.CaptureFixtu
 
 def test_predictions_are_kept_and_give_the_scores(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of the epoch that is tested, for every training; a replay without them says which is missing."""
-    found = load_predictions(load_study(only(folder)), folder / "cache")
-    assert found is not None
-    shapes = {name: each.shape for name, each in found.of.items()}
-    assert shapes == dict.fromkeys(("baseline", "variant 1"), (2, *found.labels.shape))
+    predictions = load_predictions(load_study(only(folder)), folder / "cache")
+    assert predictions is not None
+    shapes = {name: each.shape for name, each in predictions.of.items()}
+    assert shapes == dict.fromkeys(("baseline", "variant 1"), (2, *predictions.labels.shape))
     for path in folder.glob("cache/arrays/*/*.json"):
         path.unlink()
     assert main(["replay", "run"]) == 2

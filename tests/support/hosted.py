@@ -8,7 +8,7 @@ from tacevo.llm.batches import BatchLLM
 from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM, Server
 from tacevo.llm.retry import Patience
-from tacevo.records import Message, Request, Setting
+from tacevo.records import ChatMessage, Request, Setting
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
 
@@ -63,7 +63,7 @@ def request(text: str, *, settings: tuple[tuple[str, Setting], ...] = (), draw: 
     return Request(
         model="model-x",
         system="Be brief.",
-        messages=(Message(role="user", content=text),),
+        messages=(ChatMessage(role="user", content=text),),
         temperature=0.65,
         max_tokens=77,
         draw=draw,

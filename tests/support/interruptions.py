@@ -187,13 +187,13 @@ def _has_begun(folder: Path, phase: Phase, before: set[tuple[str, int]]) -> bool
 
 def _seen(folder: Path, phase: Phase) -> set[tuple[str, int]]:
     """List what lies where a phase shows, with times."""
-    found: set[tuple[str, int]] = set()
+    files: set[tuple[str, int]] = set()
     for path in folder.glob(_SIGNS[phase]) if phase in _SIGNS else ():
         try:
-            found.add((path.name, path.stat().st_mtime_ns))
+            files.add((path.name, path.stat().st_mtime_ns))
         except FileNotFoundError:
             continue
-    return found
+    return files
 
 
 def ends(folder: Path) -> bool:
@@ -203,8 +203,8 @@ def ends(folder: Path) -> bool:
 
 def processes_of(folder: Path) -> list[str]:
     """List the living processes that name a directory in their command line or stand in it."""
-    found = (_command_in(process, folder) for process in Path("/proc").glob("[0-9]*"))
-    return [command for command in found if command is not None]
+    commands = (_command_in(process, folder) for process in Path("/proc").glob("[0-9]*"))
+    return [command for command in commands if command is not None]
 
 
 def _command_in(process: Path, folder: Path) -> str | None:

@@ -17,10 +17,10 @@ from tacevo.config.compose import compose
 from tacevo.config.identity import config_hash
 from tacevo.errors import ConfigError, DivergenceError, RunError
 from tacevo.results.sweep_jobs import check_jobs
-from tacevo.storage.plan import plan_text
+from tacevo.storage.plan_file import plan_text
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory, SweepTerms
-from tacevo.sweeps.plan import sweep
-from tacevo.sweeps.searches import overrides_of
+from tacevo.sweeps.search_process import overrides_of
+from tacevo.sweeps.sweeping import sweep
 from tacevo.sweeps.terms import Asked, read_varied
 
 ALL = Path("all")
@@ -36,14 +36,14 @@ def begun(settings: Sequence[str], asked: Asked, launched: Launched | None = Non
 
 def test_terms_are_there_before_a_job_runs(place: Path) -> None:
     """The launcher finds them in sweep.json: a test score, and the arm that changes nothing."""
-    found = []
+    terms = []
 
     class Looking(Launched):
         def __call__(self, directory: SweepDirectory, *rest: object) -> None:
-            found.append(directory.read().terms)
+            terms.append(directory.read().terms)
 
     begun([*SHARED, "ablation=none,fixed_temperature", "seed=0"], Asked(), Looking())
-    assert found == [SweepTerms(primary=Primary.test_score, reference="none")]
+    assert terms == [SweepTerms(primary=Primary.test_score, reference="none")]
 
 
 def test_any_arm_may_be_the_reference(place: Path) -> None:

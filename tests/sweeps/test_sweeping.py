@@ -14,9 +14,9 @@ from sweeps import SHARED, Heard, Launched, begin, files_of
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import SweepDirectory, name_arm
-from tacevo.sweeps import searches
+from tacevo.sweeps import search_process
 from tacevo.sweeps.launch import Launcher
-from tacevo.sweeps.plan import folder, name_job, part, plan, sweep
+from tacevo.sweeps.sweeping import folder, name_job, part, plan, sweep
 
 TWO_BY_TWO = [*SHARED, "ablation=none,fixed_temperature", "seed=0,1"]
 NAMES = ["none-seed0", "none-seed1", "fixed_temperature-seed0", "fixed_temperature-seed1"]
@@ -37,15 +37,15 @@ def test_several_values_tell_jobs_apart() -> None:
 
 def test_search_that_does_not_end_when_told_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its job has failed by a signal, which the sweep says."""
-    monkeypatch.setattr(searches, "GRACE", 0.1)
+    monkeypatch.setattr(search_process, "GRACE", 0.1)
     deaf = "import signal, sys, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(flush=True); time.sleep(600)"
     with subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE) as search:
         assert search.stdout is not None
         search.stdout.readline()
-        searches.stop([search])
+        search_process.stop([search])
         assert search.returncode == -signal.SIGKILL
     (tmp_path / "log").write_text("error: what was said before\n")
-    reason = searches._reason(search.returncode, tmp_path / "log")
+    reason = search_process._reason(search.returncode, tmp_path / "log")
     assert reason == "killed by signal 9 (Killed); memory may have run out"
 
 

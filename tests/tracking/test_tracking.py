@@ -33,7 +33,7 @@ from waiting import eventually
 
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.evolution.files import Line
+from tacevo.evolution.search_files import Line
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.process import Mirror
 
@@ -156,8 +156,8 @@ def test_two_ledgers_are_never_mixed(other: Sequence[Line], run_dir: Path, uri: 
     build_run(run_dir, other)
     with refused(RunError, place="MLflow run", got="another search", remedy="delete that run in MLflow"):
         mirror_once(run_dir, uri)
-    assert {name: found for name, found in contents(uri).items() if name != "parent"} == {
-        name: found for name, found in first.items() if name != "parent"
+    assert {name: values for name, values in contents(uri).items() if name != "parent"} == {
+        name: values for name, values in first.items() if name != "parent"
     }
 
 
@@ -313,10 +313,10 @@ def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> N
     """Two searches begin at once: one creates it, the other finds it, and an error of another kind is not hidden."""
     from mlflow.exceptions import MlflowException
 
-    from tacevo.tracking.client import find_or_create_experiment
+    from tacevo.tracking.mlflow_store import find_or_create_experiment
 
-    def client(*found: SimpleNamespace | None) -> Any:
-        answers = iter(found)
+    def client(*experiments: SimpleNamespace | None) -> Any:
+        answers = iter(experiments)
 
         def create(*_: object, **__: object) -> str:
             raise MlflowException("it exists, or the database is full")
@@ -332,7 +332,7 @@ def test_experiment_that_another_mirror_creates_at_the_same_time_is_taken() -> N
 
 def test_database_that_another_mirror_has_made_meanwhile_is_kept(tmp_path: Path) -> None:
     """What a killed mirror left beside it is removed."""
-    from tacevo.tracking.client import _create
+    from tacevo.tracking.mlflow_store import _create
 
     (tmp_path / "mlflow.db").write_bytes(b"made")
     part = tmp_path / ".mlflow.db.part"

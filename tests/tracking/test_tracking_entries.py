@@ -12,7 +12,7 @@ from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, RepairedAnswer, SeedLine
 from tacevo.records import Json, Reason, Stage
-from tacevo.tracking.entries import (
+from tacevo.tracking.params import (
     LONGEST_PARAM,
     Point,
     Totals,

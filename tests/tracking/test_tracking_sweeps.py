@@ -80,8 +80,8 @@ def test_run_beside_the_jobs_of_a_sweep_stands_alone(sweep: Path, uri: str) -> N
 
 def test_jobs_that_begin_at_once_share_one_sweep(sweep: Path, uri: str) -> None:
     """On one machine, one run is created, however many mirrors look for it at the same moment."""
-    from tacevo.tracking.client import PARENT_TAG, find_or_create_experiment, open_store
-    from tacevo.tracking.sweeps import find_sweep, join_sweep
+    from tacevo.tracking.mlflow_store import PARENT_TAG, find_or_create_experiment, open_store
+    from tacevo.tracking.sweep_run import find_sweep, join_sweep
 
     member = find_sweep(sweep / "none-seed0")
     assert member is not None

@@ -16,7 +16,7 @@ from tacevo.errors import CacheMissError, DivergenceError, StoreError
 from tacevo.records import DataFacts, Json, Kind, Limits, Loss, Mode, Reason, Rejection, to_json
 from tacevo.rules import STUDY
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox, Score
-from tacevo.storage.arrays import ArrayStore, digest_of
+from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict
 from tacevo.training.evaluation import ENTRIES, Evaluator, Examples, Setting

@@ -46,7 +46,12 @@ function drawDynamics() {
             "Children of each instruction that entered the network archive, with 95 % intervals.",
             run.by_instruction,
         ),
-        yields("The same by the temperature of the request.", run.by_temperature),
+        yields(
+            run.settings.llm.provider === "grammar"
+                ? "The same by the temperature of the request, which is a mutation strength of the grammar."
+                : "The same by the temperature of the request.",
+            run.by_temperature,
+        ),
         ...(of("tokens").some(Boolean)
             ? [spending("Tokens of each generation, in and out.", "tokens", of("tokens"))]
             : []),

@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.report.collection import Collection, Compared
-from analysis.report.page.sources import kept_lines, source_contents
+from analysis.report.page.source_texts import kept_lines, source_contents
 from analysis.rounding import p_in_words, shown
 from analysis.runs.archive_history import archive_history, archive_medians
 from analysis.runs.coverage_map import axis_label, descriptors
@@ -23,16 +23,16 @@ from analysis.runs.niches import cells
 from analysis.runs.pareto import REESTIMATED, beside_costs, on_front
 from analysis.runs.prompt_niches import reachable_prompt_niches
 from analysis.studies.comparison import of_whole
-from analysis.studies.metrics import metric_name
-from analysis.studies.noise import by_seeds, losses_by_source
+from analysis.studies.metric_names import metric_name
+from analysis.studies.reestimates import by_seeds, losses_by_source
 from analysis.table import Table
 from analysis.tables.dynamics import reestimated
 from analysis.tables.rendering import numeric_columns
 from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
-from tacevo.evolution.files import rules_in_words
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
+from tacevo.evolution.search_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
@@ -66,7 +66,7 @@ def read_texts(run: RecordedRun) -> tuple[dict[str, str], list[str]]:
 class RunMaterial:
     """What the page of a run is made from."""
 
-    found: Collection
+    collection: Collection
     #: As `read_texts`.
     texts: Mapping[str, str]
     edited: Sequence[str] = ()
@@ -84,29 +84,29 @@ def run_contents(given: RunMaterial) -> dict[str, Any]:
     `cells` are the corners of every niche of the network archive, none where it has no niches, and `places` how many
     elites it can hold; `unreachable` the niches of the prompt archive that no trial could reach.
     """
-    found, tables = given.found, given.tables
-    run, task = found.run, found.run.record.task
+    collection, tables = given.collection, given.tables
+    run, task = collection.run, collection.run.record.task
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
-    reached = reachable_prompt_niches(run, found.niches.prompts) if has_prompts else frozenset()
+    reached = reachable_prompt_niches(run, collection.niches.prompts) if has_prompts else frozenset()
     return {
         "name": run.name,
-        "headlines": _headlines(found),
+        "headlines": _headlines(collection),
         "remarks": [*([run.shortfall] if run.shortfall else []), *given.remarks, *_sourceless(given)],
         "axes": [axis_label(axis, run.config.archive.eff_ratio_scale) for axis in run.config.archive.axes],
-        "cells": _cells(found.niches.networks),
+        "cells": _cells(collection.niches.networks),
         "places": run.places,
         "instructions": to_json(task.instructions),
         "crossover": task.crossover,
-        "candidates": _candidates(found, given.texts),
-        "generations": _generations(run, found.niches.networks),
-        "pareto": _pareto(found),
-        "prompt_cells": _cells(found.niches.prompts) if has_prompts else (),
-        "unreachable": sorted(set(range(len(found.niches.prompts))) - reached) if has_prompts else [],
+        "candidates": _candidates(collection, given.texts),
+        "generations": _generations(run, collection.niches.networks),
+        "pareto": _pareto(collection),
+        "prompt_cells": _cells(collection.niches.prompts) if has_prompts else (),
+        "unreachable": sorted(set(range(len(collection.niches.prompts))) - reached) if has_prompts else [],
         "trials": to_json(run.prompt_trials),
         "by_instruction": _rows(by_prompt(run)),
         "by_temperature": _rows(by_temperature(run)),
-        "studies": [_study(compared, tables) for compared in found.studies],
-        "tables": [table_contents(table) for table in tables if not _of_study(table, found.studies)],
+        "studies": [_study(compared, tables) for compared in collection.studies],
+        "tables": [table_contents(table) for table in tables if not _of_study(table, collection.studies)],
         "samples": given.samples,
         "provenance": _provenance(run),
         "settings": identity(run.config),
@@ -132,14 +132,14 @@ def table_contents(table: Table) -> dict[str, Any]:
 
 def _sourceless(given: RunMaterial) -> list[str]:
     there = {*given.texts, *given.edited}
-    missing = [line.id for line in given.found.run.candidates if line.source is not None and line.id not in there]
+    missing = [line.id for line in given.collection.run.candidates if line.source is not None and line.id not in there]
     lost = {"the file was edited": given.edited, "the file is missing": missing}
     return [f"no source, because {why}: {', '.join(names)}" for why, names in lost.items() if names]
 
 
-def _headlines(found: Collection) -> list[str]:
+def _headlines(collection: Collection) -> list[str]:
     """Say what was searched and found, as summary.md does; with which data; and what it rests on."""
-    run, again = found.run, reestimated(found.run, found.reestimates)
+    run, again = collection.run, reestimated(collection.run, collection.reestimates)
     told = tell(run)
     provider = f"; provider of the model: {run.config.llm.provider}" if run.answered else ""
     trained_again = ""
@@ -148,7 +148,7 @@ def _headlines(found: Collection) -> list[str]:
         trained_again = f" The lowest, {words}: {shown(median)} against the baseline's {shown(reference)}."
     lines = [
         told.searched,
-        told.found + trained_again,
+        told.outcome + trained_again,
         f"{told.data} Data source: {run.config.data.source}{provider}.",
         " ".join(filter(None, (*told.gate, told.cost))),
         f"Digest: {run.digest}. Rules: {rules_in_words(run.rules)}.",
@@ -169,13 +169,13 @@ def _bands(centres: NDArray[np.float64]) -> tuple[Corners, ...]:
     order = np.argsort(centres)
     inner = (centres[order][1:] + centres[order][:-1]) / 2
     edges = np.concatenate([[0.0], inner, [1.0]]).round(_CORNERS).tolist()
-    found: dict[int, Corners] = {}
+    corners: dict[int, Corners] = {}
     for niche, low, high in zip(order.tolist(), edges, edges[1:], strict=False):
-        found[niche] = ((low, 0.0), (high, 0.0), (high, 1.0), (low, 1.0))
-    return tuple(found[niche] for niche in range(len(centres)))
+        corners[niche] = ((low, 0.0), (high, 0.0), (high, 1.0), (low, 1.0))
+    return tuple(corners[niche] for niche in range(len(centres)))
 
 
-def _candidates(found: Collection, texts: Mapping[str, str]) -> list[dict[str, Any]]:
+def _candidates(collection: Collection, texts: Mapping[str, str]) -> list[dict[str, Any]]:
     """Return the ledger line of every candidate, with what the page says beside it.
 
     `loss` is what the search knew at its end (`RecordedRun.fitness`), None also where the source failed when it was
@@ -184,7 +184,7 @@ def _candidates(found: Collection, texts: Mapping[str, str]) -> list[dict[str, A
     measured. `changes` are the lines that it kept of each parent; `rejected` is the reason in words and the model's
     answer.
     """
-    run, again = found.run, by_seeds(found.reestimates)
+    run, again = collection.run, by_seeds(collection.reestimates)
     points = dict(zip((line.id for line in run.trained), descriptors(run).tolist(), strict=True))
     sources = {line.id: texts[line.id] for line in run.candidates if line.source is not None and line.id in texts}
     estimates, fitness = estimates_of((*run.candidates, *run.reevaluations), run.config.training.fitness), run.fitness
@@ -243,9 +243,9 @@ def _generations(run: RecordedRun, centroids: NDArray[np.float64]) -> list[dict[
     ]
 
 
-def _pareto(found: Collection) -> dict[str, Any]:
+def _pareto(collection: Collection) -> dict[str, Any]:
     """Return the fitnesses that are re-estimates, by id, and the ids of the front in loss and FLOPs."""
-    candidates = beside_costs(found.run, losses_by_source(found.reestimates))
+    candidates = beside_costs(collection.run, losses_by_source(collection.reestimates))
     again = candidates.fitness[candidates.estimate == REESTIMATED]
     return {"again": again.to_dict(), "front": on_front(candidates, ["fitness", "flops"]).index.tolist()}
 
@@ -307,7 +307,7 @@ def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
     for number, measures in enumerate(run.record.confinement, start=1):
         words = "; ".join(f"{name}: {state}" for name, state in measures.items())
         walls["confinement" if len(run.record.confinement) == 1 else f"confinement {number}"] = words
-    found = {
+    facts = {
         "run": run.name,
         "digest": run.digest,
         "task": run.task,
@@ -323,4 +323,4 @@ def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
         **{f"machine: {name}": "none" if value is None else str(value) for name, value in run.record.machine.items()},
         **walls,
     }
-    return tuple(found.items())
+    return tuple(facts.items())

@@ -8,7 +8,7 @@ import pandas as pd
 from analysis.report.page.of_run import table_contents
 from analysis.report.sweep_collection import SweepCollection, sweep_tables
 from analysis.sweeps.ablation import CURVES, QUARTILES, by_generation
-from analysis.sweeps.metrics import Metric
+from analysis.sweeps.arm_metrics import Metric
 
 #: What is shown of every arm at the end, as far as it is known.
 ENDS = (
@@ -22,22 +22,22 @@ ENDS = (
 )
 
 
-def sweep_contents(found: SweepCollection) -> dict[str, Any]:
+def sweep_contents(collected: SweepCollection) -> dict[str, Any]:
     """Return the arms of a sweep: how they went by generation, where every seed ended, and the tables."""
     arms = [
         {
             "name": name,
-            "bands": {metric.value: _band(found.curves, name, metric) for metric in CURVES},
+            "bands": {metric.value: _band(collected.curves, name, metric) for metric in CURVES},
             "ends": {
-                metric.value: list(found.found.values(name, metric).items())
+                metric.value: list(collected.ablation.values(name, metric).items())
                 for metric in ENDS
-                if metric in found.found.arms
+                if metric in collected.ablation.arms
             },
         }
-        for name in found.found.names
-        if name in set(found.found.jobs.arm)
+        for name in collected.ablation.names
+        if name in set(collected.ablation.jobs.arm)
     ]
-    return {"arms": arms, "tables": [table_contents(table) for table in sweep_tables(found)]}
+    return {"arms": arms, "tables": [table_contents(table) for table in sweep_tables(collected)]}
 
 
 def _band(curves: pd.DataFrame, arm: str, metric: Metric) -> dict[str, list[float | None]]:

@@ -32,7 +32,7 @@ def page_contents(runs: Sequence[RunMaterial], **fields: Any) -> PageContents:
     """Return all that the page shows of runs; `fields` are the others of `PageContents`."""
     sources: dict[str, dict[str, Any]] = {}
     for one in runs:
-        sources |= run_sources(one.found.run, one.texts)
+        sources |= run_sources(one.collection.run, one.texts)
     return PageContents(runs=tuple(map(run_contents, runs)), sources=sources, **fields)
 
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.choices import LightScene
+from tacevo.choices import LightScene, SimulatedSensor
 from tacevo.data.simulator.contact import imprint_at_depth, normal_field, shear_field
 from tacevo.data.simulator.optics import REFERENCE_SIZE, project, seen_points, transfer
 from tacevo.data.simulator.portable import Field, cosine, exp_minus, grain, normal, normal_number, sine, step
@@ -124,8 +124,14 @@ def make_sensor(size: int, seed: int) -> Sensor:
     return Sensor(size=size, marker_x=marker_x, marker_y=marker_y, **single)
 
 
-def picture(sensor: Sensor, press: Press, rng: np.random.Generator, scene: LightScene) -> Picture:
-    """Draw what the camera sees of one press.
+def picture(
+    sensor: Sensor,
+    press: Press,
+    rng: np.random.Generator,
+    scene: LightScene,
+    kind: SimulatedSensor = SimulatedSensor.ViTacTip,
+) -> Picture:
+    """Draw what the camera of a kind of sensor sees of one press.
 
     Light, tint, dirt, camera position and grain vary from image to image and are drawn from `rng`.
 
@@ -143,8 +149,10 @@ def picture(sensor: Sensor, press: Press, rng: np.random.Generator, scene: Light
     grey = sensor.background * (1 + sensor.x * (tilt_x / RIM_RADIUS) + sensor.y * (tilt_y / RIM_RADIUS))
     grey *= gain
     grey += sensor.dirt * wear
-    grey += sensor.sight * _contact_light(sensor, press, light)
-    grey *= 1 - darkness * _marker_cover(sensor, press, rng)
+    if kind is not SimulatedSensor.TacTip:  # whose skin is opaque, and bends behind its markers
+        grey += sensor.sight * _contact_light(sensor, press, light)
+    if kind is not SimulatedSensor.ViTac:
+        grey *= 1 - darkness * _marker_cover(sensor, press, rng)
     grey += noise * sensor.size / REFERENCE_SIZE * grain(rng, sensor.size)
     coloured: Field = np.clip(tint[:, None, None] * grey, 0, BRIGHTEST)
     return np.rint(coloured).astype(np.uint8)

@@ -6,13 +6,14 @@ their bytes are the same on every CPU. What it does not promise: that a network 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from tacevo.choices import LightScene, SensorTask
+from tacevo.choices import LightScene, SensorTask, SimulatedSensor
 from tacevo.data.simulator.contact import (
     combined_radius,
     conforming_pressure,
@@ -27,12 +28,13 @@ from tacevo.data.simulator.contact import (
     tangential_force,
 )
 from tacevo.data.simulator.optics import DOME_RADIUS
-from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_number, sine
+from tacevo.data.simulator.portable import cosine, exp_minus, normal, normal_density, normal_number, sine
 from tacevo.data.simulator.sensor import SKIN_POISSON, Grating, Press, make_sensor, picture
 from tacevo.data.source import Catalogue, Picture
 from tacevo.data.sources.tacverse import OUTPUTS
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
+from tacevo.rounding import rounded
 
 #: Changes whenever an image or a label would change; part of the cache key.
 SIMULATOR_VERSION = 4
@@ -92,6 +94,7 @@ class Simulated:
     light: LightScene
     #: Widths of a ridge, which is also that of a groove, in mm: one class each; used by `grating` only.
     spacings_mm: tuple[float, ...]
+    sensor: SimulatedSensor = SimulatedSensor.ViTacTip
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -103,7 +106,9 @@ class Simulated:
     def describe(self) -> Json:
         """Name everything that determines the images."""
         spacings = self.spacings_mm if self.task is SensorTask.grating else ()
+        kind: dict[str, Json] = {} if self.sensor is SimulatedSensor.ViTacTip else {"sensor": self.sensor.value}
         return {
+            **kind,
             "source": "simulated",
             "version": SIMULATOR_VERSION,
             "task": self.task.value,
@@ -132,7 +137,7 @@ class Simulated:
 def draw(source: Simulated, index: int) -> Picture:
     """Draw one picture: uint8, shape (3, image_size, image_size)."""
     press, _, rng = _press(source, index)
-    return picture(make_sensor(source.image_size, source.sensor_seed), press, rng, source.light)
+    return picture(make_sensor(source.image_size, source.sensor_seed), press, rng, source.light, source.sensor)
 
 
 def _press(source: Simulated, index: int) -> tuple[Press, tuple[float, ...], np.random.Generator]:
@@ -236,6 +241,19 @@ def _grating(rng: np.random.Generator, spacing: float) -> Press:
         fading=0.5,
         grating=grating,
     )
+
+
+def ideal_accuracy(spacings_mm: Sequence[float]) -> float:
+    """Return the accuracy that no network can expect to exceed on gratings of these spacings, in (0, 1].
+
+    The class enters a picture by the width of the ridges alone, and that errs. So it is that of an observer who sees
+    every width, and names the likeliest of classes that are equally frequent: the integral of their largest density.
+    """
+    means = np.array(sorted(spacings_mm))[:, None]
+    logs = np.arange(math.log(0.6 * means[0, 0]), math.log(1.4 * means[-1, 0]), WIDTH_ERROR / 200)
+    widths = np.exp(logs)
+    densities = normal_density((widths / means - 1) / WIDTH_ERROR) / (WIDTH_ERROR * means)
+    return rounded(float(np.trapezoid(densities.max(axis=0) * widths, logs)) / len(means))
 
 
 def _hardness(rng: np.random.Generator) -> tuple[Press, tuple[float, ...]]:

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from tacevo.data.source import Catalogue, Picture, check_no_faults, chosen
 from tacevo.data.sources.filenames import check_file, is_passed_over
-from tacevo.data.sources.images import DECODING, extent, files_hash, square, to_8_bits
+from tacevo.data.sources.image_files import DECODING, extent, files_hash, square, to_8_bits
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 from tacevo.text import first_line

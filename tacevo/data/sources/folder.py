@@ -11,7 +11,7 @@ import numpy as np
 
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, content, directories, folded
-from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files, other_files
 from tacevo.data.sources.table import groups_in, number_in
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind

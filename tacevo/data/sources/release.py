@@ -10,7 +10,7 @@ from pathlib import Path
 from tacevo.choices import RecordedTask
 from tacevo.data.source import listed
 from tacevo.data.sources.filenames import directories
-from tacevo.data.sources.images import image_files
+from tacevo.data.sources.image_files import image_files
 from tacevo.data.sources.tacverse import DIRECTORIES
 from tacevo.text import counted
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats, shortened
 from tacevo.data.sources.filenames import check_directory, check_file, folded, own_names
-from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files
+from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -50,7 +50,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class TableSource:
     """A directory with a CSV table; the first row holds the column names."""
 
     root: Path

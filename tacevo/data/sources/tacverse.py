@@ -25,7 +25,7 @@ import numpy.typing as npt
 from tacevo.choices import GratingClasses, RecordedTask
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content, directories
-from tacevo.data.sources.images import DECODING, file_catalogue, files_hash, image_files, other_files
+from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files, other_files
 from tacevo.data.sources.table import Row, groups_in, read_rows, unnamed_images
 from tacevo.data.splitting import PARTS, Split, ordered_split
 from tacevo.errors import DataError
@@ -102,7 +102,7 @@ class TacVerse:
     images: int | None = None
     #: Gratings: what the classes are.
     classes: GratingClasses = GratingClasses.size
-    #: The sensor that is tested, if not the one that trains; with the release's split only.
+    #: The sensor that is tested, which then does not train; with the release's split only.
     test_sensor: str | None = None
     #: How much of the tested sensor's training part trains, too: presses of each grating, images of each shape, or
     #: images with forces, drawn by `seed`.
@@ -244,18 +244,18 @@ class TacVerse:
         """Find the images of all sensors that train or are tested."""
         named = self.sensor.split(AND)
         _check_named("data.sensor", named)
-        if self.test_sensor in named:
+        sensors = {name: "data.sensor" for name in named if name != self.test_sensor}
+        if not sensors:
             expected = f"another sensor than data.sensor={self.sensor}, or null"
             raise DataError(str(self.test_sensor), place="data.test_sensor", expected=expected)
-        sensors = {name: "data.sensor" for name in named}
         if self.test_sensor is not None:
             sensors[self.test_sensor] = "data.test_sensor"
         find: Callable[[str, str], _Listing] = self._rows if self.task in COLUMNS else self._presses
-        found = [find(sensor, setting) for sensor, setting in sensors.items()]
+        listings = [find(sensor, setting) for sensor, setting in sensors.items()]
         return _Listing(
-            [image for listing in found for image in listing.images],
-            sum(listing.skipped for listing in found),
-            [path for listing in found for path in listing.ignored],
+            [image for listing in listings for image in listing.images],
+            sum(listing.skipped for listing in listings),
+            [path for listing in listings for path in listing.ignored],
         )
 
     def _rows(self, sensor: str, setting: str) -> _Listing:

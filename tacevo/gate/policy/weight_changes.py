@@ -237,12 +237,12 @@ def _applied(node: ast.AST) -> list[ast.Lambda]:
 
 def _mentions(nodes: Iterable[ast.AST]) -> set[str]:
     """Collect the names, attributes and words that could name a function."""
-    found = set()
+    names = set()
     for node in nodes:
         match node:
             case ast.Name(id=name) | ast.Attribute(attr=name) | ast.Constant(value=str(name)):
-                found.add(name)
-    return found
+                names.add(name)
+    return names
 
 
 def _body(function: _Function) -> list[ast.stmt]:

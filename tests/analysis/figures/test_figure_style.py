@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
+from analysis.figures.by_generation import fitness_evolution
 from analysis.figures.maps import network_map
-from analysis.figures.progress import fitness_evolution
 from analysis.figures.style import house_style, render
 
 

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from studies import study_of
 
+from analysis.figures.by_generation import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.candidates import ROWS, lineage, training_curves
 from analysis.figures.maps import network_map, prompt_map
-from analysis.figures.progress import fitness_evolution, growth, prompt_productivity, temperature, trainable
 from analysis.figures.studies import confusion_matrices, seed_boxes
 from analysis.figures.style import render
 from analysis.runs.dynamics import by_prompt, progress
@@ -30,8 +30,8 @@ def texts(figure: Figure) -> list[str]:
 
 def line(axes: Axes, label: str) -> list[float]:
     """Return the heights of a labelled line."""
-    (found,) = (one for one in axes.lines if one.get_label() == label)
-    return [float(value) for value in np.asarray(found.get_ydata())]
+    (drawn,) = (one for one in axes.lines if one.get_label() == label)
+    return [float(value) for value in np.asarray(drawn.get_ydata())]
 
 
 def points(axes: Axes, marker: str) -> list[tuple[float, float]]:
@@ -42,8 +42,8 @@ def points(axes: Axes, marker: str) -> list[tuple[float, float]]:
 
 def cells_of(axes: Axes, label: str | None) -> int:
     """Count the cells of a map: those with a label, or with None the coloured ones."""
-    found = [one for one in axes.collections if isinstance(one, PolyCollection)]
-    chosen = [one for one in found if (one.get_label() == label if label else one.get_array() is not None)]
+    polygons = [one for one in axes.collections if isinstance(one, PolyCollection)]
+    chosen = [one for one in polygons if (one.get_label() == label if label else one.get_array() is not None)]
     return sum(len(one.get_paths()) for one in chosen)
 
 
@@ -172,10 +172,10 @@ def test_names_of_users_are_no_formulas() -> None:
 def test_long_lineage_shows_its_end_and_says_so() -> None:
     """The latest ancestors stay, the number of the others is told."""
     many = [trained(number, 0, parents=(f"g{number - 1:02}s00",)) for number in range(ROWS + 5)]
-    found = texts(lineage(find_lineage(run(many, [closed(0)]), many[-1].id)))
-    assert "made by (5 left out)" in found
-    assert many[-1].id in found
-    assert many[4].id not in found
+    words = texts(lineage(find_lineage(run(many, [closed(0)]), many[-1].id)))
+    assert "made by (5 left out)" in words
+    assert many[-1].id in words
+    assert many[4].id not in words
 
 
 def test_every_seed_is_a_point() -> None:
@@ -191,8 +191,8 @@ def test_every_seed_is_a_point() -> None:
 def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     """One image of three is 33 % of its row; places without an image stay empty."""
     (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
-    found = {tuple(map(int, text.get_position())): text.get_text() for text in axes.texts}
-    assert found == {(0, 0): "4\n100", (1, 1): "2\n67", (2, 1): "1\n33", (2, 2): "3\n100"}
+    words = {tuple(map(int, text.get_position())): text.get_text() for text in axes.texts}
+    assert words == {(0, 0): "4\n100", (1, 1): "2\n67", (2, 1): "1\n33", (2, 2): "3\n100"}
 
 
 def test_confusion_shows_every_network_at_its_median_seed() -> None:

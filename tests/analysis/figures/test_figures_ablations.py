@@ -23,8 +23,8 @@ MANY = (*jobs_of("none", NONE), *(job for name in ARMS for job in jobs_of(name, 
 @functools.cache
 def of_many() -> tuple[Figure, Figure]:
     """Draw the curves and the final values of thirteen arms."""
-    _, found = compared(*MANY)
-    return curves(found, curves_of(MANY)), final_values(found)
+    _, ablation = compared(*MANY)
+    return curves(ablation, curves_of(MANY)), final_values(ablation)
 
 
 def heights(axes: Axes, arm: str) -> list[float]:
@@ -112,9 +112,9 @@ def test_single_seed_is_drawn() -> None:
 def test_arm_that_lost_every_job_has_an_empty_row_and_no_curve() -> None:
     """Its failures are in the tables; the others are drawn as without it."""
     lost = Job(name="lost-seed0", arm="lost", seed=0, overrides=(), config="")
-    found = compare_arms(FOUND.jobs, failed=[lost])
-    assert [line.get_label() for line in curves(found, CURVES).axes[0].lines] == ["none", "worse"]
-    axes = final_values(found).axes[0]
+    ablation = compare_arms(FOUND.jobs, failed=[lost])
+    assert [line.get_label() for line in curves(ablation, CURVES).axes[0].lines] == ["none", "worse"]
+    axes = final_values(ablation).axes[0]
     assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse", "lost"]
     ends = [place for line in axes.lines for place in np.asarray(line.get_xydata()) if np.isfinite(place).all()]
     assert any(0.5 < y < 1.5 for _, y in ends)

@@ -117,9 +117,9 @@ def counted(hand: RecordedRun, profiles: dict[str, Profile], top: int = 1) -> pd
 
 def test_motifs_are_counted_in_top_archive_and_all() -> None:
     """The baseline is an elite, and not a network that the search came up with."""
-    found = counted(*searched())
-    assert set(found[["top_of", "archive_of", "evaluated_of"]].itertuples(index=False, name=None)) == {(1, 2, 4)}
-    columns = found[["baseline", "top", "archive", "evaluated"]]
+    frame = counted(*searched())
+    assert set(frame[["top_of", "archive_of", "evaluated_of"]].itertuples(index=False, name=None)) == {(1, 2, 4)}
+    columns = frame[["baseline", "top", "archive", "evaluated"]]
     assert tuple(columns.loc["GELU"]) == (False, 1, 2, 3)
     assert tuple(columns.loc["no dropout"]) == (False, 1, 1, 1)
     assert tuple(columns.loc["LeakyReLU"]) == (False, 0, 0, 0)
@@ -127,17 +127,17 @@ def test_motifs_are_counted_in_top_archive_and_all() -> None:
 
 def test_each_count_has_its_p_by_hand() -> None:
     """Of 4 networks 3 have GELU: the one of the top has it with a chance of 3/4, both of the archive with 3/6."""
-    found = counted(*searched())[["top_p", "archive_p"]]
-    assert tuple(found.loc["GELU"]) == (0.75, 0.5)
-    assert tuple(found.loc["no dropout"]) == (0.25, 0.5)
+    frame = counted(*searched())[["top_p", "archive_p"]]
+    assert tuple(frame.loc["GELU"]) == (0.75, 0.5)
+    assert tuple(frame.loc["no dropout"]) == (0.25, 0.5)
 
 
 def test_every_count_of_a_table_is_one_family() -> None:
     """Two motifs with two counts each; what all or none of the networks have is not tested, and not corrected for."""
-    found = counted(*searched()).dropna()
-    assert list(found.index) == ["GELU", "no dropout"]
-    expected = multipletests(found[["top_p", "archive_p"]].to_numpy().ravel(), method="holm")[1]
-    assert found[["top_p_holm", "archive_p_holm"]].to_numpy().ravel() == pytest.approx(expected)
+    frame = counted(*searched()).dropna()
+    assert list(frame.index) == ["GELU", "no dropout"]
+    expected = multipletests(frame[["top_p", "archive_p"]].to_numpy().ravel(), method="holm")[1]
+    assert frame[["top_p_holm", "archive_p_holm"]].to_numpy().ravel() == pytest.approx(expected)
 
 
 def test_equal_sources_are_one_network() -> None:

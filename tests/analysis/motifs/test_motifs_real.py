@@ -65,9 +65,9 @@ def probed(sandbox: Sandbox, folder: Path, task: str, answer: Completion) -> Ana
         numerics=Numerics.portable,
         rules=CURRENT,
     )
-    found = gate.admit(answer)
-    assert isinstance(found, Admitted), found
-    return read_anatomy(found.profile)
+    verdict = gate.admit(answer)
+    assert isinstance(verdict, Admitted), verdict
+    return read_anatomy(verdict.profile)
 
 
 def motifs_in(sandbox: Sandbox, folder: Path, example: Any) -> frozenset[str]:

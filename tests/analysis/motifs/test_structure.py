@@ -101,40 +101,40 @@ def test_no_shortcut_is_made_up(steps: Steps) -> None:
 
 def test_shortcut_is_no_part_of_the_trunk() -> None:
     """Its projection is not a 1x1 convolution of the network, nor its pooling a pooling."""
-    found = read(lambda net, x: net.point(F.max_pool2d(x, 2)) + net.same(F.max_pool2d(x, 2)))
-    assert (found.pointwise, found.max_pools, found.blocks) == (0, 1, 2)
+    anatomy = read(lambda net, x: net.point(F.max_pool2d(x, 2)) + net.same(F.max_pool2d(x, 2)))
+    assert (anatomy.pointwise, anatomy.max_pools, anatomy.blocks) == (0, 1, 2)
 
 
 def test_separable_convolution_is_one_block() -> None:
     """Its width is that of its second half, which is not a 1x1 convolution of its own."""
-    found = read(lambda net, x: net.narrow(net.wide(net.depthwise(x).relu()).relu()))
-    assert (found.channels, found.blocks, found.pointwise) == ((8, 16), 2, 1)
+    anatomy = read(lambda net, x: net.narrow(net.wide(net.depthwise(x).relu()).relu()))
+    assert (anatomy.channels, anatomy.blocks, anatomy.pointwise) == ((8, 16), 2, 1)
 
 
 def test_blocks_are_counted_along_a_path() -> None:
     """Two branches side by side are one block deep."""
-    found = read(lambda net, x: net.same(x) + net.other(x))
-    assert (found.blocks, len(found.channels)) == (2, 3)
+    anatomy = read(lambda net, x: net.same(x) + net.other(x))
+    assert (anatomy.blocks, len(anatomy.channels)) == (2, 3)
 
 
 def test_stride_and_pooling_are_told_apart() -> None:
     """One step of each kind."""
     strided = nn.Conv2d(8, 8, 3, stride=(1, 2))
-    found = read(lambda net, x: F.avg_pool2d(F.max_pool2d(F.conv2d(x, strided.weight, stride=(1, 2)), 2), 2))
-    assert (found.strided, found.max_pools) == (1, 1)
+    anatomy = read(lambda net, x: F.avg_pool2d(F.max_pool2d(F.conv2d(x, strided.weight, stride=(1, 2)), 2), 2))
+    assert (anatomy.strided, anatomy.max_pools) == (1, 1)
 
 
 def test_unused_layers_are_no_part() -> None:
     """The class above has many; one whose result is thrown away is none either."""
-    found = read(lambda net, x: (net.same(x), x)[1])
-    assert (len(found.channels), found.head_depth) == (1, 1)
+    anatomy = read(lambda net, x: (net.same(x), x)[1])
+    assert (len(anatomy.channels), anatomy.head_depth) == (1, 1)
 
 
 def test_norms_have_a_place() -> None:
     """In the blocks they see a map, in the head a vector."""
     blocks = nn.Sequential(nn.BatchNorm2d(8), nn.GroupNorm(2, 8), nn.InstanceNorm2d(8))
-    found = read(lambda net, x: nn.Sequential(nn.LayerNorm(8), nn.ReLU())(blocks(x).mean((2, 3))))
-    assert found.norms == {("batch_norm", "blocks"), ("layer_norm", "head")}
+    anatomy = read(lambda net, x: nn.Sequential(nn.LayerNorm(8), nn.ReLU())(blocks(x).mean((2, 3))))
+    assert anatomy.norms == {("batch_norm", "blocks"), ("layer_norm", "head")}
 
 
 @pytest.mark.parametrize(("rate", "has_dropout"), [(0.0, False), (0.25, True)])
@@ -145,28 +145,28 @@ def test_dropout_of_nothing_is_none(rate: float, has_dropout: bool) -> None:
 
 def test_layers_of_tokens_are_no_head() -> None:
     """A linear layer on every position is not a layer of the head, one on the vector is."""
-    found = read(lambda net, x: net.hidden(net.hidden(x.flatten(2).transpose(1, 2)).mean(1)))
-    assert (found.hidden, found.head_depth) == (8, 2)
+    anatomy = read(lambda net, x: net.hidden(net.hidden(x.flatten(2).transpose(1, 2)).mean(1)))
+    assert (anatomy.hidden, anatomy.head_depth) == (8, 2)
 
 
 @given(networks())
 def test_every_network_of_the_grammar_is_read_as_it_was_written(network: Network) -> None:
     """The grammar knows what it wrote; the steps tell the same without it."""
     network = fit(replace(network, signature=SIGNATURE))
-    found = anatomy_of(built(render(network), SIGNATURE.class_name))
+    anatomy = anatomy_of(built(render(network), SIGNATURE.class_name))
     spatial = [block for block in network.blocks if block.kernel > 1]
-    assert found.channels == tuple(it.channels for it in spatial)
-    assert found.strided == sum(it.down is Down.stride for it in spatial)
-    assert found.blocks == len(spatial)
-    assert found.max_pools == sum(block.down is Down.max for block in network.blocks)
+    assert anatomy.channels == tuple(it.channels for it in spatial)
+    assert anatomy.strided == sum(it.down is Down.stride for it in spatial)
+    assert anatomy.blocks == len(spatial)
+    assert anatomy.max_pools == sum(block.down is Down.max for block in network.blocks)
     hidden = network.head.hidden
-    assert (found.hidden, found.head_depth) == (hidden[0].width if hidden else 0, len(hidden) + 1)
-    assert ("layer_norm", "head") in found.norms or not any(layer.layer_norm for layer in hidden)
+    assert (anatomy.hidden, anatomy.head_depth) == (hidden[0].width if hidden else 0, len(hidden) + 1)
+    assert ("layer_norm", "head") in anatomy.norms or not any(layer.layer_norm for layer in hidden)
     rates = [block.dropout for block in network.blocks] + [network.head.input_dropout, *(it.dropout for it in hidden)]
-    assert found.has_dropout == any(rates)
-    assert (("batch_norm", "blocks") in found.norms) == any(it.norm is Norm.batch for it in network.blocks)
+    assert anatomy.has_dropout == any(rates)
+    assert (("batch_norm", "blocks") in anatomy.norms) == any(it.norm is Norm.batch for it in network.blocks)
     attention = {network.attention, *(block.attention for block in network.blocks)}
-    assert found.has_spatial_attention == (Attention.spatial in attention)
+    assert anatomy.has_spatial_attention == (Attention.spatial in attention)
     # A projection past a single 1x1 convolution is as long as what it goes past, and so no shortcut.
     sure = [skip for skip in network.skips if any(it.kernel > 1 for it in network.blocks[skip[0] : skip[1]])]
-    assert len(sure) <= found.residuals <= len(network.skips)
+    assert len(sure) <= anatomy.residuals <= len(network.skips)

@@ -42,45 +42,45 @@ def collection(*kinds: Kind, searched: RecordedRun) -> Collection:
     return Collection(run=searched, niches=NICHES, studies=tuple(compared), reestimates=(), left_out=())
 
 
-def names(found: Collection) -> list[str]:
+def names(collection: Collection) -> list[str]:
     """List the names of all pictures and tables."""
-    return [picture.name for picture in pictures_of(found)] + [table.name for table in tables_of(found, None)]
+    return [picture.name for picture in pictures_of(collection)] + [table.name for table in tables_of(collection, None)]
 
 
 def test_run_has_every_picture() -> None:
     """Those of the search first, those of the study last."""
-    found = pictures_of(collection(Kind.classification, searched=searched()))
-    assert [picture.name for picture in found] == [
+    pictures = pictures_of(collection(Kind.classification, searched=searched()))
+    assert [picture.name for picture in pictures] == [
         "fitness", "trainable", "archive_growth", "temperature", "network_map",
         "prompt_map", "prompt_productivity", "lineage", "training_curves", "pareto",
         "study1/seed_boxes", "study1/confusion_matrices"
     ]  # fmt: skip
-    assert all(picture.caption.endswith(".") for picture in found)
+    assert all(picture.caption.endswith(".") for picture in pictures)
 
 
 def test_what_a_run_never_had_is_not_drawn() -> None:
     """No prompt archive, no instruction, no trained network: no figure of it."""
     bare = altered(searched(), elites=(), instructions=(), candidates=())
     bare = replace(bare, config=configured(prompts={"policy": "none"}))
-    found = [picture.name for picture in pictures_of(collection(searched=bare))]
-    assert found == ["fitness", "trainable", "archive_growth", "temperature", "network_map"]
+    names = [picture.name for picture in pictures_of(collection(searched=bare))]
+    assert names == ["fitness", "trainable", "archive_growth", "temperature", "network_map"]
 
 
 def test_files_of_several_studies_do_not_overwrite_each_other() -> None:
     """Each name begins with its study's, of one study as of two, and none comes twice."""
     assert "study1/seed_boxes" in names(collection(Kind.regression, searched=searched()))
     both = collection(Kind.regression, Kind.regression, searched=searched())
-    found = [picture.name for picture in pictures_of(both)]
-    assert {"study1/seed_boxes", "study2/seed_boxes"} <= set(found)
-    assert len(found) == len(set(found))
+    drawn = [picture.name for picture in pictures_of(both)]
+    assert {"study1/seed_boxes", "study2/seed_boxes"} <= set(drawn)
+    assert len(drawn) == len(set(drawn))
     tables = [table.name for table in tables_of(both, None)]
     assert len(tables) == len(set(tables))
 
 
 def test_words_above_the_boxes_are_those_of_the_comparison() -> None:
     """The verdict and Holm's p stand above each variant."""
-    found = collection(Kind.regression, searched=searched())
-    (boxes,) = (picture for picture in pictures_of(found) if picture.name == "study1/seed_boxes")
+    gathered = collection(Kind.regression, searched=searched())
+    (boxes,) = (picture for picture in pictures_of(gathered) if picture.name == "study1/seed_boxes")
     (axes,) = boxes.draw().axes
     assert [text.get_text() for text in axes.texts] == ["", "worse\nHolm's p\n= 0.029"]
 
@@ -99,14 +99,14 @@ def test_largest_study_is_the_one_of_a_paper() -> None:
 @pytest.mark.parametrize("kind", list(Kind))
 def test_every_picture_can_be_drawn(kind: Kind) -> None:
     """Of the smallest run and study that there can be."""
-    found = collection(kind, searched=searched())
-    assert all(picture.draw().axes for picture in pictures_of(found))
+    gathered = collection(kind, searched=searched())
+    assert all(picture.draw().axes for picture in pictures_of(gathered))
 
 
 def test_study_without_a_comparison_keeps_its_scores_and_boxes() -> None:
     """Too few seeds to compare are enough to be shown; the caption speaks of no p."""
-    found = collection(Kind.regression, searched=searched())
-    alone = replace(found, studies=tuple(replace(compared, comparisons=None) for compared in found.studies))
+    gathered = collection(Kind.regression, searched=searched())
+    alone = replace(gathered, studies=tuple(replace(compared, comparisons=None) for compared in gathered.studies))
     kinds = {name.rpartition("/")[2] for name in names(alone)}
     assert {"scores", "metrics"} <= kinds
     assert not {"verdicts", "effects"} & kinds
@@ -120,21 +120,21 @@ def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Pat
     (study,) = studies_of(folder / "run")
     described = json.loads((study.path / "study.json").read_text())
     (study.path / "study.json").write_text(json.dumps({**described, "run": "0" * 64}))
-    found = read_studies(read_run(folder / "run"))
-    assert (found.studies, found.reestimates) == ((), ())
-    (told,) = found.left_out
+    studies = read_studies(read_run(folder / "run"))
+    assert (studies.studies, studies.reestimates) == ((), ())
+    (told,) = studies.left_out
     assert ", before it was continued; study it again" in told
 
 
 @pytest.mark.parametrize(("networks", "told"), [(1, ""), (2, "the comparison of ")])
 def test_study_that_cannot_be_compared_keeps_its_scores(networks: int, told: str, published: Path, place: Path) -> None:
     """With one seed the reason is told; a baseline alone was asked for, and lacks nothing."""
-    found = read_run(published / "run")
-    header = study_header(run=found.digest, seeds=1, networks=study_header().networks[:networks])
+    recorded = read_run(published / "run")
+    header = study_header(run=recorded.digest, seeds=1, networks=study_header().networks[:networks])
     directory = StudyDirectory(place / "studies" / "small")
     directory.begin(header, scale=(), units=(), versions={}, machine={})
     directory.finish(header, [score(network.name, 0, 0.1) for network in header.networks])
-    read = read_studies(altered(found, path=place))
+    read = read_studies(altered(recorded, path=place))
     assert [len(one.study.scores) for one in read.studies] == [networks]
     assert read.studies[0].comparisons is None
     assert [reason.startswith(told) for reason in read.left_out] == [True] * bool(told)

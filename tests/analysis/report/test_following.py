@@ -40,19 +40,19 @@ def edit(run: Path) -> None:
 
 def test_finished_run_is_read_as_begun(published: Path) -> None:
     """Archives that follow from the ledger are those that the search wrote."""
-    found = load_begun(published / "run")
-    assert found is not None
+    beginning = load_begun(published / "run")
+    assert beginning is not None
     whole = read_run(published / "run")
-    assert replace(found[0], directory=whole.directory, archives=whole.archives) == whole
+    assert replace(beginning[0], directory=whole.directory, archives=whole.archives) == whole
 
 
 def test_begun_run_ends_with_its_last_whole_generation(begun: Path, published: Path) -> None:
     """What stands behind it is left out; before there is one, there is no run."""
-    found = load_begun(begun)
+    beginning = load_begun(begun)
     whole = read_run(published / "run")
-    assert found is not None
-    assert found[0].generations == whole.generations[:1]
-    assert {line.generation for line in found[0].candidates} == {0}
+    assert beginning is not None
+    assert beginning[0].generations == whole.generations[:1]
+    assert {line.generation for line in beginning[0].candidates} == {0}
     (begun / "ledger.jsonl").write_text("".join((begun / "ledger.jsonl").read_text().splitlines(keepends=True)[:2]))
     assert load_begun(begun) is None
 

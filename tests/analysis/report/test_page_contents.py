@@ -12,7 +12,7 @@ from hand_runs import altered, closed, elite, rejected, run, trained
 from analysis.report.collection import Collection, collect, tables_of
 from analysis.report.page.of_run import RunMaterial, read_texts, run_contents, run_sources
 from analysis.report.page.of_sweep import sweep_contents
-from analysis.report.page.sources import kept_lines, marked
+from analysis.report.page.source_texts import kept_lines, marked
 from analysis.report.sweep_collection import collect_sweep
 from analysis.rounding import shown
 from analysis.runs.niches import Niches
@@ -34,16 +34,18 @@ NICHES = Niches(
 
 def contents(given: RecordedRun, texts: dict[str, str] | None = None) -> dict[str, Any]:
     """Return the contents of a run by hand."""
-    found = Collection(run=given, niches=NICHES, studies=(), reestimates=(), left_out=())
-    return run_contents(RunMaterial(found=found, texts=texts or {}))
+    collection = Collection(run=given, niches=NICHES, studies=(), reestimates=(), left_out=())
+    return run_contents(RunMaterial(collection=collection, texts=texts or {}))
 
 
 @pytest.fixture(scope="module")
 def whole(published: Path) -> tuple[Collection, dict[str, Any]]:
     """Return a recorded run with its study, and what its page shows."""
-    found = collect(published / "run")
-    material = RunMaterial(found=found, texts=read_texts(found.run)[0], tables=tables_of(found, None))
-    return found, run_contents(material)
+    collection = collect(published / "run")
+    material = RunMaterial(
+        collection=collection, texts=read_texts(collection.run)[0], tables=tables_of(collection, None)
+    )
+    return collection, run_contents(material)
 
 
 def test_page_says_what_was_not_learned() -> None:
@@ -60,15 +62,15 @@ def test_page_says_what_was_not_learned() -> None:
 
 def test_last_archive_is_the_recorded_one(whole: tuple[Collection, dict[str, Any]]) -> None:
     """The elites after the last generation are those of archive.json."""
-    found, shown = whole
-    assert dict(shown["generations"][-1]["elites"]) == {elite.niche: elite.id for elite in found.run.elites}
+    collection, shown = whole
+    assert dict(shown["generations"][-1]["elites"]) == {elite.niche: elite.id for elite in collection.run.elites}
 
 
 def test_every_candidate_has_its_line_and_its_source(whole: tuple[Collection, dict[str, Any]]) -> None:
     """Fitness, losses and size are the ledger's; the source has the hash of the line."""
-    found, shown = whole
-    sources = run_sources(found.run, read_texts(found.run)[0])
-    for line, one in zip(found.run.candidates, shown["candidates"], strict=True):
+    collection, shown = whole
+    sources = run_sources(collection.run, read_texts(collection.run)[0])
+    for line, one in zip(collection.run.candidates, shown["candidates"], strict=True):
         assert to_json(line).items() <= one.items()
         assert one["loss"] == line.fitness
         if line.source is not None:
@@ -80,8 +82,8 @@ def test_every_candidate_has_its_line_and_its_source(whole: tuple[Collection, di
 
 def test_network_of_a_study_has_its_reestimates(whole: tuple[Collection, dict[str, Any]]) -> None:
     """One for each seed that trained it again; the others have none."""
-    found, shown = whole
-    (study,) = found.studies
+    collection, shown = whole
+    (study,) = collection.studies
     again = {network.id for network in study.study.networks}
     expected = [study.study.seeds if one["id"] in again else 0 for one in shown["candidates"]]
     assert [len(one["again"]) for one in shown["candidates"]] == expected
@@ -89,47 +91,47 @@ def test_network_of_a_study_has_its_reestimates(whole: tuple[Collection, dict[st
 
 def test_study_comes_with_its_seeds_and_tables(whole: tuple[Collection, dict[str, Any]]) -> None:
     """Each network has a value a seed; tables of the study are with it, and with nothing else."""
-    found, shown = whole
+    collection, shown = whole
     (study,) = shown["studies"]
-    assert all(len(network["values"]) == found.studies[0].study.seeds for network in study["networks"])
+    assert all(len(network["values"]) == collection.studies[0].study.seeds for network in study["networks"])
     assert {table["caption"] for table in study["tables"]}.isdisjoint(table["caption"] for table in shown["tables"])
-    assert len(study["tables"]) + len(shown["tables"]) == len(tables_of(found, None))
+    assert len(study["tables"]) + len(shown["tables"]) == len(tables_of(collection, None))
 
 
 def test_first_lines_name_task_model_provider_data_and_digest(whole: tuple[Collection, dict[str, Any]]) -> None:
     """Whoever reads a figure must know that no language model answered, and that no sensor was touched."""
-    found, shown = whole
+    collection, shown = whole
     searched, _, data, _, digest = shown["headlines"]
     assert searched.startswith("Task force, seed 0, requests answered by grammar-2, portable numerics. ")
     assert data.endswith(" Data source: simulated; provider of the model: grammar.")
-    assert digest.startswith(f"Digest: {found.run.digest}. Rules: ")
+    assert digest.startswith(f"Digest: {collection.run.digest}. Rules: ")
 
 
 def test_best_loss_stands_with_what_it_is_worth(whole: tuple[Collection, dict[str, Any]]) -> None:
     """The least of many single trainings flatters; where the networks were trained again, that stands beside it."""
-    found, given = whole
-    again = reestimated(found.run, found.reestimates)
+    collection, given = whole
+    again = reestimated(collection.run, collection.reestimates)
     assert again is not None
     assert given["headlines"][1].endswith(f" {again[0]}: {shown(again[2])} against the baseline's {shown(again[1])}.")
 
 
 def test_training_that_two_studies_share_counts_once(whole: tuple[Collection, dict[str, Any]]) -> None:
     """Studies of the same seeds get the same losses from the store."""
-    found, given = whole
-    twice = replace(found, reestimates=found.reestimates * 2)
-    again = run_contents(RunMaterial(found=twice, texts=read_texts(found.run)[0]))
+    collection, given = whole
+    twice = replace(collection, reestimates=collection.reestimates * 2)
+    again = run_contents(RunMaterial(collection=twice, texts=read_texts(collection.run)[0]))
     assert again["candidates"] == given["candidates"]
 
 
 def test_edited_source_is_not_shown(folder: Path) -> None:
     """A file that is not what was trained is named apart from one that is missing, and its candidate has no source."""
-    found = collect(folder / "run")
+    collection = collect(folder / "run")
     source = folder / "run" / "candidates" / "g00s00.py"
     source.write_bytes(source.read_bytes().replace(b"\n", b"\r\n"))  # reads as the same lines, and is another text
     missing = next(path for path in source.parent.glob("*.py") if path != source)
     missing.unlink()
-    texts, edited = read_texts(found.run)
-    shown = run_contents(RunMaterial(found=found, texts=texts, edited=edited))
+    texts, edited = read_texts(collection.run)
+    shown = run_contents(RunMaterial(collection=collection, texts=texts, edited=edited))
     assert "g00s00" not in texts
     assert "no source, because the file was edited: g00s00" in shown["remarks"]
     assert f"no source, because the file is missing: {missing.stem}" in shown["remarks"]
@@ -149,10 +151,10 @@ def test_archive_without_niches_has_places_and_no_cells() -> None:
     """Its axes are then as long as the networks found so far are apart."""
     lines = [trained(0, 0, 0.5, descriptors=(0.2, 3.0)), trained(1, 0, 0.4, descriptors=(0.7, 1.0))]
     given = run(lines, [closed(0), closed(1)], archive={"kind": "best", "kept": 3}, bounds=None)
-    found = Collection(
+    collection = Collection(
         run=given, niches=replace(NICHES, networks=np.empty((0, 2))), studies=(), reestimates=(), left_out=()
     )
-    shown = run_contents(RunMaterial(found=found, texts={}))
+    shown = run_contents(RunMaterial(collection=collection, texts={}))
     assert (shown["cells"], shown["places"]) == ((), 3)
     assert [line["extents"] for line in shown["generations"]] == [[(0.2, 0.2), (3.0, 3.0)], [(0.2, 0.7), (1.0, 3.0)]]
 
@@ -160,10 +162,10 @@ def test_archive_without_niches_has_places_and_no_cells() -> None:
 def test_one_axis_gives_bands_that_cover_the_map() -> None:
     """By hand: niches at 0.2 and 0.6 meet half-way."""
     given = run([trained(0, 0)], [closed(0)], archive={"axes": ["arch_div"]}, bounds=((0.0, 1.0),))
-    found = Collection(
+    collection = Collection(
         run=given, niches=replace(NICHES, networks=np.array([[0.6], [0.2]])), studies=(), reestimates=(), left_out=()
     )
-    shown = run_contents(RunMaterial(found=found, texts={}))
+    shown = run_contents(RunMaterial(collection=collection, texts={}))
     assert [(cell[0][0], cell[1][0]) for cell in shown["cells"]] == [(0.4, 1.0), (0.0, 0.4)]
 
 
@@ -212,9 +214,9 @@ def test_endless_repetition_is_not_compared(kinds: int) -> None:
 @pytest.mark.slow
 def test_arms_are_those_of_the_tables(swept: Path) -> None:
     """A band lies between the quartiles, and every seed has an end."""
-    found = collect_sweep(swept / "sweep", swept / "cache")
-    shown = sweep_contents(found)
-    assert [arm["name"] for arm in shown["arms"]] == found.found.names
+    collected = collect_sweep(swept / "sweep", swept / "cache")
+    shown = sweep_contents(collected)
+    assert [arm["name"] for arm in shown["arms"]] == collected.ablation.names
     for arm in shown["arms"]:
         for band in arm["bands"].values():
             middle = np.array(band["median"], dtype=float)
@@ -228,7 +230,7 @@ def test_arm_that_lost_every_job_is_in_the_tables_and_draws_nothing(swept: Path)
     """Without a run there is no band and no end."""
     whole = collect_sweep(swept / "sweep", swept / "cache")
     lost = Job(name="lost-seed0", arm="lost", seed=0, overrides=(), config="")
-    shown = sweep_contents(replace(whole, found=compare_arms(whole.found.jobs, failed=[lost])))
+    shown = sweep_contents(replace(whole, ablation=compare_arms(whole.ablation.jobs, failed=[lost])))
     assert "lost" not in {arm["name"] for arm in shown["arms"]}
     assert "lost" in {row[0] for row in shown["tables"][0]["rows"]}
 

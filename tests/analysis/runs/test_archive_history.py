@@ -8,8 +8,8 @@ from hand_runs import closed, rejected, run, trained
 from analysis.report.collection import collect
 from analysis.runs.archive_history import archive_history, archive_medians
 from tacevo.bundles.open import opened
-from tacevo.evolution.files import read_ledger
 from tacevo.evolution.lines import GenerationLine
+from tacevo.evolution.search_files import read_ledger
 from tacevo.records import to_json
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.run_directory import RunDirectory
@@ -23,9 +23,9 @@ def test_archives_are_those_of_the_ledger(name: str) -> None:
     """Every generation of a published run has the elites whose hash its line has; its bounds moved many times."""
     place = opened(BUNDLES / name)
     path = place.one_run("the test reads one run")
-    found = collect(path, place.store)
+    collection = collect(path, place.store)
     recorded = [line.archive for line in read_ledger(RunDirectory(path)).lines if isinstance(line, GenerationLine)]
-    archives = [archive.elites for archive in archive_history(found.run, found.niches.networks)]
+    archives = [archive.elites for archive in archive_history(collection.run, collection.niches.networks)]
     assert [content_hash({str(at): to_json(elites[at]) for at in elites}) for elites in archives] == recorded
 
 

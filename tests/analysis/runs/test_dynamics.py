@@ -87,8 +87,8 @@ def test_costs_with_a_gap_are_unknown() -> None:
 def test_dollars_are_shown_only_where_every_answer_has_a_price() -> None:
     """Tokens are known without a price."""
     unpriced = Spending(answers=1, input_tokens=7, output_tokens=3, unpriced=1)
-    found = run([trained(0, 0), trained(0, 1)], [closed(0)], spent={"g00s01": unpriced})
-    assert costs_table(found).rows == ((0, 1, 7, 3, None),)
+    spender = run([trained(0, 0), trained(0, 1)], [closed(0)], spent={"g00s01": unpriced})
+    assert costs_table(spender).rows == ((0, 1, 7, 3, None),)
 
 
 def test_gate_counts_what_each_stage_leaves() -> None:
@@ -102,7 +102,7 @@ def test_gate_counts_what_each_stage_leaves() -> None:
         rejected(1, 3, Stage.probe, Reason.forward_failed),
     ]
     extract, policy, probe, train = gate_stages(slots)
-    assert [(found.rejected, found.left) for found in (extract, policy, probe, train)] == [
+    assert [(stage.rejected, stage.left) for stage in (extract, policy, probe, train)] == [
         (1, 4),
         (0, 4),
         (3, 1),
@@ -130,7 +130,7 @@ def test_repaired_answer_counts_as_rejected_once_at_first() -> None:
     """The paper discards a failed answer, so a rate that counts corrected ones could not stand beside its rate."""
     mended = trained(1, 0, repairs=((Stage.extract, Reason.no_class), (Stage.probe, Reason.bad_output)))
     stages = gate_stages([trained(0, 0), mended])
-    assert [found.rejected for found in stages] == [1, 0, 0, 0]
+    assert [stage.rejected for stage in stages] == [1, 0, 0, 0]
 
 
 def test_rejected_child_was_tried_and_inserted_nowhere() -> None:
@@ -145,9 +145,9 @@ def test_interval_is_the_one_of_wilson() -> None:
     z, n, p = 1.959963984540054, 2, 0.5
     centre = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
-    found = by_prompt(two_generations())
-    assert found.loc[0, ["rate_low", "rate_high"]].tolist() == pytest.approx((centre - half, centre + half))
-    assert found.rate_low[1] == 0.0  # of no success, not a hair beside it
+    prompts = by_prompt(two_generations())
+    assert prompts.loc[0, ["rate_low", "rate_high"]].tolist() == pytest.approx((centre - half, centre + half))
+    assert prompts.rate_low[1] == 0.0  # of no success, not a hair beside it
 
 
 def test_instruction_that_was_never_tried_has_no_rate() -> None:
@@ -163,8 +163,8 @@ def test_instruction_that_was_never_tried_has_no_rate() -> None:
 )
 def test_band_holds_its_lower_end(temperature: float, band: str) -> None:
     """Only the last band holds its upper end, too."""
-    (found,) = by_temperature(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).itertuples()
-    assert (found.name, found.tried) == (band, 1)
+    (one,) = by_temperature(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).itertuples()
+    assert (one.name, one.tried) == (band, 1)
     (row,) = temperatures_table(run([trained(0, 0), trained(1, 0, temperature=temperature)], [])).rows
     assert isinstance(row[4], Between)
 
@@ -192,23 +192,23 @@ def test_table_says_where_temperature_and_generation_are_one(temperatures: tuple
 
 def test_improvement_has_both_references() -> None:
     """From 0.8 and 0.6 to 0.4: half of the baseline, a third of the best of generation 0."""
-    found = improvement(two_generations())
-    assert (found.over_baseline, found.over_first) == pytest.approx((0.5, 1 / 3))
-    assert (found.settled, found.trainable, found.coverage) == (1, 0.75, 0.75)
+    gains = improvement(two_generations())
+    assert (gains.over_baseline, gains.over_first) == pytest.approx((0.5, 1 / 3))
+    assert (gains.settled, gains.trainable, gains.coverage) == (1, 0.75, 0.75)
 
 
 def test_most_of_the_improvement_is_dated() -> None:
     """From 1.0 to 0.0: 0.11 left at generation 7 is not yet 90 %, 0.1 at generation 8 is."""
     bests = [1.0, *(0.5,) * 6, 0.11, 0.1, 0.05, 0.0]
-    found = improvement(run([trained(0, 0, 1.0)], [closed(number, best) for number, best in enumerate(bests)]))
-    assert (found.settled, found.by_7, found.by_10) == (8, pytest.approx(0.89), 1.0)
+    gains = improvement(run([trained(0, 0, 1.0)], [closed(number, best) for number, best in enumerate(bests)]))
+    assert (gains.settled, gains.by_7, gains.by_10) == (8, pytest.approx(0.89), 1.0)
 
 
 def test_run_without_improvement_settles_nowhere() -> None:
     """Nothing is divided by the improvement that never came."""
-    found = improvement(run([trained(0, 0, 0.5)], [closed(0, 0.5), closed(1, 0.5)]))
-    assert (found.over_first, found.settled) == (0.0, None)
-    assert not {"by_7", "by_10"} & set(found.index)
+    gains = improvement(run([trained(0, 0, 0.5)], [closed(0, 0.5), closed(1, 0.5)]))
+    assert (gains.over_first, gains.settled) == (0.0, None)
+    assert not {"by_7", "by_10"} & set(gains.index)
 
 
 def test_improvement_over_generation_0_is_of_the_medians_that_the_search_ended_with() -> None:
@@ -218,9 +218,9 @@ def test_improvement_over_generation_0_is_of_the_medians_that_the_search_ended_w
         ReevaluationLine(generation=1, slot=at, id="g00s00", source="s", evaluation="e", fitness=at / 2)
         for at in (1, 2)
     ]
-    found = improvement(altered(run([trained(0, 0, 0.1, source="s")], lines), reevaluations=tuple(again)))
-    assert (found.first, found.last, found.over_first) == pytest.approx((0.5, 0.2, 0.6))
-    assert found.settled == 3
+    gains = improvement(altered(run([trained(0, 0, 0.1, source="s")], lines), reevaluations=tuple(again)))
+    assert (gains.first, gains.last, gains.over_first) == pytest.approx((0.5, 0.2, 0.6))
+    assert gains.settled == 3
 
 
 def test_run_without_fitness_has_no_improvement() -> None:
@@ -262,8 +262,8 @@ def test_frames_have_the_documented_columns_and_types() -> None:
     """Also where nothing was trained or tried, and nothing is known of costs."""
     nothing = run([rejected(0, 0)], [closed(0, None, trained=0)])
     for one in (nothing, two_generations()):
-        found = [(progress(one), GENERATIONS), *((by(one), PRODUCTIVITY) for by in (by_prompt, by_temperature))]
-        for frame, columns in found:
+        frames = [(progress(one), GENERATIONS), *((by(one), PRODUCTIVITY) for by in (by_prompt, by_temperature))]
+        for frame, columns in frames:
             assert {name: str(kind) for name, kind in frame.dtypes.items()} == columns
     assert progress(nothing).best.isna().all()
 
@@ -282,8 +282,8 @@ def test_new_candidates_are_ranked_with_the_slots_that_gave_none() -> None:
         rejected(3, 3),
     ]
     ends = [closed(number, 0.1) for number in range(4)]
-    found = improvement(run(candidates, ends))
-    assert (found["new_quartile"], found["new_median"]) == (0.5, 0.6)
+    gains = improvement(run(candidates, ends))
+    assert (gains["new_quartile"], gains["new_median"]) == (0.5, 0.6)
     several = [rejected(3, slot) for slot in range(4, 8)]
-    found = improvement(run([*candidates, *several], ends))
-    assert (found["new_quartile"], found["new_median"]) == (0.6, None)
+    gains = improvement(run([*candidates, *several], ends))
+    assert (gains["new_quartile"], gains["new_median"]) == (0.6, None)

@@ -22,8 +22,8 @@ def test_first_answers_are_counted_as_the_search_did(run: RecordedRun) -> None:
     """What all stages leave is what the generations call trained, less the baseline, and some was lost at first."""
     left = gate_stages(run.candidates)[-1].left
     assert left == sum(line.trained for line in run.generations) - 1 < len(run.candidates) - 1
-    found = progress(run)
-    assert (found.trained == found.candidates - found[[f"rejected_{stage}" for stage in Stage]].sum(axis=1)).all()
+    frame = progress(run)
+    assert (frame.trained == frame.candidates - frame[[f"rejected_{stage}" for stage in Stage]].sum(axis=1)).all()
 
 
 def test_summary_and_gate_table_count_alike(run: RecordedRun) -> None:
@@ -36,8 +36,8 @@ def test_summary_and_gate_table_count_alike(run: RecordedRun) -> None:
 
 def test_elites_follow_from_the_growth(run: RecordedRun) -> None:
     """The archive ends with as many elites as its generations brought."""
-    found = progress(run)
-    assert found.growth.sum() == found.elites.iloc[-1] == len(run.elites)
+    frame = progress(run)
+    assert frame.growth.sum() == frame.elites.iloc[-1] == len(run.elites)
 
 
 def test_prompts_were_tried_once_a_mutation(run: RecordedRun) -> None:

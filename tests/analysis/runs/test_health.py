@@ -53,7 +53,7 @@ def test_healthy_run_rings_nothing() -> None:
 def test_outlier_leaves_few_niches_reachable() -> None:
     """All networks but one lie in a corner, so only a sliver of the square lies between them."""
     corner = [(0.0, 0.0), (0.0, 0.2), (0.2, 0.0), (0.2, 0.2), (1.0, 1.0)]
-    (alarm,) = [found for found in alarms(run(spread(*corner), [closed(0)]), HUNDRED) if "niches" in found.name]
+    (alarm,) = [one for one in alarms(run(spread(*corner), [closed(0)]), HUNDRED) if "niches" in one.name]
     assert alarm.name == "few reachable niches"
     figures = alarm.figures
     assert figures["niches"] == 100
@@ -78,8 +78,8 @@ def test_nothing_lies_between_networks_on_a_line(points: tuple[tuple[float, floa
 def test_crowded_niche_is_told_with_what_is_left() -> None:
     """Seven of eight candidates in one quarter are worth less than two niches."""
     crowd = [(0.01 * number, 0.01) for number in range(6)]
-    found = alarms(run(spread(*CORNERS[::3], *crowd), [closed(0)]), QUARTERS)
-    (alarm,) = (alarm for alarm in found if alarm.name == "crowded niche")
+    raised = alarms(run(spread(*CORNERS[::3], *crowd), [closed(0)]), QUARTERS)
+    (alarm,) = (alarm for alarm in raised if alarm.name == "crowded niche")
     figures = alarm.figures
     assert figures["share"] == 7 / 8
     assert figures["effective niches"] == pytest.approx((7 / 8) ** (-7 / 8) * (1 / 8) ** (-1 / 8))
@@ -146,8 +146,8 @@ def outlying(axis: int, *, low: float = 1.0, high: float = 10_000.0) -> list[Can
 
 def concentrated(hand: RecordedRun) -> dict[str, tuple[str, dict[str, float]]]:
     """Return the sentences and figures of the alarms of concentration, by their names."""
-    found = (alarm for alarm in alarms(hand, HUNDRED) if alarm.name.startswith("concentrated"))
-    return {alarm.name: (alarm.sentence, dict(alarm.figures)) for alarm in found}
+    raised = (alarm for alarm in alarms(hand, HUNDRED) if alarm.name.startswith("concentrated"))
+    return {alarm.name: (alarm.sentence, dict(alarm.figures)) for alarm in raised}
 
 
 def test_concentration_names_axis_share_and_what_helps() -> None:

@@ -35,14 +35,14 @@ def searched(seed: int, *, generations: int = 8, warmth: float = 0.0, noise: flo
 
 def test_effects_are_those_that_were_put_in() -> None:
     """Within their intervals, which are narrow; p after Holm says which are none."""
-    found = instruction_effects([searched(seed, warmth=0.4) for seed in range(6)]).set_index("name")
+    effects = instruction_effects([searched(seed, warmth=0.4) for seed in range(6)]).set_index("name")
     for name, move in zip((*NAMES, "temperature + 1"), (*MOVES, 0.4), strict=True):
-        row = found.loc[name]
+        row = effects.loc[name]
         assert row.effect_low < math.exp(move) < row.effect_high
         assert row.effect_high / row.effect_low < (1.6 if name.startswith("temp") else 1.05)
-    assert found.p_holm["worse"] < 1e-6 > found.p_holm["better"]
-    assert found.p_holm["even"] > 0.05
-    assert pd.isna(found.p_holm["temperature + 1"])
+    assert effects.p_holm["worse"] < 1e-6 > effects.p_holm["better"]
+    assert effects.p_holm["even"] > 0.05
+    assert pd.isna(effects.p_holm["temperature + 1"])
 
 
 def test_fit_is_that_of_statsmodels() -> None:
@@ -57,15 +57,17 @@ def test_fit_is_that_of_statsmodels() -> None:
             rows.append([*picked, fitness[line.parents[0]], line.temperature, *groups])
             losses.append(fitness[line.id])
     fit = statsmodels.api.OLS(losses, np.array(rows)).fit()
-    found = instruction_effects(runs)
+    effects = instruction_effects(runs)
     width = len(rows[0])
     for at, (first, second) in enumerate(((2 / 3, -1 / 3), (-1 / 3, 2 / 3), (-1 / 3, -1 / 3))):
         contrast = np.zeros((1, width))
         contrast[0, :2] = first, second
         test = fit.t_test(contrast)
         expected = [float(np.exp(test.effect[0])), *np.exp(test.conf_int()[0]), float(test.pvalue)]
-        assert found.loc[at, ["effect", "effect_low", "effect_high", "p"]].tolist() == pytest.approx(expected, rel=1e-6)
-    assert found.p.iloc[3] == pytest.approx(fit.pvalues[3], rel=1e-6)
+        assert effects.loc[at, ["effect", "effect_low", "effect_high", "p"]].tolist() == pytest.approx(
+            expected, rel=1e-6
+        )
+    assert effects.p.iloc[3] == pytest.approx(fit.pvalues[3], rel=1e-6)
 
 
 def test_requests_are_counted_with_those_that_gave_nothing() -> None:
@@ -79,13 +81,13 @@ def test_requests_are_counted_with_those_that_gave_nothing() -> None:
         rejected(2, 0, prompt=1),
         trained(2, 1, prompt=1),
     ]
-    found = instruction_effects([run(lines, [closed(number) for number in range(3)], instructions=NAMES)])
-    assert found.dtypes.astype(str).to_dict() == INSTRUCTIONS
-    assert found.requests.tolist() == [1, 3, 0, 4]
-    assert found.children.tolist() == [1, 2, 0, 3]
-    assert found.early.tolist()[:3] == [0.5, 0.5, 0]
-    assert found.late.tolist()[:3] == [0, 1, 0]
-    assert found[["effect", "p", "p_holm"]].isna().all(axis=None)
+    effects = instruction_effects([run(lines, [closed(number) for number in range(3)], instructions=NAMES)])
+    assert effects.dtypes.astype(str).to_dict() == INSTRUCTIONS
+    assert effects.requests.tolist() == [1, 3, 0, 4]
+    assert effects.children.tolist() == [1, 2, 0, 3]
+    assert effects.early.tolist()[:3] == [0.5, 0.5, 0]
+    assert effects.late.tolist()[:3] == [0, 1, 0]
+    assert effects[["effect", "p", "p_holm"]].isna().all(axis=None)
 
 
 @pytest.mark.parametrize("kind", ["nothing asked", "one instruction", "no temperature"])
@@ -93,17 +95,17 @@ def test_little_gives_an_empty_cell_and_no_error(kind: str) -> None:
     """A search of generation 0, one of a single instruction, and a model that took no temperature."""
     full = searched(0)
     if kind == "nothing asked":
-        found = instruction_effects([run([trained(0, 0)], [closed(0)], instructions=NAMES)])
-        assert found.requests.tolist() == [0, 0, 0, 0]
-        assert found.late.isna().all()
+        effects = instruction_effects([run([trained(0, 0)], [closed(0)], instructions=NAMES)])
+        assert effects.requests.tolist() == [0, 0, 0, 0]
+        assert effects.late.isna().all()
     elif kind == "one instruction":
         alone = [line if line.prompt is None else replace(line, prompt=1) for line in full.candidates]
-        found = instruction_effects([altered(full, candidates=tuple(alone))])
-        assert found.effect.isna().all()
+        effects = instruction_effects([altered(full, candidates=tuple(alone))])
+        assert effects.effect.isna().all()
     else:
         dropped = [replace(line, dropped=("temperature",)) for line in full.candidates]
-        found = instruction_effects([altered(full, candidates=tuple(dropped))])
-        assert found.effect.notna().tolist() == [True, True, True, False]
+        effects = instruction_effects([altered(full, candidates=tuple(dropped))])
+        assert effects.effect.notna().tolist() == [True, True, True, False]
 
 
 def test_instructions_that_are_not_told_apart_have_no_effect() -> None:
@@ -116,8 +118,8 @@ def test_instructions_that_are_not_told_apart_have_no_effect() -> None:
     assert apart.requests.tolist()[:3] == [48, 0, 48]
     assert apart.effect.notna().tolist() == [False, False, False, True]
     equal = [replace(line, fitness=0.5) for line in full.candidates]
-    found = instruction_effects([altered(full, candidates=tuple(equal))])
-    assert found.effect.dropna().tolist() == pytest.approx([1.0] * 4)
+    effects = instruction_effects([altered(full, candidates=tuple(equal))])
+    assert effects.effect.dropna().tolist() == pytest.approx([1.0] * 4)
 
 
 def test_tables_show_them_and_say_what_a_grammars_temperature_is() -> None:

@@ -23,16 +23,16 @@ from tacevo.studies.networks import networks_of
 
 def test_elites_are_those_of_the_ledger(published: Path) -> None:
     """Each with the fitness and the descriptors of its candidate, and as archive.json has it."""
-    found = read_run(published / "run")
+    read = read_run(published / "run")
     recorded = json.loads((published / "run" / "archive.json").read_text())["elites"]
-    assert [(elite.id, elite.niche, elite.fitness) for elite in found.elites] == [
+    assert [(elite.id, elite.niche, elite.fitness) for elite in read.elites] == [
         (entry["id"], entry["niche"], entry["fitness"]) for entry in recorded
     ]
-    lines = {line.id: line for line in found.candidates}
-    descriptors = [list(descriptors_of(lines[elite.id], Scale.log)) for elite in found.elites]
+    lines = {line.id: line for line in read.candidates}
+    descriptors = [list(descriptors_of(lines[elite.id], Scale.log)) for elite in read.elites]
     assert descriptors == [entry["descriptors"] for entry in recorded]
-    assert len(found.elites) > 1
-    assert found.prompt_trials
+    assert len(read.elites) > 1
+    assert read.prompt_trials
 
 
 @pytest.mark.parametrize("name", ["archive.json", "prompts.json"])

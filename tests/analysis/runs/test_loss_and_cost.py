@@ -29,20 +29,20 @@ OBJECTIVES = ["fitness", "flops"]
 
 def test_front_has_its_columns_and_order() -> None:
     """The lowest fitness first; of equal candidates the earlier one; a run without trained ones has an empty front."""
-    found = on_front(beside_costs(RUN, {}), OBJECTIVES)
-    assert found.index.tolist() == ["g00s01", "g00s00", "g01s00"]
-    assert set(found.estimate) == {"one draw"}
-    for frame in (found, on_front(beside_costs(run([], [closed(0, None)]), {}), OBJECTIVES)):
+    front = on_front(beside_costs(RUN, {}), OBJECTIVES)
+    assert front.index.tolist() == ["g00s01", "g00s00", "g01s00"]
+    assert set(front.estimate) == {"one draw"}
+    for frame in (front, on_front(beside_costs(run([], [closed(0, None)]), {}), OBJECTIVES)):
         assert {name: str(dtype) for name, dtype in frame.dtypes.items()} == PARETO
 
 
 def test_reestimate_takes_the_place_of_a_draw() -> None:
     """Of every candidate of that source, by the median; the others stay what the search knew, and it is said."""
-    found = beside_costs(RUN, {"g00s01": (0.7, 0.9, 0.75)})
-    assert found.fitness.tolist() == [0.8, 0.75, 0.9, 0.6, 0.75]
-    assert found.estimate.tolist() == ["one draw", "re-estimated", "one draw", "one draw", "re-estimated"]
-    assert found.draws.tolist() == [1, 3, 1, 1, 3]
-    assert on_front(found, OBJECTIVES).index.tolist() == ["g01s01", "g00s01", "g00s00", "g01s00"]
+    costs = beside_costs(RUN, {"g00s01": (0.7, 0.9, 0.75)})
+    assert costs.fitness.tolist() == [0.8, 0.75, 0.9, 0.6, 0.75]
+    assert costs.estimate.tolist() == ["one draw", "re-estimated", "one draw", "one draw", "re-estimated"]
+    assert costs.draws.tolist() == [1, 3, 1, 1, 3]
+    assert on_front(costs, OBJECTIVES).index.tolist() == ["g01s01", "g00s01", "g00s00", "g01s00"]
 
 
 def test_hypervolume_grows_from_the_baseline_and_the_largest_cost() -> None:

@@ -13,9 +13,9 @@ from analysis.runs.niches import Niches
 from analysis.runs.prompt_niches import reachable_prompt_niches, reachable_temperatures
 from tacevo.bundles.open import opened
 from tacevo.evolution.archive import Tessellation
-from tacevo.evolution.files import read_finished
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.prompts import prompt_point
+from tacevo.evolution.search_files import read_finished
 from tacevo.records import Json
 from tacevo.results.run import RecordedRun
 from tacevo.storage.run_directory import RunDirectory
@@ -76,10 +76,10 @@ def test_trials_of_a_search_lie_within_reach(name: str) -> None:
     """Every one that a published run recorded does, without the noise of its request; half of the niches do not."""
     place = opened(BUNDLES / name)
     path = place.one_run("the test reads one run")
-    found = collect(path, place.store)
+    collection = collect(path, place.store)
     _, ledger = read_finished(RunDirectory(path))
     lines = [line for line in ledger.lines if isinstance(line, CandidateLine) and line.prompt_niche is not None]
-    run, centroids = found.run, found.niches.prompts
+    run, centroids = collection.run, collection.niches.prompts
     reached = reachable_prompt_niches(run, centroids)
     assert len(reached) == len(centroids) / 2
     assert {line.prompt_niche for line in lines} <= reached

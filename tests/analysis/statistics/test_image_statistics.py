@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.special import softmax
 from scipy.stats import rankdata, wilcoxon
 
-from analysis.statistics.images import (
+from analysis.statistics.image_statistics import (
     average,
     drawn_again,
     mean_difference,
@@ -30,13 +30,13 @@ def test_signed_ranks_without_ties_are_counted(errors: list[tuple[int, int]]) ->
     """By every assignment of signs to the ranks; made distinct here, in the same order."""
     pairs = np.array(errors, dtype=float)
     pairs[:, 0] += 1e-3 * np.arange(1, len(pairs) + 1)
-    found, differences = signed_rank(*pairs.T), np.subtract(*pairs.T)
+    test, differences = signed_rank(*pairs.T), np.subtract(*pairs.T)
     ranks = rankdata(np.abs(differences))
     sums = [ranks @ signs for signs in itertools.product((-1, 1), repeat=len(ranks))]
     here = abs(ranks @ np.sign(differences))
     if len(np.unique(ranks)) == len(ranks):
-        assert found["p"] == pytest.approx(np.mean(np.abs(sums) >= here - 1e-9))
-    assert found["lead"] == pytest.approx(-(ranks @ np.sign(differences)))
+        assert test["p"] == pytest.approx(np.mean(np.abs(sums) >= here - 1e-9))
+    assert test["lead"] == pytest.approx(-(ranks @ np.sign(differences)))
 
 
 def test_tied_signed_ranks_are_scipys_approximation() -> None:
@@ -59,9 +59,9 @@ def test_networks_that_err_alike_do_not_differ() -> None:
 
 def test_smaller_error_on_more_images_is_not_always_ahead() -> None:
     """Ranks decide: better by a little on three images, worse by more on three."""
-    found = signed_rank([1.0, 1.0, 1.0, 1.5, 8.0, 7.0], [1.1, 1.2, 1.3, 1.0, 1.0, 1.0])
-    assert (found["better"], found["worse"]) == (3, 3)
-    assert found["lead"] < 0
+    test = signed_rank([1.0, 1.0, 1.0, 1.5, 8.0, 7.0], [1.1, 1.2, 1.3, 1.0, 1.0, 1.0])
+    assert (test["better"], test["worse"]) == (3, 3)
+    assert test["lead"] < 0
 
 
 def test_resampled_means_by_hand() -> None:
@@ -96,8 +96,8 @@ def test_networks_are_tested_on_the_same_images() -> None:
     rng = np.random.default_rng(0)
     hard, weights = rng.normal(size=50), drawn_again(50, rng=rng)
     x, y = np.tile(hard + 1, (5, 1)), np.tile(hard, (5, 1))
-    found = mean_difference(x, y, *(resampled_means(each, weights, rng=rng) for each in (x, y)))
-    assert (found.low, found.estimate, found.high) == pytest.approx((1, 1, 1))
+    interval = mean_difference(x, y, *(resampled_means(each, weights, rng=rng) for each in (x, y)))
+    assert (interval.low, interval.estimate, interval.high) == pytest.approx((1, 1, 1))
 
 
 @given(st.integers(0, 99), st.sampled_from([1e-30, 1e-3, 1.0, 1e12]))
@@ -106,15 +106,15 @@ def test_sums_are_exact_in_any_order(seed: int, size: float) -> None:
     rng = np.random.default_rng(seed)
     scores = size * rng.exponential(size=(4, 9))
     weights = drawn_again(9, rng=np.random.default_rng(1), resamples=39)
-    found = resampled_means(scores, weights, rng=np.random.default_rng(2))
+    means = resampled_means(scores, weights, rng=np.random.default_rng(2))
     backwards = resampled_means(scores[:, ::-1], weights[:, ::-1], rng=np.random.default_rng(2))
-    assert found.tobytes() == backwards.tobytes()
+    assert means.tobytes() == backwards.tobytes()
     drawn = np.random.default_rng(2).integers(4, size=(39, 3))
     exact = [
         sum(Fraction(float(scores[s, i])) * int(w) for s in row for i, w in enumerate(weight)) / 24
         for row, weight in zip(drawn.tolist(), weights, strict=True)
     ]
-    assert found == pytest.approx([float(value) for value in exact], rel=1e-9)
+    assert means == pytest.approx([float(value) for value in exact], rel=1e-9)
 
 
 def test_average_and_squared_errors_by_hand() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import f_oneway, kendalltau, spearmanr
 
-from analysis.statistics.noise import agreement, expected, icc, noise, rankings
+from analysis.statistics.seed_noise import agreement, expected, icc, noise, rankings
 
 #: Six targets by four judges: the example of Shrout and Fleiss (1979), whose ICC(1) is 0.17.
 SHROUT_FLEISS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
@@ -14,8 +14,8 @@ SHROUT_FLEISS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5,
 
 def test_recorded_fitness_is_placed_among_its_draws() -> None:
     """By hand: a winner at 1 whose other seeds give 2, 3 and 4, against a reference of 2, 2 and 5."""
-    found = noise([3.0, 1.0], [[2.0, 2.0, 5.0], [2.0, 3.0, 4.0]])
-    reference, winner = found.itertuples()
+    frame = noise([3.0, 1.0], [[2.0, 2.0, 5.0], [2.0, 3.0, 4.0]])
+    reference, winner = frame.itertuples()
     assert (winner.median, winner.least, winner.most, winner.as_low, winner.optimism) == (3, 2, 4, 0, -2)
     assert (reference.median, reference.as_low, reference.optimism) == (2, 2, 1)
     assert math.isnan(reference.beats)
@@ -24,11 +24,11 @@ def test_recorded_fitness_is_placed_among_its_draws() -> None:
 
 def test_icc_is_that_of_shrout_and_fleiss() -> None:
     """Their example, as logarithms: 0.17, within [-0.13, 0.72]; by the F of a one-way analysis of variance."""
-    found = icc(np.exp(SHROUT_FLEISS))
-    assert found is not None
+    correlation = icc(np.exp(SHROUT_FLEISS))
+    assert correlation is not None
     ratio = f_oneway(*SHROUT_FLEISS).statistic
-    assert found.estimate == pytest.approx((ratio - 1) / (ratio + 3))
-    assert (found.estimate, found.low, found.high) == pytest.approx((0.166, -0.133, 0.723), abs=5e-4)
+    assert correlation.estimate == pytest.approx((ratio - 1) / (ratio + 3))
+    assert (correlation.estimate, correlation.low, correlation.high) == pytest.approx((0.166, -0.133, 0.723), abs=5e-4)
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_icc_is_none_where_it_is_not_defined(losses: list[list[float]], reason: 
 
 def test_networks_without_noise_have_an_icc_of_one() -> None:
     """And their recorded fitness is what to expect."""
-    found = icc([[1.0, 1.0], [2.0, 2.0]])
-    assert found is not None
-    assert (found.estimate, found.low, found.high) == (1, 1, 1)
+    correlation = icc([[1.0, 1.0], [2.0, 2.0]])
+    assert correlation is not None
+    assert (correlation.estimate, correlation.low, correlation.high) == (1, 1, 1)
 
 
 def test_recorded_fitness_regresses_to_the_mean() -> None:
@@ -73,21 +73,21 @@ def test_agreement_is_kendalls_tau_b() -> None:
 def test_each_side_of_a_ranking_has_seeds_of_its_own() -> None:
     """Networks that are all alike agree by the luck of a shared training only, and here no training is shared."""
     luck = np.random.default_rng(0).permutation(40).reshape(4, 10).astype(float)
-    found = rankings(luck[:, :, None], luck)
-    assert found is not None
-    assert list(found["median"]) == [agreement(np.median(luck[:, ::2], axis=1), np.median(luck[:, 1::2], axis=1))]
+    ranked = rankings(luck[:, :, None], luck)
+    assert ranked is not None
+    assert list(ranked["median"]) == [agreement(np.median(luck[:, ::2], axis=1), np.median(luck[:, 1::2], axis=1))]
     changed = luck.copy()
     changed[:, 1::2] = 0  # losses of the seeds that are tested, and scores of those that are not
     changed_scores = luck.copy()
     changed_scores[:, ::2] = 0
-    assert found.equals(rankings(changed[:, :, None], changed_scores))
+    assert ranked.equals(rankings(changed[:, :, None], changed_scores))
 
 
 def test_rankings_follow_the_epochs() -> None:
     """A fitness that orders the networks wrongly at the first epoch and rightly at the second; one seed has none."""
     losses = np.array([[[3.0, 1.0]] * 2, [[2.0, 2.0]] * 2, [[1.0, 3.0]] * 2])
     scores = np.array([[1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])
-    found = rankings(losses, scores)
-    assert found is not None
-    assert found.to_numpy().tolist() == [[1, -1, -1], [2, 1, 1]]
+    ranked = rankings(losses, scores)
+    assert ranked is not None
+    assert ranked.to_numpy().tolist() == [[1, -1, -1], [2, 1, 1]]
     assert rankings(losses[:, :1], scores[:, :1]) is None

@@ -12,22 +12,22 @@ from analysis.statistics.tests import holm, mann_whitney, p_values
 @pytest.mark.parametrize(("n", "m"), [(2, 2), (4, 5), (20, 20), (33, 33), (40, 40)])
 def test_p_of_every_u_is_that_of_the_test(n: int, m: int) -> None:
     """Counted and normal, at the ends, in the middle and in between."""
-    found, draw = p_values(n, m), np.random.default_rng(0)
-    assert found.shape == (n * m + 1,)
+    table, draw = p_values(n, m), np.random.default_rng(0)
+    assert table.shape == (n * m + 1,)
     for shift in (-9, -1, 0, 0.5, 9):
         test = mann_whitney(draw.normal(shift, size=n), draw.normal(size=m))
-        assert found[int(test.u)] == pytest.approx(test.p, rel=1e-8)
-    assert found.max() <= 1
+        assert table[int(test.u)] == pytest.approx(test.p, rel=1e-8)
+    assert table.max() <= 1
 
 
 def test_chance_is_that_of_the_tests_one_by_one() -> None:
     """Three arms of eight seeds, of which one is shifted: 400 families, each by Mann and Whitney and by Holm."""
-    draw, found = np.random.default_rng(1), 0
+    draw, rejected = np.random.default_rng(1), 0
     for _ in range(400):
         reference, others = draw.normal(size=8), draw.normal(size=(3, 8))
         others[0] += 1.6
-        found += holm([mann_whitney(other, reference).p for other in others])[0] <= 0.05
-    assert chance(8, shift=1.6, comparisons=3, alpha=0.05) == pytest.approx(found / 400, abs=0.075)
+        rejected += holm([mann_whitney(other, reference).p for other in others])[0] <= 0.05
+    assert chance(8, shift=1.6, comparisons=3, alpha=0.05) == pytest.approx(rejected / 400, abs=0.075)
 
 
 def test_chance_without_an_effect_is_an_error_of_the_first_kind() -> None:
@@ -67,8 +67,8 @@ def test_equal_questions_have_equal_answers() -> None:
 
 def test_spread_is_pooled_within_samples() -> None:
     """By hand: squares 2 and 8 over three degrees of freedom; the distance between the samples does not count."""
-    found = pooled([[0.0, 2.0], [100.0, 102.0, 104.0]])
-    assert found == Spread(deviation=1.82574186, freedom=3)
+    spread = pooled([[0.0, 2.0], [100.0, 102.0, 104.0]])
+    assert spread == Spread(deviation=1.82574186, freedom=3)
     assert pooled([]) is None
 
 

@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from analysis.statistics.effects import Interval, effects, median, superiority
 from analysis.statistics.equivalence import equivalence
-from analysis.statistics.noise import icc
+from analysis.statistics.seed_noise import icc
 from analysis.statistics.tests import holm, mann_whitney
 
 TRIALS = 200
@@ -38,15 +38,15 @@ def chosen_by_its_own_seeds_differs(rng: Draw, *, fresh: bool) -> bool:
     return mann_whitney(one, other).p <= 0.05
 
 
-def missed(found: Interval | None, truth: float) -> bool:
+def missed(interval: Interval | None, truth: float) -> bool:
     """Answer whether an interval of 95 % does not hold the truth."""
-    return found is None or not found.low <= truth <= found.high
+    return interval is None or not interval.low <= truth <= interval.high
 
 
 def difference_missed(rng: Draw) -> bool:
     """Of the medians of two normal samples."""
-    found = effects(rng.normal(1, size=20), rng.normal(size=20), rng=rng, resamples=200)
-    return not found["difference_low"] <= 1 <= found["difference_high"]
+    measures = effects(rng.normal(1, size=20), rng.normal(size=20), rng=rng, resamples=200)
+    return not measures["difference_low"] <= 1 <= measures["difference_high"]
 
 
 def icc_missed(rng: Draw) -> bool:

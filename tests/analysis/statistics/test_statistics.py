@@ -9,8 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import fisher_exact, mannwhitneyu
+from statsmodels.stats.descriptivestats import sign_test
 
-from analysis.statistics.tests import Alternative, Method, holm, hypergeometric_p, mann_whitney, smallest_p
+from analysis.statistics.tests import (
+    Alternative,
+    Method,
+    blocked_mann_whitney,
+    holm,
+    hypergeometric_p,
+    mann_whitney,
+    sign_p,
+    smallest_p,
+)
 
 SIDES: tuple[Alternative, ...] = ("two-sided", "greater", "less")
 #: Few different values, so that most samples have ties.
@@ -36,8 +46,8 @@ def counted_by_hand(x: Sequence[float], y: Sequence[float], side: Alternative) -
 
 def test_three_against_three_by_hand() -> None:
     """Full separation of 3 and 3: U is 0, and 2 of the 20 orders are as extreme."""
-    found = mann_whitney([1, 2, 3], [4, 5, 6])
-    assert (found.u, found.p, found.method) == (0, 0.1, Method.exact)
+    test = mann_whitney([1, 2, 3], [4, 5, 6])
+    assert (test.u, test.p, test.method) == (0, 0.1, Method.exact)
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -45,37 +55,37 @@ def test_exact_p_is_scipys_without_ties(side: Alternative) -> None:
     """Twenty seeds against twenty, as in a study."""
     draw = np.random.default_rng(1)
     x, y = draw.normal(size=20), draw.normal(0.6, size=20)
-    found, library = mann_whitney(x, y, alternative=side), mannwhitneyu(x, y, alternative=side, method="exact")
-    assert found.method is Method.exact
-    assert found.u == library.statistic
-    assert found.p == pytest.approx(library.pvalue, rel=1e-8)
+    test, library = mann_whitney(x, y, alternative=side), mannwhitneyu(x, y, alternative=side, method="exact")
+    assert test.method is Method.exact
+    assert test.u == library.statistic
+    assert test.p == pytest.approx(library.pvalue, rel=1e-8)
 
 
 @given(TIED, TIED, st.sampled_from(SIDES))
 def test_p_is_the_share_of_deals_as_extreme(x: list[float], y: list[float], side: Alternative) -> None:
     """With ties and without, for every side, p is what counting all deals gives."""
-    found = mann_whitney(x, y, alternative=side)
-    assert found.u == pairs_won(x, y)
-    assert found.p == pytest.approx(counted_by_hand(x, y, side), rel=1e-8)
+    test = mann_whitney(x, y, alternative=side)
+    assert test.u == pairs_won(x, y)
+    assert test.p == pytest.approx(counted_by_hand(x, y, side), rel=1e-8)
 
 
 def test_ties_of_two_times_twenty_are_counted() -> None:
     """Accuracies of 351 images: SciPy's exact method would take them for distinct, its normal one is merely near."""
     x = np.array([351] * 14 + [350] * 6) / 351
     y = np.array([351] * 4 + [350] * 12 + [349] * 4) / 351
-    found, near = mann_whitney(x, y), mannwhitneyu(x, y, method="asymptotic")
-    assert found.method is Method.exact_ties
-    assert found.p == pytest.approx(near.pvalue, rel=0.5)
-    assert found.p != pytest.approx(near.pvalue, rel=1e-3)
+    test, near = mann_whitney(x, y), mannwhitneyu(x, y, method="asymptotic")
+    assert test.method is Method.exact_ties
+    assert test.p == pytest.approx(near.pvalue, rel=0.5)
+    assert test.p != pytest.approx(near.pvalue, rel=1e-3)
 
 
 def test_what_cannot_be_counted_is_scipys_approximation() -> None:
     """Above 66 values together the number of deals has no place in 64 bits."""
     draw = np.random.default_rng(2)
     x, y = draw.normal(size=34).round(1), draw.normal(0.5, size=34).round(1)
-    found = mann_whitney(x, y)
-    assert found.method is Method.normal
-    assert found.p == pytest.approx(mannwhitneyu(x, y, method="asymptotic").pvalue, rel=1e-8)
+    test = mann_whitney(x, y)
+    assert test.method is Method.normal
+    assert test.p == pytest.approx(mannwhitneyu(x, y, method="asymptotic").pvalue, rel=1e-8)
     assert mann_whitney(x[:33], y[:33]).method is not Method.normal
 
 
@@ -92,6 +102,49 @@ def test_exchanging_the_samples_mirrors_u(x: list[float], y: list[float]) -> Non
     there, back = mann_whitney(x, y), mann_whitney(y, x)
     assert there.u + back.u == len(x) * len(y)
     assert there.p == pytest.approx(back.p)
+
+
+@given(TIED, TIED, TIED, TIED)
+def test_blocked_p_is_the_share_of_deals_within_blocks(
+    x: list[float], y: list[float], above: list[float], below: list[float]
+) -> None:
+    """Every deal of one block beside every deal of the other, counted; ranks of different blocks never meet."""
+    blocks = [(x[:4], y[:4]), (above[:4], below[:4])]
+    test = blocked_mann_whitney([([100 + value for value in blocks[0][0]], [100 + v for v in blocks[0][1]]), blocks[1]])
+    each = []
+    for first, second in blocks:
+        values = [*first, *second]
+        deals = itertools.combinations(range(len(values)), len(first))
+        each.append(
+            [
+                pairs_won([values[at] for at in deal], [one for at, one in enumerate(values) if at not in deal])
+                for deal in deals
+            ]
+        )
+    here, sums = test.u, [one + other for one, other in itertools.product(*each)]
+    assert here == sum(pairs_won(*block) for block in blocks)
+    tails = (sum(deal <= here for deal in sums), sum(deal >= here for deal in sums))
+    assert test.p == pytest.approx(min(1.0, 2 * min(tails) / len(sums)))
+
+
+@pytest.mark.parametrize("size", [20, 40])
+def test_one_block_is_the_test_without_blocks(size: int) -> None:
+    """Counted as SciPy counts, and of too many values approximated as SciPy does."""
+    draw = np.random.default_rng(2)
+    x, y = draw.normal(size=size).round(1), draw.normal(0.4, size=size).round(1)
+    test, alone = blocked_mann_whitney([(x, y)]), mann_whitney(x, y)
+    assert (test.u, test.method) == (alone.u, alone.method)
+    assert test.p == pytest.approx(alone.p, rel=1e-6)
+    two = blocked_mann_whitney([(x, y), (x + 9, y + 9)])
+    assert two.p < test.p
+
+
+def test_sign_test_is_statsmodels() -> None:
+    """Ties are left out; without a case there is no evidence."""
+    for better, worse in ((6, 0), (3, 1), (2, 9), (4, 4)):
+        library = sign_test([1.0] * better + [-1.0] * worse + [0.0] * 3)[1]
+        assert sign_p(better, worse) == pytest.approx(library)
+    assert sign_p(0, 0) == 1
 
 
 @pytest.mark.parametrize("bad", [[1.0, np.nan, 2.0, np.inf], [np.nan] * 3])
@@ -118,10 +171,10 @@ def test_holm_by_hand() -> None:
 @given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
 def test_holm_never_reverses_an_order(p_values: list[float]) -> None:
     """In the given order: the k-th smallest of m is the greatest of all (m - j + 1) p_j with j <= k, or 1."""
-    found, ordered = holm(p_values), sorted(p_values)
+    corrected, ordered = holm(p_values), sorted(p_values)
     steps = [(len(ordered) - place) * p for place, p in enumerate(ordered)]
     wanted = {p: min(1.0, max(steps[: place + 1])) for place, p in enumerate(ordered)}
-    assert found == pytest.approx([wanted[p] for p in p_values], rel=1e-8)
+    assert corrected == pytest.approx([wanted[p] for p in p_values], rel=1e-8)
 
 
 @pytest.mark.parametrize("bad", [[], [0.5, np.nan], [-0.1], [1.1]])
@@ -132,17 +185,17 @@ def test_holm_refuses_what_is_no_probability(bad: list[float]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "drawn", "marked", "population"), [(8, 18, 18, 164), (13, 20, 63, 205), (0, 4, 16, 164), (4, 4, 123, 164)]
+    ("hits", "drawn", "marked", "population"), [(8, 18, 18, 164), (13, 20, 63, 205), (0, 4, 16, 164), (4, 4, 123, 164)]
 )
-def test_hypergeometric_p_is_counted(found: int, drawn: int, marked: int, population: int) -> None:
+def test_hypergeometric_p_is_counted(hits: int, drawn: int, marked: int, population: int) -> None:
     """The share of all draws that hold so many marked ones or more; it is also Fisher's exact test, one-sided."""
     draws = sum(
         math.comb(marked, some) * math.comb(population - marked, drawn - some)
-        for some in range(found, min(drawn, marked) + 1)
+        for some in range(hits, min(drawn, marked) + 1)
     )
-    p = hypergeometric_p(found, drawn=drawn, marked=marked, population=population)
+    p = hypergeometric_p(hits, drawn=drawn, marked=marked, population=population)
     assert p == pytest.approx(draws / math.comb(population, drawn), rel=1e-8)
-    rows = np.array([[found, drawn - found], [marked - found, population - marked - drawn + found]])
+    rows = np.array([[hits, drawn - hits], [marked - hits, population - marked - drawn + hits]])
     assert p == pytest.approx(fisher_exact(rows, alternative="greater").pvalue, rel=1e-8)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from studies import score, study_of
 
-from analysis.studies.metrics import named_metrics
+from analysis.studies.metric_names import named_metrics
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 from tacevo.training.metrics import classification_metrics, regression_metrics

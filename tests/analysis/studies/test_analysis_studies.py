@@ -17,7 +17,7 @@ from tacevo.errors import RunError
 from tacevo.records import DataFacts, Kind, Limits, Reason, Recipe, Stage
 from tacevo.results.study import RecordedStudy, check_alike, load_study
 from tacevo.results.study_directory import StudyDirectory
-from tacevo.results.study_lines import FailedLine, Row, ScoreLine, Terms
+from tacevo.results.study_lines import FailedLine, Row, ScoreLine, StudyTerms
 
 FACTS = DataFacts(
     fingerprint="f" * 64,
@@ -29,7 +29,7 @@ FACTS = DataFacts(
     names=("depth",),
 )
 RECIPE = Recipe(epochs=2, batch_size=4, learning_rate=0.1, optimiser="adam", limits=Limits(seconds=1.0, memory_mib=100))
-TERMS = Terms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative))
+TERMS = StudyTerms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative))
 HEADER = study_header(run="r" * 64, data=FACTS, recipe=RECIPE, seeds=3, terms=TERMS)
 SCORES: list[Row] = [
     score(network.name, seed, place + seed / 10) for place, network in enumerate(HEADER.networks) for seed in range(3)

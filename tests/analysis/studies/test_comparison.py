@@ -11,18 +11,22 @@ from statsmodels.stats.multitest import multipletests
 from studies import FOUR, around, study_of, study_of_outputs
 
 from analysis.statistics.effects import EFFECTS
+from analysis.studies.ceiling import ceiling_of
 from analysis.studies.comparison import COMPARISONS, Verdict, compare, late, of_whole
 from analysis.studies.warnings import Caution
+from analysis.tables.comparison import scores_table, verdicts_table
 from tacevo.choices import MarginKind
+from tacevo.config.compose import compose
 from tacevo.config.study import Margin
+from tacevo.data.simulator.tasks import ideal_accuracy
 from tacevo.errors import RunError
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
 
-def verdicts(found: pd.DataFrame) -> list[str]:
+def verdicts(comparisons: pd.DataFrame) -> list[str]:
     """List the words, in the order of the variants."""
-    words: list[str] = of_whole(found).verdict.tolist()
+    words: list[str] = of_whole(comparisons).verdict.tolist()
     return words
 
 
@@ -45,13 +49,13 @@ def test_higher_accuracy_is_better() -> None:
 
 def test_p_is_scipys_and_its_correction_statsmodels() -> None:
     """Over all variants of the study."""
-    found = compare(study_of(FOUR))
+    comparisons = compare(study_of(FOUR))
     baseline, *variants = FOUR.values()
     p_values = [mannwhitneyu(values, baseline, method="exact").pvalue for values in variants]
-    assert found.p[:2].tolist() == pytest.approx(p_values[:2])
-    assert found.p_holm.tolist() == pytest.approx(multipletests(found.p, method="holm")[1])
-    equal = multipletests(found.p_equivalence, method="holm")[1]
-    assert found.p_equivalence_holm.tolist() == pytest.approx(equal)
+    assert comparisons.p[:2].tolist() == pytest.approx(p_values[:2])
+    assert comparisons.p_holm.tolist() == pytest.approx(multipletests(comparisons.p, method="holm")[1])
+    equal = multipletests(comparisons.p_equivalence, method="holm")[1]
+    assert comparisons.p_equivalence_holm.tolist() == pytest.approx(equal)
 
 
 #: Far worse on Fx, better on Fz; the second variant is as good as equal on both.
@@ -71,9 +75,9 @@ OUTPUTS = {
 
 def test_each_output_has_verdicts_of_its_own() -> None:
     """A variant that is worse in the mean is called better on the output where it is."""
-    found = compare(study_of_outputs(OUTPUTS))
-    assert verdicts(found) == [Verdict.worse, Verdict.equivalent]
-    assert {name: variants.verdict.tolist() for name, variants in found.groupby("output")} == {
+    comparisons = compare(study_of_outputs(OUTPUTS))
+    assert verdicts(comparisons) == [Verdict.worse, Verdict.equivalent]
+    assert {name: variants.verdict.tolist() for name, variants in comparisons.groupby("output")} == {
         "Fx": [Verdict.worse, Verdict.equivalent],
         "Fz": [Verdict.better, Verdict.equivalent],
     }
@@ -82,8 +86,8 @@ def test_each_output_has_verdicts_of_its_own() -> None:
 def test_outputs_are_one_family() -> None:
     """All pairs of variant and output, because a reader may pick any; the mean's correction does not count them."""
     near = {**OUTPUTS["Fz"], "variant 1": around(0.00387, step=0.00004)}
-    found = compare(study_of_outputs({**OUTPUTS, "Fz": near}))
-    pairs = found[found.output.notna()]
+    comparisons = compare(study_of_outputs({**OUTPUTS, "Fz": near}))
+    pairs = comparisons[comparisons.output.notna()]
     p_values = [
         mannwhitneyu(values[name], values["baseline"], method="exact").pvalue
         for values in (OUTPUTS["Fx"], near)
@@ -93,13 +97,13 @@ def test_outputs_are_one_family() -> None:
     assert pairs.p_holm.tolist() == pytest.approx(multipletests(p_values, method="holm")[1])
     equal = multipletests(pairs.p_equivalence, method="holm")[1]
     assert pairs.p_equivalence_holm.tolist() == pytest.approx(equal)
-    assert found.p_holm[0] == pytest.approx(2 * found.p[0])
+    assert comparisons.p_holm[0] == pytest.approx(2 * comparisons.p[0])
 
 
 def test_relative_margin_is_of_the_output() -> None:
     """A tenth of the baseline's median there, and not of its mean."""
-    found = compare(study_of_outputs(OUTPUTS))
-    margins = found.groupby("output").margin.first()
+    comparisons = compare(study_of_outputs(OUTPUTS))
+    margins = comparisons.groupby("output").margin.first()
     assert margins[list(OUTPUTS)].tolist() == pytest.approx([0.002, 0.0004])
 
 
@@ -123,16 +127,16 @@ def test_late_trainings_are_shared_out_by_network() -> None:
 
 def test_absence_of_evidence_is_undecided() -> None:
     """Noise of no difference at all is not called a match."""
-    found = compare(study_of({"baseline": around(0.01, step=0.001), "variant 1": around(0.0101, step=0.001)}))
-    assert found.p_holm[0] > 0.7
-    assert verdicts(found) == [Verdict.undecided]
+    comparisons = compare(study_of({"baseline": around(0.01, step=0.001), "variant 1": around(0.0101, step=0.001)}))
+    assert comparisons.p_holm[0] > 0.7
+    assert verdicts(comparisons) == [Verdict.undecided]
 
 
 def test_difference_smaller_than_the_margin_is_a_difference() -> None:
     """Shown to be there and shown to be small: better, and the equivalence stands beside it."""
-    found = compare(study_of({"baseline": around(0.01, step=1e-5), "variant 1": around(0.0098, step=1e-5)}))
-    assert verdicts(found) == [Verdict.better]
-    assert found.p_equivalence_holm[0] < 0.05
+    comparisons = compare(study_of({"baseline": around(0.01, step=1e-5), "variant 1": around(0.0098, step=1e-5)}))
+    assert verdicts(comparisons) == [Verdict.better]
+    assert comparisons.p_equivalence_holm[0] < 0.05
 
 
 def test_correction_can_undo_a_verdict() -> None:
@@ -195,6 +199,39 @@ def test_margin_wider_than_all_errors_is_told(value: float, kind: MarginKind, is
     (row,) = compare(study).itertuples()
     assert (Caution.wide_margin in row.cautions) == is_wide
     assert row.margin == pytest.approx(0.005 if kind is MarginKind.errors else value)
+
+
+@pytest.mark.parametrize(
+    ("median", "value", "images", "is_at"),
+    [
+        (0.93, 0.01, 100_000, False),
+        (0.945, 0.01, 100_000, True),
+        (0.945, 0.001, 100_000, False),
+        (0.93, 0.001, 100, True),
+    ],
+)
+def test_baseline_at_the_ceiling_is_told(median: float, value: float, images: int, is_at: bool) -> None:
+    """Within the margin of 95 %, or within what chance does on few images: then no verdict can be of a large gain."""
+    accuracies = {"baseline": around(median, step=1e-5), "variant 1": around(median + 0.001, step=1e-5)}
+    study = judged(study_of(accuracies, kind=Kind.classification), value=value, kind=MarginKind.absolute)
+    study = replace(study, data=replace(study.data, counts=(1, 1, images)))
+    (unknown,), (known,) = (compare(replace(study, ceiling=ceiling)).itertuples() for ceiling in (None, 0.95))
+    assert Caution.ceiling not in unknown.cautions
+    assert (Caution.ceiling in known.cautions) == is_at
+    assert known.verdict == unknown.verdict
+    assert any("Ceiling: 95" in note for note in verdicts_table(replace(study, ceiling=0.95), compare(study)).notes)
+    assert [row[0] for row in scores_table(replace(study, ceiling=0.95)).rows][-1] == "ceiling"
+
+
+def test_ceiling_is_that_of_the_studied_data() -> None:
+    """By the run's spacings, or those of other data; a recording and forces have none that is known."""
+    study = study_of({"baseline": [0.9]}, kind=Kind.classification)
+    run = compose(["experiment=demo"])
+    assert ceiling_of(study, run) == ideal_accuracy(run.data.spacings_mm)
+    other = replace(study, other_data=(("spacings_mm", [1.0, 1.1]),))
+    assert ceiling_of(other, run) == ideal_accuracy([1.0, 1.1])
+    assert ceiling_of(replace(study, other_data=(("source", "tacverse"),)), run) is None
+    assert ceiling_of(study, compose(["experiment=published_force"])) is None
 
 
 def test_baseline_without_errors_has_no_margin_in_errors() -> None:

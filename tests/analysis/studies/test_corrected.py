@@ -8,7 +8,7 @@ from hand_runs import elite
 from studies import network
 
 from analysis.studies.corrected import CORRECTED, correct
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Percent
 from analysis.tables.noise import corrected_table
 
@@ -33,9 +33,9 @@ AGAIN = Reestimates(
 
 def corrected(*elites: object, again: Reestimates = AGAIN) -> pd.DataFrame:
     """Correct an archive of ten niches."""
-    found = correct([*ELITES, *elites], 10, SOURCES, again)  # type: ignore[list-item]
-    assert found is not None
-    return found
+    archives = correct([*ELITES, *elites], 10, SOURCES, again)  # type: ignore[list-item]
+    assert archives is not None
+    return archives
 
 
 def test_figures_are_those_of_the_archive_filled_again() -> None:
@@ -55,9 +55,9 @@ def test_elite_that_a_seed_does_not_train_leaves_its_niche_empty() -> None:
         estimates=LOSSES[:2],
         failed=AGAIN.networks[2:],
     )
-    found = corrected(again=again)
-    assert tuple(found.loc["reestimated", ["coverage", "qd_score", "lost"]]) == (0.1, 0.5, ("g01s01",))
-    table = corrected_table(found, again, "force")
+    archives = corrected(again=again)
+    assert tuple(archives.loc["reestimated", ["coverage", "qd_score", "lost"]]) == (0.1, 0.5, ("g01s01",))
+    table = corrected_table(archives, again, "force")
     assert dict((row[0], row[1:]) for row in table.rows)["coverage"] == (Percent(0.2), Percent(0.1))
     assert "g01s01" in table.notes[-1]
 
@@ -75,9 +75,9 @@ def test_archive_that_was_trained_again_in_part_is_not_corrected() -> None:
 
 def test_empty_archive_has_no_best() -> None:
     """There is nothing to correct, and nothing to fail on."""
-    found = correct([], 10, SOURCES, AGAIN)
-    assert found is not None
-    assert found.coverage.tolist() == found.qd_score.tolist() == [0, 0]
-    assert found[["best", "best_id"]].isna().all(axis=None)
-    assert {name: str(kind) for name, kind in found.dtypes.items()} == CORRECTED
-    assert [row[1:] for row in corrected_table(found, AGAIN, "force").rows[2:]] == [(None, None)] * 2
+    archives = correct([], 10, SOURCES, AGAIN)
+    assert archives is not None
+    assert archives.coverage.tolist() == archives.qd_score.tolist() == [0, 0]
+    assert archives[["best", "best_id"]].isna().all(axis=None)
+    assert {name: str(kind) for name, kind in archives.dtypes.items()} == CORRECTED
+    assert [row[1:] for row in corrected_table(archives, AGAIN, "force").rows[2:]] == [(None, None)] * 2

@@ -12,8 +12,8 @@ from refusals import refused
 from sklearn.metrics import accuracy_score, mean_squared_error
 from studies import study_of
 
-from analysis.statistics.images import signed_rank
-from analysis.studies.images import image_findings
+from analysis.statistics.image_statistics import signed_rank
+from analysis.studies.image_findings import image_findings
 from analysis.studies.predictions import Predictions, load_predictions
 from analysis.table import Between, Cell, Percent
 from analysis.tables.images import image_tables
@@ -32,11 +32,11 @@ def test_kept_predictions_come_back(made: type, tmp_path: Path) -> None:
     """All of them, in the order of networks and seeds, whatever the order of the lines."""
     study, predictions = made()
     keep(predictions, tmp_path)
-    found = load_predictions(replace(study, scores=study.scores[::-1]), tmp_path)
-    assert found is not None
-    assert list(found.of) == [network.name for network in study.networks]
-    assert all(np.array_equal(found.of[name], each) for name, each in predictions.of.items())
-    assert np.array_equal(found.labels, predictions.labels)
+    loaded = load_predictions(replace(study, scores=study.scores[::-1]), tmp_path)
+    assert loaded is not None
+    assert list(loaded.of) == [network.name for network in study.networks]
+    assert all(np.array_equal(loaded.of[name], each) for name, each in predictions.of.items())
+    assert np.array_equal(loaded.labels, predictions.labels)
 
 
 def test_study_that_keeps_none_says_so() -> None:
@@ -85,8 +85,8 @@ def test_ensemble_is_the_mean_of_the_seeds() -> None:
 
 def test_differences_are_those_of_the_mean_scores() -> None:
     """Of all seeds and images, between the ends of their interval; the baseline has none."""
-    for study, found in ((FORCES, OF_FORCES), (GRATINGS, OF_GRATINGS)):
-        baseline, *variants = found[0].itertuples()
+    for study, findings in ((FORCES, OF_FORCES), (GRATINGS, OF_GRATINGS)):
+        baseline, *variants = findings[0].itertuples()
         assert np.isnan(baseline.difference)
         for one in variants:
             means = [study.values(name, study.primary).mean() for name in (one.network, "baseline")]
@@ -134,8 +134,8 @@ def test_no_verdict_contradicts_the_interval_beside_it(made: Callable[[], tuple[
 def test_variant_with_larger_errors_is_worse() -> None:
     """The same networks, with their names exchanged."""
     one, other = FORCE_PREDICTIONS.of["baseline"], FORCE_PREDICTIONS.of["variant 1"]
-    found = image_findings(*study_with(FORCE_PREDICTIONS.labels, {"baseline": other, "variant 1": one}))
-    assert list(found[1].verdict) == ["worse", "undecided"]
+    findings = image_findings(*study_with(FORCE_PREDICTIONS.labels, {"baseline": other, "variant 1": one}))
+    assert list(findings[1].verdict) == ["worse", "undecided"]
 
 
 def test_ensemble_that_is_better_by_its_seeds_luck_is_undecided() -> None:
@@ -160,9 +160,9 @@ def test_another_variant_changes_no_interval() -> None:
     """Nor a p before its correction."""
     names = ("baseline", "variant 1")
     fewer = study_with(FORCE_PREDICTIONS.labels, {name: FORCE_PREDICTIONS.of[name] for name in names})
-    found = image_findings(*fewer)
-    assert found[0].equals(OF_FORCES[0][:2])
-    assert found[1].p[0] == OF_FORCES[1].p[0]
+    findings = image_findings(*fewer)
+    assert findings[0].equals(OF_FORCES[0][:2])
+    assert findings[1].p[0] == OF_FORCES[1].p[0]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from statsmodels.stats.multitest import multipletests
 from studies import around, network, study_of
 
 from analysis.report.collection import side_by_side
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.studies.searches import CHOSEN, StudiedSearch, best_by_reestimates
 from analysis.table import Between
 from analysis.tables.rendering import as_markdown
@@ -56,12 +56,12 @@ SECOND = studied(
 @pytest.mark.parametrize("half", [0, 1])
 def test_re_estimates_choose_and_test_scores_do_not(half: int) -> None:
     """The second search has a network that tests better; it was not to be known when it was chosen."""
-    found = best_by_reestimates([FIRST, SECOND], half=half)
-    assert {name: str(kind) for name, kind in found.dtypes.items()} == CHOSEN
-    assert found.network.tolist() == ["variant 1", "variant 2"]
-    assert found.reestimated[0] == pytest.approx(np.median(MIDDLE[1 - half :: 2]))
-    assert found.tested[1] == pytest.approx(np.median(GOOD[1 - half :: 2]))
-    compared = found[["lower_loss", "difference", "p_holm"]]
+    chosen = best_by_reestimates([FIRST, SECOND], half=half)
+    assert {name: str(kind) for name, kind in chosen.dtypes.items()} == CHOSEN
+    assert chosen.network.tolist() == ["variant 1", "variant 2"]
+    assert chosen.reestimated[0] == pytest.approx(np.median(MIDDLE[1 - half :: 2]))
+    assert chosen.tested[1] == pytest.approx(np.median(GOOD[1 - half :: 2]))
+    compared = chosen[["lower_loss", "difference", "p_holm"]]
     assert compared.loc[0].isna().all()
     assert tuple(compared.loc[1]) == (1, 0, 1)
 
@@ -93,18 +93,18 @@ def test_comparison_is_that_of_scipy_and_statsmodels() -> None:
         studied(name, {"baseline": BASELINE, "variant 1": values}, {"baseline": HIGH, "variant 1": MIDDLE})
         for name, values in (("near", near), ("far", far))
     ]
-    found = best_by_reestimates([FIRST, *others], half=0)[1:]
+    chosen = best_by_reestimates([FIRST, *others], half=0)[1:]
     counted, against = [values[1::2] for values in (near, far)], GOOD[1::2]
     p_values = [stats.mannwhitneyu(values, against, method="exact").pvalue for values in counted]
-    assert found.p_holm.tolist() == pytest.approx(list(multipletests(p_values, method="holm")[1]), rel=1e-6)
+    assert chosen.p_holm.tolist() == pytest.approx(list(multipletests(p_values, method="holm")[1]), rel=1e-6)
     wins = np.mean([[(own > other) + (own == other) / 2 for other in against] for own in counted[0]])
-    assert found.a12[1] == pytest.approx(wins)
+    assert chosen.a12[1] == pytest.approx(wins)
 
 
 def test_renamed_run_has_the_same_interval() -> None:
     """The bootstrap's numbers follow from the run, not from where it lies."""
-    found = [best_by_reestimates([FIRST, replace(SECOND, name=name)], half=1).loc[1] for name in ("a", "b")]
-    assert found[0].drop("search").equals(found[1].drop("search"))
+    chosen = [best_by_reestimates([FIRST, replace(SECOND, name=name)], half=1).loc[1] for name in ("a", "b")]
+    assert chosen[0].drop("search").equals(chosen[1].drop("search"))
 
 
 def test_table_says_what_one_search_each_cannot_show() -> None:
@@ -116,9 +116,9 @@ def test_table_says_what_one_search_each_cannot_show() -> None:
         *(("even seeds", "grammar"), ("even seeds", "model")),
     ]
     assert rows[0]["p, Holm"] is None
-    found, points = best_by_reestimates([FIRST, SECOND], half=0), rows[1]["difference of medians (percentage points)"]
+    chosen, points = best_by_reestimates([FIRST, SECOND], half=0), rows[1]["difference of medians (percentage points)"]
     assert isinstance(points, Between)
-    assert (points.low, points.high) == pytest.approx((100 * found.difference_low[1], 100 * found.difference_high[1]))
+    assert (points.low, points.high) == pytest.approx((100 * chosen.difference_low[1], 100 * chosen.difference_high[1]))
     assert any(note.startswith("One search each") for note in table.notes)
     assert "70.5 % [63.5, 77.5]" in as_markdown(table)
 
@@ -189,19 +189,19 @@ def test_three_seeds_are_too_few(few: str) -> None:
 
 def test_studies_on_other_data_stand_in_a_table_of_their_own() -> None:
     """A search without such a study is beside the others once."""
-    found = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
-    (own, other), alone = side_by_side(found)
+    collections = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
+    (own, other), alone = side_by_side(collections)
     assert (own.name, other.name, alone) == ("searches", "searches_eeeeeeee", [])
     assert other.notes[0] == "Tested on other data than the runs': a=1."
-    (only,), alone = side_by_side([found[0], collected(SECOND)])
+    (only,), alone = side_by_side([collections[0], collected(SECOND)])
     assert (only.name, alone) == ("searches", [])
 
 
 def test_re_estimates_of_the_study_on_the_runs_data_choose() -> None:
     """Also of networks that are tested on other data, and whatever a noise run of more networks or seeds says."""
     turned = replace(SECOND.reestimates, name="noise", estimates=SECOND.reestimates.estimates[::-1])
-    found = [collected(FIRST, elsewhere(FIRST)), collected(SECOND, elsewhere(SECOND), noise_run=turned)]
-    for table in side_by_side(found)[0]:
+    collections = [collected(FIRST, elsewhere(FIRST)), collected(SECOND, elsewhere(SECOND), noise_run=turned)]
+    for table in side_by_side(collections)[0]:
         rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
         assert [row["candidate"] for row in rows] == ["grammar1", "model2"] * 2
         lowest = rows[1]["re-estimated"]
@@ -211,8 +211,10 @@ def test_re_estimates_of_the_study_on_the_runs_data_choose() -> None:
 
 def test_a_noise_run_alone_chooses_nothing() -> None:
     """What a noise run re-estimates may be of other data than the other search's."""
-    found = [collected(one) for one in (FIRST, replace(SECOND, reestimates=replace(SECOND.reestimates, name="noise")))]
-    assert side_by_side(found)[0] == []
+    collections = [
+        collected(one) for one in (FIRST, replace(SECOND, reestimates=replace(SECOND.reestimates, name="noise")))
+    ]
+    assert side_by_side(collections)[0] == []
 
 
 def test_tables_of_one_name_are_numbered() -> None:
@@ -220,9 +222,9 @@ def test_tables_of_one_name_are_numbered() -> None:
     third, fourth = (
         replace(one, name=name, study=replace(one.study, run=name)) for one, name in ((FIRST, "c"), (SECOND, "d"))
     )
-    found = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
-    found += [collected(one, elsewhere(one, epochs=90)) for one in (third, fourth)]
-    names = [table.name for table in side_by_side(found)[0]]
+    collections = [collected(one, elsewhere(one)) for one in (FIRST, SECOND)]
+    collections += [collected(one, elsewhere(one, epochs=90)) for one in (third, fourth)]
+    names = [table.name for table in side_by_side(collections)[0]]
     assert names == ["searches", "searches_eeeeeeee", "searches_eeeeeeee_2"]
 
 

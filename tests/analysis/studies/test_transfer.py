@@ -5,18 +5,20 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from hand_runs import closed, run, trained
 from studies import around, study_of
 
 from analysis.report.collection import Collection, Compared, tables_of, with_largest_studies
 from analysis.runs.niches import Niches
+from analysis.statistics.tests import blocked_mann_whitney, holm
 from analysis.studies.comparison import compare
-from analysis.studies.transfer import is_alone, transfers
+from analysis.studies.transfer import concordance, is_alone, joint, transfers
 from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
-from analysis.tables.transfer import OWN, transfer_table
+from analysis.tables.transfer import OWN, joint_table, transfer_table
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
@@ -57,8 +59,8 @@ def collection(*studies: RecordedStudy) -> Collection:
 def test_table_is_network_by_data_set() -> None:
     """The run's own data come first; by hand, the variants change places on the other split."""
     studies = [study for study, _ in both()]
-    (found,) = transfers((study, compare(study)) for study in studies)
-    assert [(*row[:4], row[5]) for row in transfer_table(found).rows] == [
+    (group,) = transfers((study, compare(study)) for study in studies)
+    assert [(*row[:4], row[5]) for row in transfer_table(group).rows] == [
         (OWN, 1, "baseline", 0.02, None),
         (OWN, 1, "a", 0.01, "better"),
         (OWN, 1, "b", 0.04, "worse"),
@@ -68,12 +70,47 @@ def test_table_is_network_by_data_set() -> None:
     ]
 
 
+def test_agreement_on_the_order_is_kendalls_w() -> None:
+    """By hand: one order on all data sets is 1; ranks 2, 1, 3 and 2, 3, 1 add up to 4 each, which is 0."""
+    same, again = study_of(ONE), elsewhere({name: [2 * value for value in ONE[name]] for name in ONE}, 7)
+    assert concordance([(same, None), (again, None)]) == pytest.approx(1)
+    assert concordance([(same, None), (again, None), (elsewhere(ONE, 8), None)]) == pytest.approx(1)
+    assert concordance(both()) == pytest.approx(0)
+    three = [(same, None), (elsewhere(ONE, 7), None), (elsewhere(OTHER, 8), None)]
+    # Rank sums 6, 5 and 7 around 6: W = 12 * 2 / (3 ** 2 * (3 ** 3 - 3)).
+    assert concordance(three) == pytest.approx(12 * 2 / (9 * 24))
+    two = {name: ONE[name] for name in ("baseline", "a")}
+    assert concordance([(study_of(two), None), (elsewhere(two, 7), None)]) is None
+    flat = dict.fromkeys(ONE, [0.5] * 4)
+    assert concordance([(study_of(flat), None), (elsewhere(flat, 7), None)]) is None
+
+
+def test_joint_answer_keeps_seeds_and_data_sets_apart() -> None:
+    """Six data sets that agree say something of others; five do not, and two that disagree say nothing, by hand."""
+    agree = [elsewhere({name: ONE[name] for name in ("baseline", "a")}, split) for split in range(6)]
+    group = joint([(study, None) for study in agree]).iloc[0]
+    assert (group.better, group.equal, group.worse, group.ahead) == (6, 0, 0, 1)
+    assert (group.here, group.elsewhere, group.p_elsewhere) == ("better", "better", 2 / 2**6)
+    five = joint([(study, None) for study in agree[:5]]).iloc[0]
+    assert (five.here, five.elsewhere) == ("better", "undecided")
+    for row in joint([(study, None) for study, _ in both()]).itertuples():
+        assert (row.better, row.worse, row.ahead, row.p_here, row.here) == (1, 1, 0.5, 1, "undecided")
+    table = joint_table([(study, None) for study in agree])
+    assert any("from 6 data sets on" in note for note in table.notes)
+    three = joint([(study, None) for study in (study_of(ONE), elsewhere(ONE, 1), elsewhere(ONE, 2))])
+    assert three.here.tolist() == ["better", "worse"]
+    alone = [blocked_mann_whitney([(ONE[name], ONE["baseline"])] * 3).p for name in "ab"]
+    assert tuple(three.p_here) == holm(alone)
+    higher = [replace(study_of({"baseline": [0.5] * 4, "a": [0.6] * 4}, kind=Kind.classification))] * 2
+    assert joint([(study, None) for study in higher]).better.tolist() == [2]
+
+
 def test_shares_are_percentages() -> None:
     """And without a comparison, there are the medians."""
     own = study_of({"baseline": [0.5] * 4, "a": [0.5] * 4, "b": [0.75] * 4}, kind=Kind.classification)
     moved = replace(own, data=replace(own.data, fingerprint="e" * 64), other_data=(("light", "dim"),))
-    (found,) = transfers([(own, None), (moved, None)])
-    assert transfer_table(found).rows[2][3:] == (Percent(0.75), None, None)
+    (group,) = transfers([(own, None), (moved, None)])
+    assert transfer_table(group).rows[2][3:] == (Percent(0.75), None, None)
 
 
 def test_studies_that_differ_otherwise_are_not_set_beside_each_other() -> None:
@@ -91,7 +128,7 @@ def test_warning_of_one_split_goes_with_a_second_one() -> None:
     assert warned == {"study1/scores", "study1/verdicts"}
     tables = tables_of(collection(study_of(ONE), elsewhere(OTHER, 7)), None)
     assert not [table.name for table in tables if ONE_SPLIT in table.notes]
-    assert "study1/transfer" in {table.name for table in tables}
+    assert {"study1/transfer", "study1/transfer_joint"} <= {table.name for table in tables}
 
 
 def test_paper_takes_the_largest_study_on_each_data_set() -> None:
@@ -116,8 +153,8 @@ def test_study_that_follows_a_plan_is_compared_with_one_elsewhere() -> None:
     pilot = study_pilot([(run([trained(0, 0)], []), study_of(ONE))])
     written = plan(pilot, Wish(effect=0.1, alpha=0.05, power=0.8, comparisons=2)).plan
     planned, other = replace(study_of(ONE), plan=written), elsewhere(OTHER, 7)
-    (found,) = transfers([(planned, None), (study_of(ONE), None), (other, None)])
-    assert [study.where for study, _ in found] == ["", "split_seed=7"]
+    (group,) = transfers([(planned, None), (study_of(ONE), None), (other, None)])
+    assert [study.where for study, _ in group] == ["", "split_seed=7"]
     assert not is_alone(planned, [other])
     assert is_alone(planned, [study_of(ONE)])
     assert not transfers([(planned, None), (study_of(ONE), None)])

@@ -60,9 +60,9 @@ def test_effects_compare_it_with_the_baseline() -> None:
 
 def test_constant_that_ties_counts_a_half() -> None:
     """As in every A12; in the middle of a sample it is not an effect."""
-    found = effects_of_constant(3, [1, 2, 3, 4, 5])
-    assert (found["a12"], found["cliffs_delta"], found["difference"]) == (0.5, 0, 0)
-    assert found["a12_low"] == pytest.approx(1 - found["a12_high"])
+    measures = effects_of_constant(3, [1, 2, 3, 4, 5])
+    assert (measures["a12"], measures["cliffs_delta"], measures["difference"]) == (0.5, 0, 0)
+    assert measures["a12_low"] == pytest.approx(1 - measures["a12_high"])
     with pytest.raises(ValueError, match="not finite"):
         effects_of_constant(3, [1, np.nan])
 
@@ -88,21 +88,21 @@ def test_metrics_are_scikit_learns_of_a_dummy() -> None:
     """All that scores tell of it, in the recording's units too; absolute errors they do not tell."""
     rng = np.random.default_rng(0)
     labels = rng.normal(size=(40, 3)).astype(np.float32)
-    found = trivial_metrics(regression(labels, rng.normal(size=(40, 3)).astype(np.float32)))
+    metrics = trivial_metrics(regression(labels, rng.normal(size=(40, 3)).astype(np.float32)))
     means = np.tile(labels.astype(np.float64).mean(axis=0), (40, 1)).astype(np.float32)
     expected = regression_metrics(means, labels, names=("Fx", "Fy", "Fz"), scale=(1.0, 2.0, 3.0))
-    assert found == pytest.approx({name: expected[name] for name in found}, rel=1e-5, abs=1e-6)
-    assert {"mse", "rmse", "r2", "recorded_rmse_Fz"} <= found.keys()
-    assert "mae" not in found
+    assert metrics == pytest.approx({name: expected[name] for name in metrics}, rel=1e-5, abs=1e-6)
+    assert {"mse", "rmse", "r2", "recorded_rmse_Fz"} <= metrics.keys()
+    assert "mae" not in metrics
 
 
 def test_metrics_of_a_majority_are_scikit_learns() -> None:
     """Always the most frequent class; the cross-entropy is that of the frequencies."""
     counts, truth = ((1, 0), (2, 6)), [0] + [1] * 8
     skewed = replace(ACCURACIES, scores=tuple(replace(one, confusion=counts) for one in ACCURACIES.scores))
-    found = trivial_metrics(skewed)
-    assert found["macro_f1"] == pytest.approx(f1_score(truth, [1] * 9, average="macro"))
-    assert found["cross_entropy"] == pytest.approx(log_loss(truth, np.tile([1 / 9, 8 / 9], (9, 1))))
+    metrics = trivial_metrics(skewed)
+    assert metrics["macro_f1"] == pytest.approx(f1_score(truth, [1] * 9, average="macro"))
+    assert metrics["cross_entropy"] == pytest.approx(log_loss(truth, np.tile([1 / 9, 8 / 9], (9, 1))))
 
 
 def test_trivial_stands_in_every_table_of_scores() -> None:
@@ -113,10 +113,10 @@ def test_trivial_stands_in_every_table_of_scores() -> None:
     networks = tuple(replace(study.networks[0], name=name) for name in ("baseline", "variant 1"))
     rows = tuple(replace(study.scores[0], network=one.name, seed=seed) for one in networks for seed in range(4))
     study = replace(study, networks=networks, scores=rows, seeds=4)
-    found = compare(study)
+    comparisons = compare(study)
     assert metrics_table(study).columns[-1] == "trivial"
-    assert [row[1] for row in verdicts_table(study, found).rows if row[0] == "trivial"] == [trivial_score(study)]
-    apart = [row[2] for row in outputs_table(study, found).rows if row[1] == "trivial"]
+    assert [row[1] for row in verdicts_table(study, comparisons).rows if row[0] == "trivial"] == [trivial_score(study)]
+    apart = [row[2] for row in outputs_table(study, comparisons).rows if row[1] == "trivial"]
     assert apart == pytest.approx(labels.var(axis=0), rel=1e-5)
 
 

@@ -23,7 +23,7 @@ from analysis.sweeps.ablation import (
     jobs_frame,
     slots_of,
 )
-from analysis.sweeps.metrics import TESTED, Metric
+from analysis.sweeps.arm_metrics import TESTED, Metric
 from tacevo.costs import Spending
 from tacevo.results.run import RecordedRun
 from tacevo.storage.sweep_directory import Job
@@ -54,9 +54,9 @@ def jobs(
     )
 
 
-def contrast(found: Ablation, arm: str, metric: Metric = Metric.best_fitness) -> Any:
+def contrast(ablation: Ablation, arm: str, metric: Metric = Metric.best_fitness) -> Any:
     """Return an arm's row."""
-    return found.arms[metric].loc[arm]
+    return ablation.arms[metric].loc[arm]
 
 
 def is_untested(row: Any) -> bool:
@@ -72,10 +72,10 @@ def values_of(one: RecordedRun) -> dict[str, Any]:
 
 def test_tests_are_those_of_the_project() -> None:
     """Mann-Whitney against `none`, with Holm over the arms; by hand, five seeds apart give 2 / 252."""
-    found = compare_arms(jobs({"none": NONE, "better": BETTER, "mixed": MIXED}))
+    ablation = compare_arms(jobs({"none": NONE, "better": BETTER, "mixed": MIXED}))
     p_values = [mann_whitney(sample, NONE).p for sample in (BETTER, MIXED)]
     assert p_values[0] == pytest.approx(2 / 252)
-    told = [contrast(found, name) for name in ("better", "mixed")]
+    told = [contrast(ablation, name) for name in ("better", "mixed")]
     assert [one.p for one in told] == p_values
     assert [one.p_holm for one in told] == list(holm(p_values))
 
@@ -95,18 +95,30 @@ def test_runs_of_one_seed_are_held_against_each_other() -> None:
 
 def test_only_shared_seeds_are_paired() -> None:
     """Seeds 1 and 2; the test takes all of both."""
-    found = compare_arms(jobs({"none": {0: 0.5, 1: 0.6, 2: 0.7}, "a": {1: 0.5, 2: 0.7, 3: 0.1}}))
-    row = contrast(found, "a")
+    ablation = compare_arms(jobs({"none": {0: 0.5, 1: 0.6, 2: 0.7}, "a": {1: 0.5, 2: 0.7, 3: 0.1}}))
+    row = contrast(ablation, "a")
     assert (row.better, row.equal, row.worse) == (1, 1, 0)
     assert row.p == mann_whitney([0.5, 0.7, 0.1], [0.5, 0.6, 0.7]).p
 
 
 def test_identical_values_are_not_mann_whitney_of() -> None:
     """The same network archive seed by seed is not a finding of p = 1; other arms are corrected as if it were."""
-    found = compare_arms(jobs({"none": NONE, "same": NONE, "better": BETTER}))
-    same = contrast(found, "same")
+    ablation = compare_arms(jobs({"none": NONE, "same": NONE, "better": BETTER}))
+    same = contrast(ablation, "same")
     assert (same.comparability, same.equal, is_untested(same)) == (Comparability.identical, 5, True)
-    assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
+    assert contrast(ablation, "better").p_holm == pytest.approx(2 * 2 / 252)
+
+
+def test_arm_that_is_the_reference_by_construction_leaves_the_family() -> None:
+    """Nothing is tested, and another arm is corrected as if it were not there; with one seed, too."""
+    runs = jobs({"none": NONE, "same": NONE, "better": BETTER}, {"none": range(5), "same": range(5)})
+    ablation = compare_arms(runs, twins=["same"])
+    same = contrast(ablation, "same")
+    assert (same.comparability, same.differing, is_untested(same)) == (Comparability.by_construction, 0, True)
+    assert contrast(ablation, "better").p_holm == pytest.approx(2 / 252)
+    single = compare_arms(jobs({"none": {0: 0.5}, "same": {0: 0.5}, "other": {0: 0.4}}, {"none": [0], "same": [0]}))
+    assert contrast(single, "same").comparability == Comparability.identical
+    assert contrast(single, "other").comparability == Comparability.too_few_seeds
 
 
 #: The runs of three seeds are those of `none`.
@@ -116,25 +128,25 @@ ALIKE = {"none": (0, 2, 4), "half": (0, 2, 4)}
 
 def test_run_that_is_the_references_is_not_compared() -> None:
     """Two seeds of five differ, so n is two: U 0 of 4 pairs, p 2 / 6, and the median of two differences."""
-    found = compare_arms(jobs({"none": NONE, "half": HALF}, ALIKE))
-    half = contrast(found, "half")
+    ablation = compare_arms(jobs({"none": NONE, "half": HALF}, ALIKE))
+    half = contrast(ablation, "half")
     assert half.differing == 2
     assert (half.u, half.p) == (0, pytest.approx(1 / 3))
     assert half.p == pytest.approx(mannwhitneyu([0.42, 0.47], [0.52, 0.56], method="exact").pvalue)
     assert (half.better, half.equal, half.worse) == (2, 0, 0)
     assert half.by_seed == pytest.approx(-0.095)
     assert Caution.few_seeds in half.cautions
-    assert found.arms[Metric.best_fitness].n.tolist() == [5, 5]
+    assert ablation.arms[Metric.best_fitness].n.tolist() == [5, 5]
 
 
 def test_one_run_that_differs_is_not_mann_whitney_of() -> None:
     """The arm counts in Holm's family as one with p = 1, so the family does not depend on what the runs found."""
     alike = {"none": (0, 1, 2, 3), "once": (0, 1, 2, 3)}
     once = [*NONE[:4], 0.1]
-    found = compare_arms(jobs({"none": NONE, "once": once, "better": BETTER}, alike))
-    assert contrast(found, "once").comparability == Comparability.too_few_differ
-    assert is_untested(contrast(found, "once"))
-    assert contrast(found, "better").p_holm == pytest.approx(2 * 2 / 252)
+    ablation = compare_arms(jobs({"none": NONE, "once": once, "better": BETTER}, alike))
+    assert contrast(ablation, "once").comparability == Comparability.too_few_differ
+    assert is_untested(contrast(ablation, "once"))
+    assert contrast(ablation, "better").p_holm == pytest.approx(2 * 2 / 252)
 
 
 def test_costs_do_not_set_runs_apart() -> None:
@@ -149,8 +161,8 @@ def test_costs_do_not_set_runs_apart() -> None:
 
 def test_equal_samples_in_another_order_are_mann_whitney_of() -> None:
     """Seeds that changed places are different runs, however alike the samples are."""
-    found = contrast(compare_arms(jobs({"none": NONE, "turned": NONE[::-1]})), "turned")
-    assert (found.comparability, found.p) == (Comparability.comparable, 1.0)
+    turned = contrast(compare_arms(jobs({"none": NONE, "turned": NONE[::-1]})), "turned")
+    assert (turned.comparability, turned.p) == (Comparability.comparable, 1.0)
 
 
 def test_equal_values_on_shared_seeds_alone_are_mann_whitney_of() -> None:
@@ -163,27 +175,27 @@ def test_equal_values_on_shared_seeds_alone_are_mann_whitney_of() -> None:
 
 def test_one_value_everywhere_is_identical() -> None:
     """Also where the arms share no seed."""
-    found = compare_arms(jobs({"none": {0: 0.5, 1: 0.5}, "a": {2: 0.5, 3: 0.5}}))
-    assert contrast(found, "a").comparability == Comparability.identical
+    ablation = compare_arms(jobs({"none": {0: 0.5, 1: 0.5}, "a": {2: 0.5, 3: 0.5}}))
+    assert contrast(ablation, "a").comparability == Comparability.identical
 
 
 @pytest.mark.parametrize(("none", "other"), [([0.5], [0.4, 0.3]), ([0.5, 0.6], [0.4]), ([0.5], [0.5])])
 def test_single_seed_has_neither_interval_nor_test(none: list[float], other: list[float]) -> None:
     """One run is not a sample, on either side."""
-    found = compare_arms(jobs({"none": none, "a": other}))
-    it = contrast(found, "a")
+    ablation = compare_arms(jobs({"none": none, "a": other}))
+    it = contrast(ablation, "a")
     assert it.comparability == Comparability.too_few_seeds
     assert is_untested(it)
     assert np.isnan(it.by_seed)
-    frame = found.arms[Metric.best_fitness]
+    frame = ablation.arms[Metric.best_fitness]
     assert frame.median_low.isna().tolist() == frame.median_high.isna().tolist() == [len(none) < 2, len(other) < 2]
     assert frame["median"].notna().all()
 
 
 def test_arm_without_enough_seeds_is_no_part_of_the_family() -> None:
     """It has no p, now or later, that others would have to be corrected for."""
-    found = compare_arms(jobs({"none": NONE, "better": BETTER, "one": [0.1]}))
-    assert contrast(found, "better").p_holm == pytest.approx(2 / 252)
+    ablation = compare_arms(jobs({"none": NONE, "better": BETTER, "one": [0.1]}))
+    assert contrast(ablation, "better").p_holm == pytest.approx(2 / 252)
 
 
 def test_few_seeds_are_judged_by_every_arms_least_p() -> None:
@@ -198,28 +210,30 @@ def test_few_seeds_are_judged_by_every_arms_least_p() -> None:
 
 def test_without_the_reference_nothing_is_mann_whitney_of() -> None:
     """Medians and intervals stay."""
-    found = compare_arms(jobs({"none": NONE, "a": BETTER}), wanted="b")  # neither `none` nor the first arm replaces it
-    assert (found.reference, found.wanted) == (None, "b")
-    assert all(frame.comparability.isna().all() and frame.better.isna().all() for frame in found.arms.values())
-    assert found.arms[Metric.best_fitness]["median"].tolist() == [0.54, 0.44]
+    ablation = compare_arms(
+        jobs({"none": NONE, "a": BETTER}), wanted="b"
+    )  # neither `none` nor the first arm replaces it
+    assert (ablation.reference, ablation.wanted) == (None, "b")
+    assert all(frame.comparability.isna().all() and frame.better.isna().all() for frame in ablation.arms.values())
+    assert ablation.arms[Metric.best_fitness]["median"].tolist() == [0.54, 0.44]
 
 
 def test_any_arm_can_be_the_reference() -> None:
     """A sweep over models has no arm called `none`; the test is against the arm that was wanted."""
-    found = compare_arms(jobs({"llm=a": NONE, "llm=b": BETTER, "llm=c": MIXED}), wanted="llm=b")  # comes first
-    assert (found.reference, found.names) == ("llm=b", ["llm=b", "llm=a", "llm=c"])
-    row = contrast(found, "llm=a")
+    ablation = compare_arms(jobs({"llm=a": NONE, "llm=b": BETTER, "llm=c": MIXED}), wanted="llm=b")  # comes first
+    assert (ablation.reference, ablation.names) == ("llm=b", ["llm=b", "llm=a", "llm=c"])
+    row = contrast(ablation, "llm=a")
     assert (row.p, row.n_arm, row.n_reference) == (mann_whitney(NONE, BETTER).p, 5, 5)
-    assert pd.isna(contrast(found, "llm=b").comparability)
+    assert pd.isna(contrast(ablation, "llm=b").comparability)
 
 
 def test_score_on_test_images_is_shown_where_a_run_has_one() -> None:
     """Of the task's own metric only; an accuracy is better where it is more."""
     runs = jobs({"none": NONE, "better": BETTER})
     assert TESTED.isdisjoint(compare_arms(runs).arms)
-    found = compare_arms(runs.assign(test_accuracy=1 - runs.best_fitness))
-    assert list(found.arms)[:2] == [Metric.test_accuracy, Metric.best_fitness]
-    better = contrast(found, "better", Metric.test_accuracy)
+    ablation = compare_arms(runs.assign(test_accuracy=1 - runs.best_fitness))
+    assert list(ablation.arms)[:2] == [Metric.test_accuracy, Metric.best_fitness]
+    better = contrast(ablation, "better", Metric.test_accuracy)
     assert (better.better, better.worse) == (5, 0)
 
 
@@ -227,7 +241,7 @@ def test_another_arm_draws_no_numbers_of_this_one() -> None:
     """Each has a stream of its own, so equal values have equal intervals."""
     alone = compare_arms(jobs({"none": NONE, "mixed": MIXED}))
     among = compare_arms(jobs({"none": NONE, "better": BETTER, "mixed": MIXED}))
-    first, second = (contrast(found, "mixed").drop("p_holm") for found in (alone, among))
+    first, second = (contrast(ablation, "mixed").drop("p_holm") for ablation in (alone, among))
     assert first.difference_low < first.difference_high
     assert first.equals(second)
 
@@ -257,40 +271,40 @@ def test_job_that_failed_counts_as_worse_than_any_other() -> None:
 def test_arm_that_lost_every_job_is_not_the_better_for_it() -> None:
     """It is last in rank, has no median, and counts in the family; a reference without a run compares with nothing."""
     lost = [failed_job("a", seed) for seed in range(5)]
-    found = compare_arms(jobs({"none": NONE, "b": BETTER}), failed=lost)
-    assert list(found.arms[Metric.best_fitness].runs.items()) == [("none", 5), ("b", 5), ("a", 0)]
-    assert np.isnan(contrast(found, "a")["median"])
-    assert contrast(found, "a").p == mann_whitney([9] * 5, [1, 2, 3, 4, 5]).p
-    assert contrast(found, "a").worse == 5
-    assert contrast(found, "b").p_holm == pytest.approx(2 * 2 / 252)
+    ablation = compare_arms(jobs({"none": NONE, "b": BETTER}), failed=lost)
+    assert list(ablation.arms[Metric.best_fitness].runs.items()) == [("none", 5), ("b", 5), ("a", 0)]
+    assert np.isnan(contrast(ablation, "a")["median"])
+    assert contrast(ablation, "a").p == mann_whitney([9] * 5, [1, 2, 3, 4, 5]).p
+    assert contrast(ablation, "a").worse == 5
+    assert contrast(ablation, "b").p_holm == pytest.approx(2 * 2 / 252)
     assert compare_arms(jobs({"none": NONE}), wanted="a", failed=lost).reference is None
 
 
 def test_reference_that_lost_jobs_is_not_flattered_either() -> None:
     """They count against it."""
     some: dict[str, Sequence[float] | Mapping[int, float]] = {"none": {0: 0.50, 1: 0.52}, "a": [0.51, 0.53, 0.54]}
-    found = compare_arms(jobs(some), failed=[failed_job("none", 2)])
-    assert contrast(found, "a").u == 5  # 0.51 above one that is known, two above both; none above the lost
-    assert contrast(found, "a").better == 1
+    ablation = compare_arms(jobs(some), failed=[failed_job("none", 2)])
+    assert contrast(ablation, "a").u == 5  # 0.51 above one that is known, two above both; none above the lost
+    assert contrast(ablation, "a").better == 1
 
 
 def test_job_that_failed_is_worst_where_more_is_better() -> None:
     """Below the least accuracy; and it used nothing that could be compared."""
     scores = [0.5] * 5 + [0.9, 0.9, 0.8, 0.8, None]
     made = jobs({"none": NONE, "a": BETTER}).assign(test_accuracy=scores, cost=scores)
-    found = compare_arms(made, failed=[failed_job("a", 4)])
-    sizes = {metric: tuple(contrast(found, "a", metric)[["n_arm", "n_reference"]]) for metric in found.arms}
+    ablation = compare_arms(made, failed=[failed_job("a", 4)])
+    sizes = {metric: tuple(contrast(ablation, "a", metric)[["n_arm", "n_reference"]]) for metric in ablation.arms}
     assert sizes[Metric.test_accuracy] == sizes[Metric.best_fitness] == (5, 5)
     assert sizes[Metric.cost] == (4, 5)
-    assert contrast(found, "a", Metric.test_accuracy).worse == 1
-    assert contrast(found, "a", Metric.best_fitness).worse == 0
+    assert contrast(ablation, "a", Metric.test_accuracy).worse == 1
+    assert contrast(ablation, "a", Metric.best_fitness).worse == 0
 
 
 def test_unknown_values_are_left_out() -> None:
     """A run whose tokens nobody wrote down is not a run of 0 tokens."""
-    found = compare_arms(jobs({"none": NONE, "a": BETTER}))
-    assert found.arms[Metric.tokens]["median"].isna().all()
-    assert contrast(found, "a", Metric.tokens).comparability == Comparability.too_few_seeds
+    ablation = compare_arms(jobs({"none": NONE, "a": BETTER}))
+    assert ablation.arms[Metric.tokens]["median"].isna().all()
+    assert contrast(ablation, "a", Metric.tokens).comparability == Comparability.too_few_seeds
 
 
 def test_run_is_measured_by_hand() -> None:
@@ -341,8 +355,8 @@ def test_run_that_ended_early_stays_where_it_ended() -> None:
     places = by_generation(curves, "none", Metric.qd_score)
     assert places.shape == (2, 3)
     assert places[1, 2] == places[1, 1]
-    found = compare_arms(jobs_frame(ended, curves))
-    assert found.values("none", Metric.candidates) == {0: 3, 1: 2}
+    ablation = compare_arms(jobs_frame(ended, curves))
+    assert ablation.values("none", Metric.candidates) == {0: 3, 1: 2}
 
 
 def test_search_of_generation_0_has_no_trainable_share() -> None:
@@ -354,8 +368,8 @@ def test_frames_have_the_documented_columns_and_types_whatever_is_known() -> Non
     """A sweep without a test score, a price or a reference has the columns of one with all; missing is not 0 or ''."""
     none = jobs({"none": NONE, "a": BETTER})
     for wanted in ("none", "nobody"):
-        found = compare_arms(none, wanted=wanted)
-        for frame, columns in ((found.jobs, JOBS), *((frame, ARMS) for frame in found.arms.values())):
+        ablation = compare_arms(none, wanted=wanted)
+        for frame, columns in ((ablation.jobs, JOBS), *((frame, ARMS) for frame in ablation.arms.values())):
             assert {name: str(kind) for name, kind in frame.dtypes.items()} == columns
-        assert found.jobs.tokens.isna().all()
-        assert found.arms[Metric.tokens].n.tolist() == [0, 0]
+        assert ablation.jobs.tokens.isna().all()
+        assert ablation.arms[Metric.tokens].n.tolist() == [0, 0]

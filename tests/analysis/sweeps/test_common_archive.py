@@ -39,9 +39,9 @@ def test_two_hundred_candidates_agree_with_pyribs() -> None:
     ]
     one = with_archive(run_of(candidates))
     common = common_archive([one], one, centroids)
-    points = np.array([descriptors_of(found, Scale.linear) for found in candidates])
+    points = np.array([descriptors_of(candidate, Scale.linear) for candidate in candidates])
     places = (points - points.min(axis=0)) / np.ptp(points, axis=0)
-    qualities = [1 / (1 + found.fitness) for found in candidates if found.fitness is not None]
+    qualities = [1 / (1 + candidate.fitness) for candidate in candidates if candidate.fitness is not None]
     peer = CVTArchive(solution_dim=1, centroids=centroids, ranges=[(0, 1), (0, 1)])
     theirs = []
     for first in range(0, 200, 20):
@@ -63,9 +63,9 @@ def test_bounds_are_those_of_all_runs() -> None:
 def test_what_was_rejected_fills_no_niche() -> None:
     """A generation without a trained candidate leaves the archive as it was."""
     one = run([trained(0, 0, 0.5), rejected(1, 0)], [closed(0), closed(1, trained=0)])
-    found = filled(one, reference(one))
-    assert found.loc[0].equals(found.loc[1])
-    assert found.coverage.tolist() == [0.5, 0.5]
+    frame = filled(one, reference(one))
+    assert frame.loc[0].equals(frame.loc[1])
+    assert frame.coverage.tolist() == [0.5, 0.5]
 
 
 def test_fixed_bounds_of_the_reference_are_common() -> None:
@@ -94,6 +94,6 @@ def test_outlier_that_decides_the_bounds_is_named() -> None:
 def test_fixed_bounds_are_no_candidates() -> None:
     """They were set before any was there."""
     one = run_to(0.5, 0.5, descriptors=[(0.0, 0.0), (1.0, 1.0)])
-    assert {(found.lowest, found.highest) for found in extents([one], reference(one, bounds="fixed")).itertuples()} == {
+    assert {(row.lowest, row.highest) for row in extents([one], reference(one, bounds="fixed")).itertuples()} == {
         ((), ())
     }

@@ -25,7 +25,7 @@ from tacevo.evolution.lines import ReevaluationLine
 from tacevo.records import Kind, Stage
 from tacevo.results.sweep import RecordedSweep
 from tacevo.results.tested import JobScore
-from tacevo.storage.plan import Measure
+from tacevo.storage.plan_file import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining, SweepTerms
 
@@ -145,10 +145,10 @@ def test_table_marks_the_plan() -> None:
 
 def test_pilot_of_a_study_pools_its_networks() -> None:
     """Logarithms of errors; the networks' medians are far apart, and that is not a spread."""
-    found = study_pilot([(run([trained(0, 0)], []), study_of(FOUR))])
+    pilot = study_pilot([(run([trained(0, 0)], []), study_of(FOUR))])
     by_hand = math.sqrt(np.mean([np.var(np.log(sample), ddof=1) for sample in FOUR.values()]))
-    assert (found.metric, found.comparisons, found.spread.freedom) == ("mse", 4, 95)
-    assert found.spread.deviation == pytest.approx(by_hand, rel=1e-8)
+    assert (pilot.metric, pilot.comparisons, pilot.spread.freedom) == ("mse", 4, 95)
+    assert pilot.spread.deviation == pytest.approx(by_hand, rel=1e-8)
     shares = study_of({"baseline": [0.5, 0.7], "variant 1": [0.9, 0.9]}, kind=Kind.classification)
     assert study_pilot([(run([trained(0, 0)], []), shares)]).spread.deviation == pytest.approx(0.1)
 
@@ -212,11 +212,11 @@ def sweep_with(arms: Mapping[str, Sequence[tuple[float, ...]]]) -> RecordedSweep
 def test_pilot_of_a_sweep_has_both_spreads() -> None:
     """By hand, of logarithms: jobs 1 and e are two apart in squares' halves; seeds of a job are 0 and 2 apart."""
     e = math.e
-    found = sweep_pilot([sweep_with({"none": [(1.0, 1.0, 1.0), (e, e, e)], "a": [(9.0, 9.0, 9.0)]})])
-    assert (found.metric, found.epochs, found.comparisons) == ("mse", 7, 1)
-    assert found.spread.freedom == 1
-    assert found.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
-    assert found.within == found.tested == 0
+    pilot = sweep_pilot([sweep_with({"none": [(1.0, 1.0, 1.0), (e, e, e)], "a": [(9.0, 9.0, 9.0)]})])
+    assert (pilot.metric, pilot.epochs, pilot.comparisons) == ("mse", 7, 1)
+    assert pilot.spread.freedom == 1
+    assert pilot.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
+    assert pilot.within == pilot.tested == 0
     noisy = sweep_pilot([sweep_with({"none": [(1.0, e**2), (1.0, e**2)]})])
     assert noisy.within == pytest.approx(math.sqrt(2), rel=1e-8)
     assert noisy.spread.deviation == 0
@@ -230,12 +230,12 @@ def test_pilot_of_several_networks_a_job_is_planned_by_their_losses() -> None:
         for seed, level in enumerate((1.0, e))
     ]
     retraining = Retraining(elites=2, seeds=2, epochs=7, choose=ChosenBy.fitness)
-    found = sweep_pilot([replace(sweep_of(jobs), terms=SweepTerms(retraining=retraining))])
-    assert (found.metric, found.elites) == ("loss", 2)
-    assert found.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
-    assert found.within == pytest.approx(math.sqrt(2), rel=1e-8)
-    assert found.noise(4) == pytest.approx(math.sqrt(2 / 8), rel=1e-8)
-    planned = plan(found, replace(WISH, effect=0.9))
+    pilot = sweep_pilot([replace(sweep_of(jobs), terms=SweepTerms(retraining=retraining))])
+    assert (pilot.metric, pilot.elites) == ("loss", 2)
+    assert pilot.spread.deviation == pytest.approx(math.sqrt(0.5), rel=1e-8)
+    assert pilot.within == pytest.approx(math.sqrt(2), rel=1e-8)
+    assert pilot.noise(4) == pytest.approx(math.sqrt(2 / 8), rel=1e-8)
+    planned = plan(pilot, replace(WISH, effect=0.9))
     for way in planned.ways.itertuples():
         assert way.trainings == (2 * way.searches + way.seeds) * way.retraining
     assert planned.plan is not None
@@ -271,17 +271,17 @@ def test_costs_of_a_search_count_all_its_trainings(tmp_path: Path) -> None:
     for one in here:
         one.run.path.mkdir()
         RunDirectory(one.run.path).add_timing(Spending(), id="g00s00", seconds=6.0)
-    found = sweep_pilot([sweep_of(here)])
-    assert (found.search_epochs, found.seconds) == (12, 2.0)
+    pilot = sweep_pilot([sweep_of(here)])
+    assert (pilot.search_epochs, pilot.seconds) == (12, 2.0)
 
 
 def test_sweep_without_every_test_is_planned_by_its_best_fitness() -> None:
     """One job without a score would be a hole in the arm; the table says so."""
     jobs = [finished("none", seed, run_to(best)) for seed, best in enumerate((0.5, 0.6))]
-    found = sweep_pilot([sweep_of(jobs)])
-    assert (found.metric, found.epochs, found.within) == ("fitness", None, 0)
-    assert found.spread.deviation == pytest.approx(math.log(0.6 / 0.5) / math.sqrt(2), rel=1e-8)
-    planned = plan(found, replace(WISH, effect=0.5))
+    pilot = sweep_pilot([sweep_of(jobs)])
+    assert (pilot.metric, pilot.epochs, pilot.within) == ("fitness", None, 0)
+    assert pilot.spread.deviation == pytest.approx(math.log(0.6 / 0.5) / math.sqrt(2), rel=1e-8)
+    planned = plan(pilot, replace(WISH, effect=0.5))
     assert planned.ways.retraining.isna().tolist() == [True]
     assert any("not every job of the pilot has a test score" in note for note in plan_table(planned).notes)
     with refused(RunError, expected="two jobs of an arm"):

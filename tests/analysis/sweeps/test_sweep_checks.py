@@ -9,7 +9,7 @@ from refusals import refused
 
 from tacevo.choices import Varied
 from tacevo.errors import IncomparableError
-from tacevo.results.sweep import Finished
+from tacevo.results.sweep import FinishedJob
 from tacevo.results.sweep_checks import VERSIONS as CHECKED
 from tacevo.results.sweep_checks import check_sweep
 from tacevo.rules import FIRST
@@ -21,7 +21,7 @@ RUN = run_to(0.5, 0.4)
 CHANGED = replace(FIRST, static=9)
 
 
-def beside(other: Finished) -> None:
+def beside(other: FinishedJob) -> None:
     """Check a sweep of a job and another."""
     check_sweep(sweep_of([finished("none", 0, RUN), other]))
 
@@ -57,7 +57,7 @@ def test_arms_may_differ_in_how_they_search() -> None:
 FIRST_CANDIDATE, *OTHERS = RUN.candidates
 
 #: A job beside that of `RUN`, the place of what differs, both values, and a word of the remedy.
-DIFFERENT: list[tuple[Finished, str, tuple[str, str], str]] = [
+DIFFERENT: list[tuple[FinishedJob, str, tuple[str, str], str]] = [
     *(
         (finished("a", 0, RUN, settings=settings), place, values, remedy)
         for settings, place, values, remedy in (
@@ -109,7 +109,7 @@ DIFFERENT: list[tuple[Finished, str, tuple[str, str], str]] = [
 
 
 @pytest.mark.parametrize(("other", "place", "values", "remedy"), DIFFERENT)
-def test_jobs_that_differ_are_refused(other: Finished, place: str, values: tuple[str, str], remedy: str) -> None:
+def test_jobs_that_differ_are_refused(other: FinishedJob, place: str, values: tuple[str, str], remedy: str) -> None:
     """The message has both jobs, the field, both values, and what to do."""
     with refused(IncomparableError, place=place, got="in none-seed0 and", remedy=remedy) as caught:
         beside(other)

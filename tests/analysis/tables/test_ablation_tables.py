@@ -2,17 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from hand_runs import altered
 from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
 
 from analysis.sweeps.ablation import Ablation, compare_arms
-from analysis.sweeps.metrics import TESTED, Metric
+from analysis.sweeps.arm_metrics import TESTED, Metric
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
-from tacevo.results.sweep import Finished, Missing, RecordedSweep
+from tacevo.results.sweep import FinishedJob, Missing, RecordedSweep
 from tacevo.results.tested import JobScore
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
 
@@ -20,9 +21,9 @@ ARCHIVE = common_note("none-seed0")
 SWEEP, FOUND = compared(*jobs_of("none", NONE), *jobs_of("same", NONE), *jobs_of("worse", WORSE))
 
 
-def best(sweep: RecordedSweep = SWEEP, found: Ablation = FOUND) -> Table:
+def best(sweep: RecordedSweep = SWEEP, ablation: Ablation = FOUND) -> Table:
     """Return the table of the best fitness."""
-    return metric_table(sweep, found, Metric.best_fitness, ARCHIVE)
+    return metric_table(sweep, ablation, Metric.best_fitness, ARCHIVE)
 
 
 def test_every_metric_has_a_table() -> None:
@@ -64,10 +65,48 @@ def test_identical_arm_shows_the_word() -> None:
     )
 
 
+def configured(arm: str, seed: int, bests: Sequence[float] = NONE, **settings: Any) -> FinishedJob:
+    """Make a job of `none`'s search, or of another, under other settings."""
+    (job,) = jobs_of(arm, bests[seed : seed + 1])
+    return finished(arm, seed, job.run, settings=settings)
+
+
+def test_arm_without_a_record_of_prompts_is_named_the_reference() -> None:
+    """Its settings alone say so, where prompts are drawn uniformly; where they are not, it is an arm as any other."""
+    jobs = [configured("none", seed) for seed in range(5)]
+    jobs += [configured("worse", seed, WORSE, archive={"kind": "best"}) for seed in range(5)]
+    without = [configured("without", seed, prompts={"policy": "none"}) for seed in range(5)]
+    sweep = sweep_of([*jobs, *without])
+    assert sweep.twins_of("none") == ["without"]
+    ablation = compare_arms(compared(*jobs, *without)[1].jobs, twins=["without"])
+    table = best(sweep, ablation)
+    told = next(note for note in table.notes if note.startswith("Identical by construction: without."))
+    assert "prompts=uniform" in told
+    assert any("corrected over 1 arm after Holm" in note for note in table.notes)
+    overview = arms_table(sweep, ablation, "n")
+    assert told in overview.notes
+    marks = {row[0]: row[2] for row in overview.rows}
+    assert (overview.columns[2], marks) == ("equal to", {"none": None, "worse": None, "without": "none"})
+    curious = [configured(one.job.arm, one.job.seed, prompts={"policy": "curiosity"}) for one in jobs[:5]]
+    assert sweep_of([*curious, *without]).twins_of("none") == []
+    assert "equal to" not in arms_table(SWEEP, FOUND, "n").columns
+
+
+def test_temperature_of_the_grammar_is_explained_where_arms_differ_in_it() -> None:
+    """In the overview, in each metric, and beside the settings; nowhere else."""
+    cold = [configured("cold", seed, temperature={"start": 0.0}) for seed in range(5)]
+    sweep, ablation = compared(*(configured("none", seed) for seed in range(5)), *cold)
+    for table in ablation_tables(sweep, ablation, ARCHIVE):
+        told = any("mutation strength" in note for note in table.notes)
+        assert told == (table.name != "ablation_runs"), table.name
+    others = [note for table in ablation_tables(SWEEP, FOUND, ARCHIVE) for note in table.notes]
+    assert not any("mutation strength" in note for note in others)
+
+
 def test_one_run_that_differs_is_no_sample() -> None:
     """The arm has no p, a note says why, and it still counts in Holm's correction."""
-    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("once", (0.40, 0.41, 0.42, 0.43, 0.1)))
-    table = best(sweep, found)
+    sweep, ablation = compared(*jobs_of("none", NONE), *jobs_of("once", (0.40, 0.41, 0.42, 0.43, 0.1)))
+    table = best(sweep, ablation)
     row = dict(zip(table.columns, table.rows[1], strict=True))
     assert (row["runs that differ"], row["U"], row["p, Holm"]) == (1, None, None)
     assert any(note.startswith("Too few runs differ: once. A test needs two") for note in table.notes)
@@ -76,8 +115,8 @@ def test_one_run_that_differs_is_no_sample() -> None:
 
 def test_runs_that_differ_are_counted() -> None:
     """Three of five runs are those of `none`: the row counts two, and the notes say how little two can show."""
-    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("half", (0.40, 0.31, 0.42, 0.33, 0.44)))
-    table = best(sweep, found)
+    sweep, ablation = compared(*jobs_of("none", NONE), *jobs_of("half", (0.40, 0.31, 0.42, 0.33, 0.44)))
+    table = best(sweep, ablation)
     row = dict(zip(table.columns, table.rows[1], strict=True))
     assert (row["seeds"], row["runs that differ"], row["U"]) == (5, 2, Halves(0.0))
     assert [row[f"seeds {word}"] for word in ("better", "equal", "worse")] == [2, 0, 0]
@@ -89,8 +128,8 @@ def test_runs_that_differ_are_counted() -> None:
 def test_runs_that_differ_are_counted_without_a_value() -> None:
     """Five runs differ, also where only three of them have a price."""
     unpriced = [finished("a", seed, run_to(0.8, 0.3)) for seed in (3, 4)]
-    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("a", WORSE[:3]), *unpriced)
-    table = metric_table(sweep, found, Metric.cost, ARCHIVE)
+    sweep, ablation = compared(*jobs_of("none", NONE), *jobs_of("a", WORSE[:3]), *unpriced)
+    table = metric_table(sweep, ablation, Metric.cost, ARCHIVE)
     row = dict(zip(table.columns, table.rows[1], strict=True))
     assert (row["seeds"], row["runs that differ"]) == (3, 5)
 
@@ -102,7 +141,7 @@ STATED = SweepTerms(
 )
 
 
-def scored(bests: Sequence[float], arm: str) -> list[Finished]:
+def scored(bests: Sequence[float], arm: str) -> list[FinishedJob]:
     """Make an arm's jobs, whose networks score a tenth of their fitness on the test images."""
     return [
         replace(
@@ -117,23 +156,23 @@ def scored(bests: Sequence[float], arm: str) -> list[Finished]:
 
 def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
     """The test score comes first, with how it came about; all else is called secondary, the best fitness noisy."""
-    sweep, found = compared(*scored(NONE, "none"), *scored(WORSE, "worse"))
-    sweep, found = replace(sweep, terms=STATED), replace(found, primary=Metric.test_mse)
-    table = metric_table(sweep, found, Metric.test_mse, ARCHIVE)
+    sweep, ablation = compared(*scored(NONE, "none"), *scored(WORSE, "worse"))
+    sweep, ablation = replace(sweep, terms=STATED), replace(ablation, primary=Metric.test_mse)
+    table = metric_table(sweep, ablation, Metric.test_mse, ARCHIVE)
     row = dict(zip(table.columns, table.rows[1], strict=True))
     assert (row["median"], row["p"]) == (Between(0.052, 0.05, 0.054), PValue(0.00793650794))
     assert table.notes[0].startswith("Primary metric: test MSE, as the sweep stated when it began")
     assert "trained for 9 epochs with 5 fresh seeds." in table.notes[1]
-    assert best(sweep, found).notes[0].startswith("Secondary metric; the primary one is test MSE.")
-    assert "noisy minimum" in best(sweep, found).notes[0]
-    assert arms_table(sweep, found, "n").columns[2:5] == ("test MSE", "test loss", "best fitness")
+    assert best(sweep, ablation).notes[0].startswith("Secondary metric; the primary one is test MSE.")
+    assert "noisy minimum" in best(sweep, ablation).notes[0]
+    assert arms_table(sweep, ablation, "n").columns[2:5] == ("test MSE", "test loss", "best fitness")
     assert "10 of 50 trainings had the best epoch in the last tenth" in " ".join(table.notes)
     several = replace(STATED, retraining=Retraining(elites=2, seeds=5, epochs=9, choose=ChosenBy.reestimated))
-    told = " ".join(metric_table(replace(sweep, terms=several), found, Metric.test_loss, ARCHIVE).notes)
+    told = " ".join(metric_table(replace(sweep, terms=several), ablation, Metric.test_loss, ARCHIVE).notes)
     assert "the 2 networks with the best median fitness in a noise run" in told
     assert "Fewer networks of different sources were there, and all were tested: none-seed0 (1)" in told
     late = replace(sweep, terms=replace(STATED, primary=None))
-    assert "after their searches" in metric_table(late, found, Metric.test_mse, ARCHIVE).notes[0]
+    assert "after their searches" in metric_table(late, ablation, Metric.test_mse, ARCHIVE).notes[0]
 
 
 def test_primary_metric_without_values_is_missed() -> None:
@@ -158,8 +197,10 @@ def test_primary_metric_without_values_is_missed() -> None:
 
 def test_detectable_effect_stands_beside_each_test() -> None:
     """By Noether's formula, of the runs that differ: ten against ten detect an A12 of 0.5 + 2.80159 / sqrt(60)."""
-    sweep, found = compared(*jobs_of("none", [*NONE, *WORSE]), *jobs_of("a", [value + 1 for value in (*NONE, *WORSE)]))
-    (note,) = (note for note in best(sweep, found).notes if note.startswith("Detected by"))
+    sweep, ablation = compared(
+        *jobs_of("none", [*NONE, *WORSE]), *jobs_of("a", [value + 1 for value in (*NONE, *WORSE)])
+    )
+    (note,) = (note for note in best(sweep, ablation).notes if note.startswith("Detected by"))
     assert note.startswith("Detected by 10 runs of an arm and 10 of none with a power of 80 %")
     assert "an A12 of 0.862 or 0.138" in note
     (few,) = (note for note in best().notes if note.startswith("Detected by"))
@@ -169,32 +210,32 @@ def test_detectable_effect_stands_beside_each_test() -> None:
 def test_reference_that_was_named_afterwards_is_told() -> None:
     """Whoever looks for an arm to beat can find one; a reader has to know."""
     jobs = [*jobs_of("none", NONE), *jobs_of("worse", WORSE)]
-    found = compare_arms(compared(*jobs)[1].jobs, wanted="worse")
+    ablation = compare_arms(compared(*jobs)[1].jobs, wanted="worse")
     told = "The reference worse was named for this comparison; the sweep itself states"
-    assert any(note.startswith(told) for note in best(sweep_of(jobs), found).notes)
+    assert any(note.startswith(told) for note in best(sweep_of(jobs), ablation).notes)
     stated = replace(sweep_of(jobs), terms=SweepTerms(reference="worse"))
-    assert not any(note.startswith(told) for note in best(stated, found).notes)
+    assert not any(note.startswith(told) for note in best(stated, ablation).notes)
 
 
 def test_single_seed_is_a_value_alone() -> None:
     """Without interval, and with the reason below; the test is void by that word."""
-    sweep, found = compared(*jobs_of("none", NONE), *jobs_of("one", WORSE[:1]))
-    row = best(sweep, found).rows[1]
+    sweep, ablation = compared(*jobs_of("none", NONE), *jobs_of("one", WORSE[:1]))
+    row = best(sweep, ablation).rows[1]
     assert row[:6] == ("one", 1, 0.5, 1, None, "too few seeds")
     assert row[10:] == (None, None, 0, 0, 1)
-    assert any("A single value has neither interval nor test" in note for note in best(sweep, found).notes)
+    assert any("A single value has neither interval nor test" in note for note in best(sweep, ablation).notes)
 
 
 def test_notes_count_the_known_values_of_the_metric() -> None:
     """Five seeds of which two have a price are two to the cost, and five to the fitness."""
     unpriced = [finished("none", seed, run_to(0.5, 0.4)) for seed in range(2, 5)]
-    sweep, found = compared(*jobs_of("none", NONE[:2]), *unpriced)
-    cost = metric_table(sweep, found, Metric.cost, ARCHIVE)
+    sweep, ablation = compared(*jobs_of("none", NONE[:2]), *unpriced)
+    cost = metric_table(sweep, ablation, Metric.cost, ARCHIVE)
     assert cost.rows[0][1] == 2
     assert any("with less: 50.0 % for 2 seeds." in note for note in cost.notes)
-    assert any("with less: 93.8 % for 5 seeds." in note for note in best(sweep, found).notes)
+    assert any("with less: 93.8 % for 5 seeds." in note for note in best(sweep, ablation).notes)
     assert not any("their range" in note for note in best(*compared(*jobs_of("none", [*NONE, 0.3]))).notes)
-    assert any("93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in arms_table(sweep, found, "").notes)
+    assert any("93.8 % for 5 seeds, 50.0 % for 2 seeds." in note for note in arms_table(sweep, ablation, "").notes)
 
 
 def test_jobs_at_chance_are_counted_and_named() -> None:
@@ -212,9 +253,9 @@ def test_jobs_at_chance_are_counted_and_named() -> None:
 
 def test_missing_reference_is_told() -> None:
     """All columns of tests are empty."""
-    sweep, found = compared(*jobs_of("a", NONE), *jobs_of("b", WORSE))
-    assert all(set(row[3:]) == {None} for row in best(sweep, found).rows)
-    for table in (arms_table(sweep, found, "n"), best(sweep, found)):
+    sweep, ablation = compared(*jobs_of("a", NONE), *jobs_of("b", WORSE))
+    assert all(set(row[3:]) == {None} for row in best(sweep, ablation).rows)
+    for table in (arms_table(sweep, ablation, "n"), best(sweep, ablation)):
         assert any("no finished run of the arm none" in note for note in table.notes)
 
 

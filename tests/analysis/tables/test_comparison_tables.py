@@ -47,13 +47,24 @@ def test_u_keeps_its_half() -> None:
 def test_accuracy_has_one_face() -> None:
     """A percentage in scores and metrics, percentage points where it is a difference or a margin."""
     study = study_of({"baseline": [0.5] * 5, "variant 1": [0.9, 0.8, 0.9, 1.0, 1.0]}, kind=Kind.classification)
-    found = compare(study)
+    comparisons = compare(study)
     rows = (("accuracy", PercentBetween(0.5, 0.5, 0.5), PercentBetween(0.9, 0.9, 1.0), Percent(0.333333333)),)
     assert metrics_table(study).rows == rows
-    effects = effects_table(study, found)
+    effects = effects_table(study, comparisons)
     assert effects.columns[-1] == "difference of medians (percentage points)"
     assert effects.rows[0][-1] == Between(40, 30, 50)
-    assert "a margin of 1.00 percentage points, as" in verdicts_table(study, found).notes[1]
+    assert "a margin of 1.00 percentage points, as" in verdicts_table(study, comparisons).notes[1]
+
+
+def test_difference_below_the_margin_is_told() -> None:
+    """A network may be better and equivalent in one study: a note names it, and no other."""
+    study = study_of(
+        {name: around(middle, step=1e-5) for name, middle in (("baseline", 0.95), ("near", 0.952), ("far", 0.98))},
+        kind=Kind.classification,
+    )
+    (note,) = (note for note in verdicts_table(study, compare(study)).notes if note.startswith("Equivalent by the"))
+    assert "near (better)." in note
+    assert not any(note.startswith("Equivalent by the") for note in verdicts_table(STUDY, compare(STUDY)).notes)
 
 
 def test_margin_below_a_test_image_is_told() -> None:
@@ -72,8 +83,8 @@ def test_outputs_have_a_table() -> None:
     study = study_of_outputs(
         {"Fx": {"baseline": wide, "variant 1": narrow}, "Fz": {"baseline": narrow, "variant 1": wide}}
     )
-    found = compare(study)
-    table = outputs_table(study, found)
+    comparisons = compare(study)
+    table = outputs_table(study, comparisons)
     assert [row[:3] for row in table.rows] == [
         ("Fx", "baseline", 0.02),
         ("Fx", "variant 1", 0.004),
@@ -82,8 +93,8 @@ def test_outputs_have_a_table() -> None:
     ]
     assert [row[-1] for row in table.rows] == [None, "better", None, "worse"]
     assert "corrected after Holm over all 2 pairs of output and variant" in table.notes[1]
-    assert study_tables(study, found)[-1] == table
-    assert any("mean over the outputs" in note for note in verdicts_table(study, found).notes)
+    assert study_tables(study, comparisons)[-1] == table
+    assert any("mean over the outputs" in note for note in verdicts_table(study, comparisons).notes)
     assert "outputs" not in [table.name for table in study_tables(STUDY, compare(STUDY))]
 
 

@@ -8,8 +8,8 @@ import pytest
 from hand_runs import altered, closed, elite, run, trained
 from studies import network
 
-from analysis.statistics.noise import agreement, icc, rankings, worth
-from analysis.studies.noise import Reestimates
+from analysis.statistics.seed_noise import agreement, icc, rankings, worth
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import OTHER_SEEDS, improvement_table
 from analysis.tables.noise import noise_table, noise_tables
@@ -63,8 +63,8 @@ def test_ranking_shows_the_search_s_epoch_and_the_last() -> None:
     """Among doublings of 1; every other epoch is left out."""
     rng = np.random.default_rng(0)
     losses, scores = rng.random((2, 4, 11)), rng.random((2, 4))
-    found = replace(reestimates(), rankings=rankings(losses, scores), worth=worth(losses, scores))
-    _, table, _ = noise_tables(found, "force", None)
+    again = replace(reestimates(), rankings=rankings(losses, scores), worth=worth(losses, scores))
+    _, table, _ = noise_tables(again, "force", None)
     assert [row[0] for row in table.rows] == [1, 2, 4, 5, 8, 11]
 
 
@@ -76,9 +76,9 @@ def test_each_rule_is_judged_by_its_own_fitness() -> None:
     middle = levels * np.exp(0.3 * rng.normal(size=(4, 6)))
     last = 9 * np.exp(rng.normal(size=(4, 6)))
     losses = np.stack([lowest, middle + 9, 2 * middle + 9, last + 9], axis=2)
-    found = worth(losses, np.broadcast_to(levels, (4, 6)))
-    assert found is not None
-    rows = found.set_index("rule")
+    worths = worth(losses, np.broadcast_to(levels, (4, 6)))
+    assert worths is not None
+    rows = worths.set_index("rule")
     for rule, fitness in (("last", last + 9), ("lowest", lowest), ("mean_of_3", losses[:, :, 1:].mean(axis=2))):
         part, alone = icc(fitness), agreement(np.median(fitness[:, ::2], axis=1), levels[:, 0])
         assert part is not None
@@ -90,7 +90,7 @@ def test_each_rule_is_judged_by_its_own_fitness() -> None:
     assert rows.icc["lowest"] > 0.9
     assert rows.icc["last"] < 0.5
     table = noise_tables(
-        replace(reestimates(), rankings=rankings(losses, levels + np.zeros(6)), worth=found), "force", None
+        replace(reestimates(), rankings=rankings(losses, levels + np.zeros(6)), worth=worths), "force", None
     )[2]
     assert [row[0] for row in table.rows] == ["last", "lowest", "mean_of_3"]
 

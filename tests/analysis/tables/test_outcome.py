@@ -8,7 +8,7 @@ from studies import FOUR, around, network, study_of, study_of_outputs
 from analysis.rounding import shown
 from analysis.statistics.effects import median
 from analysis.studies.comparison import compare
-from analysis.studies.noise import Reestimates
+from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent, PValue
 from analysis.tables.comparison import scores_table
 from analysis.tables.noise import noise_table
@@ -39,12 +39,12 @@ def identified(study: RecordedStudy) -> RecordedStudy:
 def test_study_ends_with_its_scores_verdicts_and_re_estimates() -> None:
     """One row a network: the interval of the median, the verdict after Holm, the record beside the re-estimate."""
     study, names = identified(study_of(FOUR)), list(FOUR)
-    found = compare(study)
+    comparisons = compare(study)
     again = reestimates(names, [[0.1 * at, 0.3 * at] for at in range(1, 6)])
-    table = study_outcome(study, found, again, record="one draw", is_alone=False, trivial=None)
+    table = study_outcome(study, comparisons, again, record="one draw", is_alone=False, trivial=None)
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [row["network"] for row in rows] == names
-    for row, variant in zip(rows[1:], found.itertuples(), strict=True):
+    for row, variant in zip(rows[1:], comparisons.itertuples(), strict=True):
         assert row["verdict (p)"] == f"{variant.verdict} ({shown(PValue(variant.p_holm))})"
     assert {str(row["verdict (p)"]).partition(" ")[0] for row in rows[1:]} == {
         *("better", "worse", "equivalent", "undecided")

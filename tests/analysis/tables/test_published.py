@@ -21,8 +21,8 @@ def test_exactly_three_rows_are_too_small() -> None:
     """Variant 3 of Table II, and variants 1 and 2 of Table III."""
     small = [
         (name, f"variant {one.Index + 1}", one.holm)
-        for name, found in TESTS.items()
-        for one in found[found.finding == Finding.too_small].itertuples()
+        for name, test in TESTS.items()
+        for one in test[test.finding == Finding.too_small].itertuples()
     ]
     assert small == [
         ("Table II", "variant 3", 0.4),
@@ -39,7 +39,7 @@ def test_bounds_give_bounds_and_no_accusation() -> None:
 
 def test_no_verdict_changes() -> None:
     """At 0.05 the correct values tell the same story as the printed ones; one that does not is named."""
-    assert not any(found.changes.any() for found in TESTS.values())
+    assert not any(test.changes.any() for test in TESTS.values())
     for rows, changes in (
         ([("0.020", "0.060"), ("0.030", "0.030")], [True, False]),
         ([("0.030", "0.030"), ("0.040", "0.040")], [True, True]),

@@ -134,14 +134,14 @@ def test_latex_makes_room_for_a_wide_table(characters: int, floating: str, parts
 
 def tabulars(text: str) -> list[list[list[str]]]:
     """Read the tabulars of a table in LaTeX: lines of cells, the heads first; each has as many as it has columns."""
-    found = []
+    bodies = []
     for columns, body in re.findall(r"\\begin{tabular}{([^\n]*)}\n(.*?)\\end{tabular}", text, re.DOTALL):
         lines = [line.removesuffix(r" \\").split(" & ") for line in body.splitlines() if line.endswith(r" \\")]
         assert {len(line) for line in lines} == {
             len(re.findall("[lr]|p{", re.sub("{.raggedright.arraybackslash}", "", columns)))
         }
-        found.append(lines)
-    return found
+        bodies.append(lines)
+    return bodies
 
 
 def test_each_part_of_a_wide_table_begins_with_its_first_column() -> None:

@@ -16,9 +16,19 @@ from small_recordings import loaded, simulated
 from test_data_portable import PLAINEST, require_plainest
 from torch import nn
 
-from tacevo.choices import LightScene, SensorTask
+from tacevo.choices import LightScene, SensorTask, SimulatedSensor
+from tacevo.data.simulator.portable import normal
 from tacevo.data.simulator.sensor import Press, _marker_pixels, make_sensor
-from tacevo.data.simulator.tasks import DOME_STIFFNESS, FORCE_NOISE, HYSTERESIS, SHORE_LEVELS, _press, draw
+from tacevo.data.simulator.tasks import (
+    DOME_STIFFNESS,
+    FORCE_NOISE,
+    HYSTERESIS,
+    SHORE_LEVELS,
+    WIDTH_ERROR,
+    _press,
+    draw,
+    ideal_accuracy,
+)
 from tacevo.randomness import stream
 from tacevo.records import Kind
 
@@ -50,6 +60,20 @@ def test_every_task_draws_at_every_size(task: SensorTask, size: int) -> None:
     assert image.dtype == np.uint8
     assert image[:, 0, 0].max() < 30
     assert 90 < middle.mean() < 230
+
+
+@pytest.mark.parametrize("task", SensorTask)
+def test_kinds_of_sensors_see_markers_the_object_or_both(task: SensorTask) -> None:
+    """The presses and their labels are the same; a kind is named where it is not the usual one."""
+    both = replace(FORCE, task=task, image_size=64)
+    kinds = {kind: replace(both, sensor=kind) for kind in SimulatedSensor}
+    labels = {source.catalogue().labels.tobytes() for source in kinds.values()}
+    pictures = {kind: draw(source, 3)[1].astype(float) for kind, source in kinds.items()}
+    assert len(labels) == 1
+    assert len({str(source.describe()) for source in kinds.values()}) == 3
+    assert kinds[SimulatedSensor.ViTacTip].describe() == both.describe()
+    assert pictures[SimulatedSensor.ViTac].mean() > 1.05 * pictures[SimulatedSensor.ViTacTip].mean()  # markers are dark
+    assert np.abs(pictures[SimulatedSensor.TacTip] - pictures[SimulatedSensor.ViTacTip]).max() > 15
 
 
 @pytest.mark.parametrize("task", [SensorTask.force, SensorTask.hardness])
@@ -211,6 +235,29 @@ def test_ridges_and_their_brightness_err_as_stated() -> None:
     assert np.std(widths / spacings) == pytest.approx(0.03, rel=0.1)
     assert (bright.mean(), bright.std()) == (pytest.approx(60, abs=1), pytest.approx(6, rel=0.1))
     assert grooves == pytest.approx((bright + 50) * np.exp(-widths) - 50)
+
+
+@pytest.mark.parametrize(("ratio", "by_hand"), [(1.12, 0.9499), (1.5, 1.0)])
+def test_ideal_accuracy_is_that_of_an_observer_of_drawn_widths(ratio: float, by_hand: float) -> None:
+    """Of 1,400 presses, whose widths are named by the likeliest class; steps of 12 % leave 5 % of them to chance."""
+    spacings = tuple(0.5 * ratio**step for step in range(7))
+    source = replace(simulated(SensorTask.grating, images=1400), spacings_mm=spacings)
+    presses = [_press(source, index) for index in range(source.images)]
+    widths = np.array([press.grating.period / 2 for press, _, _ in presses if press.grating is not None])
+    means = np.array(spacings)
+    unlikely = np.log(means) + ((widths[:, None] - means) / (WIDTH_ERROR * means)) ** 2 / 2
+    right = np.mean(unlikely.argmin(axis=1) == np.array([label for _, (label,), _ in presses]))
+    assert ideal_accuracy(spacings[::-1]) == pytest.approx(by_hand, abs=1e-4)
+    assert right == pytest.approx(by_hand, abs=3 * np.sqrt(by_hand * (1 - by_hand) / source.images) + 1e-4)
+
+
+def test_ceiling_of_the_default_spacings() -> None:
+    """Drawn directly: 99.49 %, to a tenth of a point."""
+    means = np.array([0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0])
+    widths = means * (1 + normal(np.random.default_rng(0), WIDTH_ERROR, (20_000, 7)))
+    unlikely = np.log(means) + ((widths[:, :, None] - means) / (WIDTH_ERROR * means)) ** 2 / 2
+    assert ideal_accuracy(means.tolist()) == pytest.approx(np.mean(unlikely.argmin(axis=2) == np.arange(7)), abs=1e-3)
+    assert ideal_accuracy(means.tolist()) == pytest.approx(0.99487, abs=1e-5)
 
 
 def test_spacings_matter_to_gratings_only() -> None:

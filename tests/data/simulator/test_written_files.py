@@ -11,8 +11,8 @@ from refusals import refused
 from small_recordings import loaded, simulated
 
 from tacevo.choices import SensorTask
-from tacevo.data.simulator.files import write_files
-from tacevo.data.sources.table import Table
+from tacevo.data.simulator.writing import write_files
+from tacevo.data.sources.table import TableSource
 from tacevo.errors import ConfigError, DataError
 
 
@@ -21,7 +21,7 @@ def test_loading_an_export_gives_the_same_tensors(task: SensorTask, tmp_path: Pa
     """Images, targets, split, names and statistics are equal; parameters and units lie beside them."""
     source = simulated(task)
     write_files(source, tmp_path / "out", workers=1)
-    table = Table(
+    table = TableSource(
         root=tmp_path / "out", table="labels.csv", image_column="image", target_columns=source.names, image_size=16
     )
     ours, theirs = loaded(source, tmp_path / "cache"), loaded(table, tmp_path / "cache")

@@ -11,7 +11,7 @@ from refusals import refused
 from small_recordings import save_arrays, save_folder, save_image, save_table
 
 from tacevo.data.sources.folder import Folder
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
 
 DECOMPOSED = unicodedata.normalize("NFD", "müll.png")
@@ -63,7 +63,9 @@ def test_table_of_another_name_is_named_so_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("case", "asked", "own"), [("case", "img_00.png", "IMG_00.PNG"), ("noext", "00", "00.png")])
 def test_cases_of_users_are_told(case: str, asked: str, own: str) -> None:
     """Tables of which no name is that of its file."""
-    source = Table(root=CASES / case, table="labels.csv", image_column="image", target_columns=("fx",), image_size=16)
+    source = TableSource(
+        root=CASES / case, table="labels.csv", image_column="image", target_columns=("fx",), image_size=16
+    )
     with refused(DataError, got=f"(12 found): line 2 {asked!r} (there is {own!r}"):
         source.describe()
 

@@ -14,21 +14,21 @@ from small_recordings import loaded, save_arrays, save_folder, save_image
 from tacevo.choices import SplitRule
 from tacevo.data.loading import split_rows
 from tacevo.data.source import Catalogue
-from tacevo.data.sources.table import Table, groups_in
+from tacevo.data.sources.table import TableSource, groups_in
 from tacevo.errors import DataError
 
 #: So many frames of each press.
 UNEVEN = {"p1": 21, "p2": 3, "p3": 3, "p4": 1, "p5": 1, "p6": 1}
 
 
-def save_presses(root: Path, frames: dict[str, int]) -> Table:
+def save_presses(root: Path, frames: dict[str, int]) -> TableSource:
     """Write a table with a column of presses, in turn, and an image for each frame."""
     turns = sorted((frame, press) for press, count in frames.items() for frame in range(count))
     for number, (frame, press) in enumerate(turns):
         save_image(root / "images" / f"{press}_{frame}.png", number)
     lines = "".join(f"images/{press}_{frame}.png, {press} ,{number}\n" for number, (frame, press) in enumerate(turns))
     (root / "labels.csv").write_text(f"image,Press,depth\n{lines}")
-    return Table(root=root, table="labels.csv", image_column="image", target_columns=("depth",), image_size=16)
+    return TableSource(root=root, table="labels.csv", image_column="image", target_columns=("depth",), image_size=16)
 
 
 def parts_of(catalogue: Catalogue, seed: int = 0, held_out: float = 0.1) -> list[np.typing.NDArray[np.int64]]:

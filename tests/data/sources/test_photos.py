@@ -15,7 +15,7 @@ from PIL import Image
 from refusals import refused
 from small_recordings import save_deep_colour
 
-from tacevo.data.sources.images import common_size, decode, files_hash
+from tacevo.data.sources.image_files import common_size, decode, files_hash
 from tacevo.errors import DataError
 
 #: Values of 16 bits and what they are in 8: round(value * 255 / 65535), worked out by hand.

@@ -9,7 +9,7 @@ from checkout import ROOT, SHARED
 
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.data.dataset import Dataset
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress

@@ -12,7 +12,7 @@ from PIL import Image
 from refusals import refused
 from small_recordings import loaded, save_image, save_table
 
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
 from tacevo.storage.canonical import value_at
 
@@ -150,7 +150,7 @@ def test_closed_directory_is_not_called_empty(tmp_path: Path, monkeypatch: pytes
     monkeypatch.chdir(tmp_path)  # a relative path, which needs no permission above it
     Path("half").mkdir()
     Path("half").chmod(0o311)
-    source = Table(root=Path("half/set"), table="a.csv", image_column="a", target_columns=("b",), image_size=16)
+    source = TableSource(root=Path("half/set"), table="a.csv", image_column="a", target_columns=("b",), image_size=16)
     own = os.geteuid()
     os.seteuid(65_534 if own == 0 else own)
     try:

@@ -271,8 +271,12 @@ def test_protocols_of_the_release(tmp_path: Path) -> None:
     assert all(int(name[-1]) < 6 for names in added for name in names)
     assert [files_of(catalogue, "test") for catalogue in few] == [files_of(left_out, "test")] * 3
     assert replace(source, shots=2).describe() != replace(source, shots=2, seed=1).describe()
+    whole = replace(source, sensor="A+B+C")
+    assert [path.as_posix() for path in whole.catalogue().files or ()] == [
+        path.as_posix() for path in left_out.files or ()
+    ]
     with refused(DataError, place="data.test_sensor", expected="another sensor", got="B"):
-        replace(source, test_sensor="B").catalogue()
+        replace(source, sensor="B", test_sensor="B").catalogue()
 
 
 @pytest.mark.parametrize("change", [{"sensor": "ViTacTip+ViTacTip"}, {"sensor": "ViTacTip+"}, {"pattern": "+Blackdot"}])

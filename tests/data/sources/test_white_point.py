@@ -10,8 +10,8 @@ from PIL import Image
 from refusals import refused
 from small_recordings import loaded, save_arrays, save_deep_colour, save_table
 
-from tacevo.data.sources.images import decode, to_8_bits
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.image_files import decode, to_8_bits
+from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
 
 
@@ -20,7 +20,7 @@ def ramp(most: int) -> np.typing.NDArray[np.uint16]:
     return np.linspace(0, most, 256).round().astype(np.uint16).reshape(16, 16)
 
 
-def save_ramps(root: Path, most: int) -> Table:
+def save_ramps(root: Path, most: int) -> TableSource:
     """Write a table and images of 16 bits whose values go up to the largest."""
     source = save_table(root, "".join(f"{number}.png,{number},{number % 3},\n" for number in range(12)))
     for number in range(12):

@@ -14,7 +14,7 @@ from tacevo.llm.grammar.bounds import fit
 from tacevo.llm.grammar.network import Network
 from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.provider import MODEL, GrammarLLM
-from tacevo.records import Completion, Message, Request
+from tacevo.records import ChatMessage, Completion, Request
 from tacevo.storage.canonical import content_hash
 
 BASELINE = (LIBRARY / "force" / "baseline.py").read_text()
@@ -24,7 +24,7 @@ def _request(content: str, *, temperature: float = 0.6, draw: int = 0) -> Reques
     return Request(
         model=MODEL,
         system="You write networks.",
-        messages=(Message(role="user", content=content),),
+        messages=(ChatMessage(role="user", content=content),),
         temperature=temperature,
         max_tokens=4096,
         draw=draw,

@@ -7,9 +7,9 @@ import pytest
 from refusals import refused
 
 from tacevo.config.compose import compose
-from tacevo.config.folder import conf_root
+from tacevo.config.conf_folder import conf_root
 from tacevo.config.identity import llm_identity
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.errors import ConfigError
 from tacevo.evolution.prompts import sample_text
 from tacevo.llm.grammar.network import Activation
@@ -18,7 +18,7 @@ from tacevo.llm.grammar.provider import answer
 from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.space import genomes, member, mutated, nearest
 from tacevo.randomness import stream
-from tacevo.records import Message, Request
+from tacevo.records import ChatMessage, Request
 from tacevo.runs.providers import provider_settings
 from tacevo.space import Space
 
@@ -29,7 +29,7 @@ MEMBERS = {render(member(genome, BASELINE.signature)) for genome in genomes(SPAC
 
 
 def _request(text: str, temperature: float = 0.5, draw: int = 0) -> Request:
-    message = Message(role="user", content=text)
+    message = ChatMessage(role="user", content=text)
     return Request(model="m", system="", messages=(message,), temperature=temperature, max_tokens=4096, draw=draw)
 
 

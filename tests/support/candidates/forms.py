@@ -30,16 +30,16 @@ _SIGNATURE = Signature(
 
 def forms(source: str) -> frozenset[str]:
     """Name every form that a network's text uses, whether or not it runs."""
-    found: set[str] = set()
+    seen: set[str] = set()
     for node in ast.walk(ast.parse(source)):
         match node:
             case ast.Call():
-                found.update(_forms_of_call(node))
+                seen.update(_forms_of_call(node))
             case ast.BinOp(op=ast.Pow()):
-                found.add("pow")
+                seen.add("pow")
             case ast.BinOp(op=ast.MatMult()):
-                found.add("matmul")
-    return frozenset(found)
+                seen.add("matmul")
+    return frozenset(seen)
 
 
 def _forms_of_call(call: ast.Call) -> Iterator[str]:
@@ -60,11 +60,11 @@ def _forms_of_call(call: ast.Call) -> Iterator[str]:
 
 def forms_of_answers() -> frozenset[str]:
     """Name every form in the recorded answers from which a source can be extracted."""
-    found: frozenset[str] = frozenset()
+    seen: frozenset[str] = frozenset()
     for answer in examples("llm_answers"):
         source = extracted(completion(answer["response"], answer["stop_reason"]), contract(answer["task"]))
-        found |= frozenset() if isinstance(source, Rejection) else forms(source)
-    return found
+        seen |= frozenset() if isinstance(source, Rejection) else forms(source)
+    return seen
 
 
 def forms_of_grammar() -> frozenset[str]:

@@ -58,17 +58,17 @@ def extracted(answer: Completion, task: Contract) -> str | Rejection:
 
 def source_of(text: str, stop_reason: str = "end_turn") -> str:
     """Extract from an answer to the force task and insist on a source."""
-    found = extracted(completion(text, stop_reason), contract())
-    assert isinstance(found, str), found
-    return found
+    source = extracted(completion(text, stop_reason), contract())
+    assert isinstance(source, str), source
+    return source
 
 
 def refusal_of(text: str, stop_reason: str = "end_turn") -> Rejection:
     """Extract from an answer to the force task and insist on a rejection at this stage."""
-    found = extracted(completion(text, stop_reason), contract())
-    assert isinstance(found, Rejection), found
-    assert found.stage is Stage.extract
-    return found
+    refusal = extracted(completion(text, stop_reason), contract())
+    assert isinstance(refusal, Rejection), refusal
+    assert refusal.stage is Stage.extract
+    return refusal
 
 
 def fenced(code: str, language: str = "python") -> str:

@@ -58,8 +58,8 @@ class Harness:
 
     def through_the_gate(self, text: str) -> Training | Rejection:
         """Judge an answer as a search does, and train it if it is admitted."""
-        found = self._gate().admit(completion(text))
-        return self.trained(found.source) if isinstance(found, Admitted) else found
+        verdict = self._gate().admit(completion(text))
+        return self.trained(verdict.source) if isinstance(verdict, Admitted) else verdict
 
     def probed(self, source: str) -> Admitted | Rejection:
         """Probe a source without asking the policy."""

@@ -37,8 +37,8 @@ def study_here(swept: Path, folder: Path) -> None:
 
 def study_digest(folder: Path, name: str = NONE) -> str | None:
     """Return the digest of the only study of a job; None if it is not finished."""
-    (found,) = studies_of(folder / "all" / name)
-    return found.read().digest
+    (directory,) = studies_of(folder / "all" / name)
+    return directory.read().digest
 
 
 def digest(folder: Path, name: str = NONE) -> str:

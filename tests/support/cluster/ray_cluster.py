@@ -156,14 +156,14 @@ def ray_cluster(folder: Path) -> Iterator[RayCluster]:
 
 def processes_of(folder: Path) -> dict[int, str]:
     """Return the commands of living processes that name a directory in their command line or environment."""
-    found = {}
+    commands = {}
     for place in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             command = (place / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
             known = command + (place / "environ").read_bytes().decode(errors="replace")
             if command and f"{folder}/" in known and int(place.name) != os.getpid():
-                found[int(place.name)] = command
-    return found
+                commands[int(place.name)] = command
+    return commands
 
 
 def _free_port() -> int:

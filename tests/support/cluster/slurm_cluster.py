@@ -184,21 +184,21 @@ def missing_programs() -> list[str]:
 
 def _free_ports(count: int) -> list[int]:
     """Find ports below those that the kernel gives to connections, which may take one before a daemon does."""
-    found: set[int] = set()
-    while len(found) < count:
+    ports: set[int] = set()
+    while len(ports) < count:
         port = random.randrange(11000, 19000)
         with socket.socket() as unbound, contextlib.suppress(OSError):
             unbound.bind(("127.0.0.1", port))
-            found.add(port)
-    return list(found)
+            ports.add(port)
+    return list(ports)
 
 
 def _processes_of(node: str, configuration: Path) -> list[int]:
     """List the processes of a node's jobs, by their environment."""
     marks = {f"SLURMD_NODENAME={node}".encode(), f"SLURM_CONF={configuration}".encode()}
-    found = []
+    numbers = []
     for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             if marks <= set((process / "environ").read_bytes().split(b"\0")):
-                found.append(int(process.name))
-    return found
+                numbers.append(int(process.name))
+    return numbers

@@ -15,7 +15,7 @@ from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Source
 from tacevo.data.sources.arrays import Arrays
 from tacevo.data.sources.folder import Folder
-from tacevo.data.sources.table import Table
+from tacevo.data.sources.table import TableSource
 from tacevo.data.sources.tacverse import TacVerse
 
 #: How data are loaded where a test says nothing else.
@@ -45,13 +45,15 @@ def save_image(path: Path, value: int, size: tuple[int, int] = (8, 8)) -> None:
     Image.new("RGB", size, (value, 10, 20)).save(path)
 
 
-def save_table(root: Path, rows: str, *, images: int = 3, header: str = "image_name, fx ,fz,note\n") -> Table:
+def save_table(root: Path, rows: str, *, images: int = 3, header: str = "image_name, fx ,fz,note\n") -> TableSource:
     """Write a table and images named 0.png, 1.png, ... into a directory."""
     root.mkdir(parents=True, exist_ok=True)
     (root / "labels.csv").write_text(header + rows)
     for number in range(images):
         save_image(root / f"{number}.png", number)
-    return Table(root=root, table="labels.csv", image_column="image_name", target_columns=("fz", "fx"), image_size=16)
+    return TableSource(
+        root=root, table="labels.csv", image_column="image_name", target_columns=("fz", "fx"), image_size=16
+    )
 
 
 def save_folder(root: Path, *files: str) -> Folder:

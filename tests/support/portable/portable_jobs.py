@@ -18,7 +18,7 @@ from studies import FOUR, study_of
 from threadpoolctl import threadpool_info
 
 from analysis.studies.comparison import compare
-from analysis.studies.images import image_findings
+from analysis.studies.image_findings import image_findings
 from analysis.tables.comparison import study_tables
 from analysis.tables.images import image_tables
 from analysis.tables.published import published_tables

@@ -51,12 +51,12 @@ def members_of(bundle: Path) -> Members:
 
 def laid_out(bundle: Path, folder: Path) -> tuple[Path, Path]:
     """Write a sweep's bundle with the candidates' files of its store; return the directories of sweep and stores."""
-    found = opened(bundle)
+    place = opened(bundle)
     for pattern in ("*", "*/*", "*/*/*", "*/*/*/*"):
-        for path in found.folder.glob(pattern):
+        for path in place.folder.glob(pattern):
             if path.is_file():
                 write_durably(folder / str(path).partition(", ")[2], path.read_bytes())
-    for path in found.store.glob("*/*/*.json"):
+    for path in place.store.glob("*/*/*.json"):
         entry = read_entry(path)
         write_durably(folder / "store" / entry.place, readable(entry.sealed()))
     return folder / "sweep", folder / "store"

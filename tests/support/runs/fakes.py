@@ -12,9 +12,9 @@ from tacevo.choices import ParentPolicy, PromptPolicy, Scale, TemperatureRule
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import NetworkArchive, Tessellation, find_centroids
 from tacevo.evolution.development import Effects, Evaluate, Outcome
-from tacevo.evolution.files import line_kind
 from tacevo.evolution.lines import SearchLine
 from tacevo.evolution.proposals import Settings
+from tacevo.evolution.search_files import line_kind
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import (

@@ -13,9 +13,9 @@ from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
-from tacevo.evolution.archive import AddStatus, Bounds
-from tacevo.evolution.files import EliteEntry, Line, TrialEntry
+from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
+from tacevo.evolution.search_files import EliteEntry, Line, TrialEntry
 from tacevo.records import DataFacts, Instruction, Kind, Operator, Reason, Stage
 from tacevo.results.run import RecordedRun
 from tacevo.storage.ledger import Sealed
@@ -37,10 +37,10 @@ def configured(**groups: Any) -> RunConfig:
     return convert(RunConfig, {**_CONFIG, **changed}, place="a run by hand", error=ConfigError)
 
 
-def bounds_of(*axes: tuple[float, float]) -> Bounds:
+def bounds_of(*axes: tuple[float, float]) -> AxisBounds:
     """Make bounds from the (low, high) of each axis."""
     low, high = zip(*axes, strict=True)
-    return Bounds(low=low, high=high)
+    return AxisBounds(low=low, high=high)
 
 
 def trained(

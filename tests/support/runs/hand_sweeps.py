@@ -13,8 +13,8 @@ from analysis.sweeps.common_archive import common_archive
 from tacevo.costs import Spending
 from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
-from tacevo.results.sweep import Finished, RecordedSweep
-from tacevo.storage.plan import Measure, SeedPlan
+from tacevo.results.sweep import FinishedJob, RecordedSweep
+from tacevo.storage.plan_file import Measure, SeedPlan
 from tacevo.storage.sweep_directory import Job
 
 VERSIONS: Any = {name: "1.0" for name in ("python", "tacevo", "torch", "numpy", "scipy", "scikit-learn", "pillow")}
@@ -24,11 +24,11 @@ NONE = (0.40, 0.41, 0.42, 0.43, 0.44)
 WORSE = (0.50, 0.51, 0.52, 0.53, 0.54)
 
 
-def finished(arm: str, seed: int, one: RecordedRun, *, settings: Mapping[str, Any] | None = None) -> Finished:
+def finished(arm: str, seed: int, one: RecordedRun, *, settings: Mapping[str, Any] | None = None) -> FinishedJob:
     """Make a finished job of a run; `settings` holds what is not as in every run by hand, by group and key."""
     name = f"{arm}-seed{seed}"
     config = configured(seed=seed, **(settings or {}))
-    return Finished(
+    return FinishedJob(
         job=Job(name=name, arm=arm, seed=seed, overrides=(), config=name),
         run=altered(one, path=Path("sweep") / name, config=config, versions=one.record.versions or VERSIONS),
     )
@@ -51,12 +51,12 @@ def run_to(*bests: float, descriptors: Sequence[tuple[float, float]] = ()) -> Re
     return run_of([trained(number, 0, loss, descriptors=place) for number, (loss, place) in pairs])
 
 
-def sweep_of(jobs: Sequence[Finished]) -> RecordedSweep:
+def sweep_of(jobs: Sequence[FinishedJob]) -> RecordedSweep:
     """Make a sweep whose jobs are all finished."""
     return RecordedSweep(path=Path("sweep"), finished=tuple(jobs), missing=())
 
 
-def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
+def jobs_of(arm: str, bests: Sequence[float]) -> list[FinishedJob]:
     """Make an arm's jobs, one a seed, each of two trained candidates with a price; the baseline has 0.8."""
     spent = Spending(answers=1, input_tokens=10, output_tokens=5, usd=0.25)
     return [
@@ -67,13 +67,13 @@ def jobs_of(arm: str, bests: Sequence[float]) -> list[Finished]:
     ]
 
 
-def curves_of(jobs: Sequence[Finished]) -> pd.DataFrame:
+def curves_of(jobs: Sequence[FinishedJob]) -> pd.DataFrame:
     """Measure jobs by generation in two niches, left and right."""
     runs = [job.run for job in jobs]
     return curves_frame(jobs, common_archive(runs, runs[0], np.array([[0.25, 0.5], [0.75, 0.5]])))
 
 
-def compared(*jobs: Finished) -> tuple[RecordedSweep, Ablation]:
+def compared(*jobs: FinishedJob) -> tuple[RecordedSweep, Ablation]:
     """Compare jobs, measured in two niches."""
     return sweep_of(jobs), compare_arms(jobs_frame(jobs, curves_of(jobs)))
 

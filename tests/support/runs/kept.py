@@ -12,7 +12,7 @@ from studies import study_of
 from analysis.studies.predictions import Predictions
 from tacevo.records import Kind
 from tacevo.results.study import PRIMARY, RecordedStudy
-from tacevo.storage.arrays import ArrayStore, digest_of
+from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
 from tacevo.training.full import Kept, score
 
@@ -25,7 +25,7 @@ def study_with(labels: NDArray[Any], networks: Networks) -> tuple[RecordedStudy,
     kind = Kind.regression if labels.dtype == np.float32 else Kind.classification
     outputs = next(iter(networks.values())).shape[2]
     names = ("Fx", "Fy", "Fz", "Fw")[:outputs]
-    found = {
+    scores = {
         (name, seed): score(kind, one, labels, names=names, scale=[1.0] * outputs)
         for name, each in networks.items()
         for seed, one in enumerate(each)
@@ -33,7 +33,7 @@ def study_with(labels: NDArray[Any], networks: Networks) -> tuple[RecordedStudy,
     study = study_of({name: [0.5] * len(each) for name, each in networks.items()}, kind=kind)
     rows = []
     for row in study.scores:
-        metrics, confusion = found[row.network, row.seed]
+        metrics, confusion = scores[row.network, row.seed]
         kept = Kept(predictions=digest_of(networks[row.network][row.seed]), labels=digest_of(labels))
         rows.append(replace(row, metrics=metrics, confusion=confusion, kept=kept))
         assert PRIMARY[kind] in metrics

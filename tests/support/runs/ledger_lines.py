@@ -7,10 +7,10 @@ from fakes import TASK
 from tacevo.choices import Device, MarginKind, Numerics
 from tacevo.config.study import Margin
 from tacevo.evolution.archive import AddStatus
-from tacevo.evolution.files import RunLine
 from tacevo.evolution.lines import CandidateLine, GenerationLine
+from tacevo.evolution.search_files import RunLine
 from tacevo.records import DataFacts, Kind, Limits, Operator, Reason, Recipe, Stage
-from tacevo.results.study_lines import Network, ScoreLine, StudyHeader, Terms
+from tacevo.results.study_lines import ScoreLine, StudyHeader, StudyNetwork, StudyTerms
 from tacevo.storage.run_directory import RunRecord
 
 FACTS = DataFacts(
@@ -29,8 +29,8 @@ RECIPE = Recipe(
 
 #: Of conf/study.yaml.
 TERMS = {
-    Kind.regression: Terms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative)),
-    Kind.classification: Terms(alpha=0.05, margin=Margin(value=0.01, kind=MarginKind.absolute)),
+    Kind.regression: StudyTerms(alpha=0.05, margin=Margin(value=0.1, kind=MarginKind.relative)),
+    Kind.classification: StudyTerms(alpha=0.05, margin=Margin(value=0.01, kind=MarginKind.absolute)),
 }
 
 
@@ -135,7 +135,7 @@ def study_header(**changes: Any) -> StudyHeader:
         "seeds": 2,
         "terms": TERMS[Kind.regression],
         "networks": tuple(
-            Network(name=name, id="g00s00", source="s", fitness=0.1, parameters=1, flops=2)
+            StudyNetwork(name=name, id="g00s00", source="s", fitness=0.1, parameters=1, flops=2)
             for name in ("baseline", "variant 1")
         ),
     }

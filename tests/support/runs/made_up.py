@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tacevo.config.compose import compose
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.randomness import stream
 from tacevo.records import Reason, Rejection, Stage, Training

@@ -9,7 +9,7 @@ from playwright.sync_api import Page
 
 from analysis.report.collection import collect, tables_of
 from analysis.report.page.of_run import RunMaterial, read_texts
-from analysis.report.page.sources import marked
+from analysis.report.page.source_texts import marked
 from analysis.report.page.whole import PageContents, page_contents
 from tacevo.bundles.open import opened
 from tacevo.evolution.archive import AddStatus
@@ -39,8 +39,10 @@ def page_of_shipped_run() -> PageContents:
 
 def page_of(run: Path, store: Path, *, title: str) -> PageContents:
     """Return what the page of a run shows, without its sample images."""
-    found = collect(run, store)
-    material = RunMaterial(found=found, texts=read_texts(found.run)[0], tables=tables_of(found, None))
+    collection = collect(run, store)
+    material = RunMaterial(
+        collection=collection, texts=read_texts(collection.run)[0], tables=tables_of(collection, None)
+    )
     return page_contents([material], title=title, checked=[f"digest {64 * 'f'}"], commands=["tacevo replay it"])
 
 

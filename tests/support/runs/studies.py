@@ -12,7 +12,7 @@ from analysis.table import Table
 from tacevo.choices import Device, Numerics
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
-from tacevo.results.study_lines import Network, ScoreLine
+from tacevo.results.study_lines import ScoreLine, StudyNetwork
 
 
 def around(median: float, *, step: float, seeds: int = 20) -> list[float]:
@@ -68,9 +68,9 @@ def study_of_outputs(values: Mapping[str, Mapping[str, Sequence[float]]]) -> Rec
     return replace(study, data=replace(study.data, names=names), units=("N",) * len(names), scores=tuple(apart))
 
 
-def network(name: str) -> Network:
+def network(name: str) -> StudyNetwork:
     """Make a network of a name."""
-    return Network(name=name, id="g00s00", source=name, fitness=0.1, parameters=1000, flops=2000)
+    return StudyNetwork(name=name, id="g00s00", source=name, fitness=0.1, parameters=1000, flops=2000)
 
 
 def score(name: str, seed: int, metrics: Mapping[str, float]) -> ScoreLine:

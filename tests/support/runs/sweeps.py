@@ -10,7 +10,7 @@ from ledger_lines import ended, header, run_record
 from tacevo.config.compose import compose
 from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import facts_without_data, load_task
+from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded

@@ -34,19 +34,19 @@ class Canaries:
 
     def sprung(self) -> list[str]:
         """Name every trap that was touched, and take what came out of it."""
-        found = [f"file {path.name}" for path in FOLDER.iterdir() if path != _SOCKET]
+        sprung = [f"file {path.name}" for path in FOLDER.iterdir() if path != _SOCKET]
         for listener in select.select(self._listeners, [], [], 0)[0]:
-            found.append(f"message to {listener.getsockname()!r}")
+            sprung.append(f"message to {listener.getsockname()!r}")
             if listener.type == socket.SOCK_STREAM:
                 listener.accept()[0].close()
             else:
                 listener.recv(1_000)
         if self._served.is_set():
             self._served.clear()
-            found.append(f"port {THEIR_PORT} is served")
+            sprung.append(f"port {THEIR_PORT} is served")
         if os.environ.get("TACEVO_CANARY") != SECRET:
-            found.append("the environment of the search")
-        return found
+            sprung.append("the environment of the search")
+        return sprung
 
     def close(self) -> None:
         """End the watch."""

@@ -90,13 +90,13 @@ def signed_rank(first: ArrayLike, second: ArrayLike) -> dict[str, float]:
     if not differences.size:
         return {"better": 0, "worse": 0, "lead": 0.0, "p": 1.0}
     counted = len(differences) <= _COUNTED and len(np.unique(np.abs(differences))) == len(differences)
-    found = wilcoxon(differences, method="exact" if counted else "approx", correction=not counted)
+    test = wilcoxon(differences, method="exact" if counted else "approx", correction=not counted)
     ranks = rankdata(np.abs(differences))  # midranks are halves, so their sum is exact
     return {
         "better": int((differences < 0).sum()),
         "worse": int((differences > 0).sum()),
         "lead": -float((np.sign(differences) * ranks).sum()),
-        "p": rounded(float(found.pvalue)),
+        "p": rounded(float(test.pvalue)),
     }
 
 

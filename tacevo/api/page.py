@@ -60,7 +60,9 @@ def _material(run: Run, place: Opened, name: str) -> tuple[RunMaterial, list[str
             remarks = [remark.replace(path, word) for remark in remarks]
     notes = [words for folder in dict.fromkeys((place.folder, run.path)) for words in read_note(folder)]
     texts, edited = read_texts(run.recorded)
-    material = RunMaterial(found=run.collection, texts=texts, edited=edited, tables=tables, remarks=[*notes, *remarks])
+    material = RunMaterial(
+        collection=run.collection, texts=texts, edited=edited, tables=tables, remarks=[*notes, *remarks]
+    )
     return material, missing
 
 

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Iterator
 
 from tacevo.errors import RunError, TacevoError
-from tacevo.tracking.entries import shown_address
+from tacevo.tracking.params import shown_address
 from tacevo.tracking.process import without_address
 
 

@@ -14,13 +14,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.statistics.effects import Interval
-from analysis.statistics.noise import agreement, icc, noise, rankings, worth
+from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
 from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.results.study import LOWER_IS_BETTER, PRIMARY
 from tacevo.results.study_directory import FinishedStudy
-from tacevo.results.study_lines import FailedLine, Network, ScoreLine, StudyHeader
+from tacevo.results.study_lines import FailedLine, ScoreLine, StudyHeader, StudyNetwork
 from tacevo.storage.store import place_of, read_entry
 from tacevo.storage.verdicts import read_verdict
 from tacevo.text import counted, drawn
@@ -34,18 +34,18 @@ class Reestimates:
     #: Of its directory.
     name: str
     #: The baseline first; those that every seed trained.
-    networks: tuple[Network, ...]
+    networks: tuple[StudyNetwork, ...]
     #: The re-estimates of each of them, seed by seed.
     estimates: tuple[tuple[float, ...], ...]
     #: Of the search's trainings.
     epochs: int
     #: How the networks rank after each epoch, beside their test scores; None of a noise run.
     rankings: pd.DataFrame | None = None
-    #: What a fitness after the search's epochs is worth by each rule (`analysis.statistics.noise.WORTH`); None where
-    #: `rankings` is.
+    #: What a fitness after the search's epochs is worth by each rule (`analysis.statistics.seed_noise.WORTH`); None
+    #: where `rankings` is.
     worth: pd.DataFrame | None = None
     #: The others, with which some seed failed; never the baseline.
-    failed: tuple[Network, ...] = ()
+    failed: tuple[StudyNetwork, ...] = ()
     #: What the recorded fitness of a network is, in words.
     record: str = drawn(1)
     #: What a fitness is of the losses of its training.
@@ -75,11 +75,11 @@ class Reestimates:
 
     @cached_property
     def noise(self) -> pd.DataFrame:
-        """Each network and its id, its record beside its re-estimates (`analysis.statistics.noise.NOISE`)."""
-        found = noise([network.fitness for network in self.networks], self.estimates)
-        found.insert(0, "network", [network.name for network in self.networks])
-        found.insert(1, "candidate", [network.id for network in self.networks])
-        return found
+        """Each network and its id, its record beside its re-estimates (`analysis.statistics.seed_noise.NOISE`)."""
+        frame = noise([network.fitness for network in self.networks], self.estimates)
+        frame.insert(0, "network", [network.name for network in self.networks])
+        frame.insert(1, "candidate", [network.id for network in self.networks])
+        return frame
 
     @cached_property
     def icc(self) -> Interval | None:
@@ -93,12 +93,12 @@ class Reestimates:
 
     def estimates_of(self, name: str) -> tuple[float, ...]:
         """Return the re-estimates of a candidate, by its id; none where it was not trained again."""
-        return next((found for one, found in zip(self.networks, self.estimates, strict=True) if one.id == name), ())
+        return next((values for one, values in zip(self.networks, self.estimates, strict=True) if one.id == name), ())
 
     def median_of(self, name: str) -> float | None:
         """Return the median of a candidate's re-estimates, by its id; None where it was not trained again."""
-        found = self.noise["median"][self.noise.candidate == name]
-        return None if found.empty else float(found.iloc[0])
+        medians = self.noise["median"][self.noise.candidate == name]
+        return None if medians.empty else float(medians.iloc[0])
 
 
 def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
@@ -108,10 +108,10 @@ def by_seeds(reestimates: Sequence[Reestimates]) -> list[Reestimates]:
 
 def losses_by_source(reestimates: Sequence[Reestimates]) -> dict[str, tuple[float, ...]]:
     """Return the re-estimates of each network by the SHA-256 of its source."""
-    found: dict[str, tuple[float, ...]] = {}
+    losses: dict[str, tuple[float, ...]] = {}
     for one in reversed(by_seeds(reestimates)):
-        found |= {network.source: values for network, values in zip(one.networks, one.estimates, strict=True)}
-    return found
+        losses |= {network.source: values for network, values in zip(one.networks, one.estimates, strict=True)}
+    return losses
 
 
 def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: str, store: Path) -> Reestimates | None:
@@ -147,14 +147,14 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
     sound = [row for row in (by_name[name] for name in names) if isinstance(row, ScoreLine)]
     ordered, shape = [row for row in sound if row.network not in failed], (len(networks), header.seeds)
     epochs, rule = config.training.epochs, config.training.fitness
-    found = by_rule = None
+    ranked = by_rule = None
     if header.terms is None:
         fitness = np.array([row.validation_loss for row in ordered]).reshape(shape)
     else:
         curves, tested = [_losses(store, row) for row in ordered], _tested(header, ordered).reshape(shape)
         so_far = [[rule.of(losses[:epoch]) for epoch in range(1, len(losses) + 1)] for losses in curves]
         by_epoch = np.array(so_far).reshape(*shape, -1)
-        fitness, found = by_epoch[:, :, epochs - 1], rankings(by_epoch, tested)
+        fitness, ranked = by_epoch[:, :, epochs - 1], rankings(by_epoch, tested)
         by_rule = worth(np.array(curves).reshape(*shape, -1)[:, :, :epochs], tested)
     return Reestimates(
         name=finished.path.name,
@@ -162,7 +162,7 @@ def load_reestimates(finished: FinishedStudy, config: RunConfig, fingerprint: st
         estimates=tuple(map(tuple, fitness.tolist())),
         epochs=epochs,
         rule=rule,
-        rankings=found,
+        rankings=ranked,
         worth=by_rule,
         failed=tuple(network for network in header.networks if network.name in failed),
         record=drawn(config.training.seeds, or_more=config.archive.kind is ArchiveKind.extract),

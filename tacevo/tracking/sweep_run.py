@@ -6,9 +6,9 @@ from mlflow import MlflowClient
 
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.tracking.client import PARENT_TAG, find_or_create_run, log
-from tacevo.tracking.entries import shorten
 from tacevo.tracking.lock import alone
+from tacevo.tracking.mlflow_store import PARENT_TAG, find_or_create_run, log
+from tacevo.tracking.params import shorten
 
 #: Tags of a sweep's run: what it is found by; of it and of its searches: the sweep's name, the arm, the seed.
 SWEEP_KEY_TAG = "tacevo.sweep_key"

@@ -24,7 +24,7 @@ _PART = {**STRICT, "extra": "ignore"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
+class RunSettings:
     """The settings of a run that the mirror acts on, out of its whole configuration."""
 
     __pydantic_config__ = _PART
@@ -35,13 +35,13 @@ class Settings:
     experiment: Annotated[str, Field(validation_alias=AliasPath("tracking", "experiment"))]
 
 
-def read_settings(run: RunRecord, place: str = "run.json") -> Settings:
+def read_settings(run: RunRecord, place: str = "run.json") -> RunSettings:
     """Read the settings that the mirror acts on.
 
     Raises:
         RunError: the configuration lacks one.
     """
-    return convert(Settings, run.config, place=f"{place}, config", error=RunError, remedy="restore the file")
+    return convert(RunSettings, run.config, place=f"{place}, config", error=RunError, remedy="restore the file")
 
 
 def source_tags(code: Code | None) -> dict[str, str]:

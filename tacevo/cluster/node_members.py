@@ -8,8 +8,8 @@ from typing import Any
 
 from tacevo.choices import Confinement
 from tacevo.cluster.facts import Order, check_alike, facts_here
-from tacevo.cluster.images import CHUNK, Images
-from tacevo.cluster.node import Node
+from tacevo.cluster.node import ClusterNode
+from tacevo.cluster.node_images import CHUNK, Images
 from tacevo.cluster.slot import name_of
 from tacevo.errors import SandboxError, TacevoError
 from tacevo.sandbox.protocol import describe
@@ -22,7 +22,7 @@ _SLOWEST = 1e6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Member:
+class ClusterMember:
     """A node that gets jobs."""
 
     #: As people are told.
@@ -59,8 +59,8 @@ def works(node: Described) -> bool:
 
 
 def join(
-    ray: Any, nodes: Sequence[Described], process: type[Node], order: Order, images: tuple[Images, Path] | None
-) -> tuple[dict[str, Member], list[Refusal]]:
+    ray: Any, nodes: Sequence[Described], process: type[ClusterNode], order: Order, images: tuple[Images, Path] | None
+) -> tuple[dict[str, ClusterMember], list[Refusal]]:
     """Start, check and prepare nodes, all at once; a node that fails gets no job.
 
     Returns:
@@ -96,7 +96,7 @@ def join(
         brought = settled("receive", missing, lambda *_: None, chunks)
         ready = {node: True for node in ready if node in brought or node not in missing}
     return {
-        node["NodeID"]: Member(
+        node["NodeID"]: ClusterMember(
             name=names[node["NodeID"]],
             resources=node["Resources"],
             level=looked[node["NodeID"]].level,

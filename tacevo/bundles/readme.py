@@ -13,7 +13,7 @@ from textwrap import fill
 import yaml
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
 
-from tacevo.choices import DataSource, Provider
+from tacevo.choices import DataSource, Provider, SimulatedSensor
 from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError
 from tacevo.results.run import RecordedRun
@@ -204,7 +204,8 @@ def _origin(run: RecordedRun, folder: str) -> str:
     """Say how to make or obtain the data set of a run."""
     data = run.config.data
     if data.source is DataSource.simulated:
-        given = (f"data.{key}={_plain(getattr(data, key))}" for key in _SIMULATED)
+        given = [f"data.{key}={_plain(getattr(data, key))}" for key in _SIMULATED]
+        given += [] if data.sensor == SimulatedSensor.ViTacTip else [f"data.sensor={data.sensor}"]
         settings = [f"task={run.record.task.name}", *given]
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tacevo.config.given import NetworkFile
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.errors import ConfigError
 from tacevo.gate.admission import Gate
 from tacevo.gate.extraction import as_whole

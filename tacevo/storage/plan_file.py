@@ -89,7 +89,7 @@ def read_plan(path: Path, kind: Literal["study", "sweep"], task: str) -> SeedPla
             str(error.strerror), place=str(path), expected="a plan.json", remedy=f"`tacevo plan {kind}` writes one"
         ) from error
     plan = parse(SeedPlan, text, place=str(path), error=ConfigError, remedy=f"`tacevo plan {kind}` writes it")
-    for name, wanted, found in (("kind", kind, plan.kind), ("task", task, plan.task)):
-        if found != wanted:
-            raise ConfigError(repr(found), place=f"{path}, {name}", expected=repr(wanted))
+    for name, wanted, stated in (("kind", kind, plan.kind), ("task", task, plan.task)):
+        if stated != wanted:
+            raise ConfigError(repr(stated), place=f"{path}, {name}", expected=repr(wanted))
     return plan

@@ -42,12 +42,12 @@ def noise(recorded: ArrayLike, estimates: ArrayLike) -> pd.DataFrame:
         estimates: shape (n, S), S >= 1.
     """
     records, draws = np.asarray(recorded, dtype=np.float64), np.asarray(estimates, dtype=np.float64)
-    found, reference, rows = icc(draws), draws[0], []
+    correlation, reference, rows = icc(draws), draws[0], []
     for place, (record, values) in enumerate(zip(records.tolist(), draws, strict=True)):
         median = float(np.median(values))
         row = {"recorded": record, "median": rounded(median), "least": values.min(), "most": values.max()}
         row |= {"as_low": (values <= record).sum(), "optimism": rounded(record - median)}
-        row |= {"expected": None if found is None else expected(record, draws, found.estimate)}
+        row |= {"expected": None if correlation is None else expected(record, draws, correlation.estimate)}
         rows.append(row | (superiority(values, reference).columns("beats") if place else {}))
     return pd.DataFrame(rows, columns=list(NOISE)).astype(NOISE)
 

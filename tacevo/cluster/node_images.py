@@ -49,10 +49,10 @@ def directory_here() -> Path:
         return Path(named)
     default = Path(tempfile.gettempdir()) / f"tacevo-{os.getuid()}"
     default.mkdir(mode=0o700, exist_ok=True)
-    found = default.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+    info = default.lstat()
+    if not stat.S_ISDIR(info.st_mode) or info.st_uid != os.getuid() or info.st_mode & 0o022:
         raise DataError(
-            f"{'a link' if stat.S_ISLNK(found.st_mode) else stat.filemode(found.st_mode)} of the user {found.st_uid}",
+            f"{'a link' if stat.S_ISLNK(info.st_mode) else stat.filemode(info.st_mode)} of the user {info.st_uid}",
             place=str(default),
             expected=f"a directory of the user {os.getuid()} that others may not write to",
             remedy=f"remove it, or name another in {DIRECTORY}",

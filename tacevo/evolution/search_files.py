@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from tacevo.errors import RunError
-from tacevo.evolution.archive import Bounds
+from tacevo.evolution.archive import AxisBounds
 from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine, SearchLine, TrainedLine
 from tacevo.records import DataFacts, Json, Operator, Record, written
 from tacevo.rules import FIRST, Rules
@@ -84,7 +84,7 @@ class NetworkArchiveFile(Record):
     niches: int
     coverage: float
     qd_score: float
-    bounds: Bounds | None
+    bounds: AxisBounds | None
     elites: tuple[EliteEntry, ...]
 
 

@@ -12,7 +12,7 @@ from mlflow.exceptions import MlflowException
 
 from tacevo.errors import RunError
 from tacevo.storage.files import flock
-from tacevo.tracking.entries import Point
+from tacevo.tracking.params import Point
 
 #: The tag by which MLflow nests runs.
 PARENT_TAG = "mlflow.parentRunId"

@@ -17,10 +17,10 @@ from tacevo.choices import Varied
 from tacevo.config.compose import compose, compose_estimate, spread
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
-from tacevo.config.tasks import load_task
+from tacevo.config.task_texts import load_task
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
-from tacevo.evolution.files import read_ledger
+from tacevo.evolution.search_files import read_ledger
 from tacevo.redaction import check_address, secret_variables
 from tacevo.results.publishable import published_overrides
 from tacevo.results.sweep import Standing
@@ -129,8 +129,8 @@ def _run(
         nonlocal finished
         status = status_of(directory, job)
         finished += status.standing is Standing.finished
-        found = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
-        view.say(f"{job.name}: {status.standing}, {found} ({finished} of {len(statuses)} jobs finished)")
+        result = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
+        view.say(f"{job.name}: {status.standing}, {result} ({finished} of {len(statuses)} jobs finished)")
         view.advance("jobs", finished, len(statuses))
 
     with telling(

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.statistics.effects import Interval
-from analysis.statistics.images import (
+from analysis.statistics.image_statistics import (
     Floats,
     average,
     drawn_again,

@@ -9,7 +9,7 @@ from typing import Annotated
 import yaml
 
 from tacevo.choices import RecordedTask
-from tacevo.config.folder import config_file, read_named
+from tacevo.config.conf_folder import config_file, read_named
 from tacevo.config.schema import RunConfig, TaskConfig, is_a
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import ConfigError

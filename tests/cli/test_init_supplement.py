@@ -1,0 +1,101 @@
+"""Promise: `tacevo init NAME --from-supplement FILE` makes a task of the prompts in the reader's copy of a page."""
+
+from pathlib import Path
+
+import pytest
+from refusals import refused
+
+from tacevo.cli.app import main
+from tacevo.config.compose import compose
+from tacevo.config.new_task import write_task
+from tacevo.config.task_texts import facts_without_data, load_task
+from tacevo.errors import ConfigError
+
+#: As the supplement is laid out, with made-up sentences.
+PAGE = """<!DOCTYPE html><nav><ul><li><a href="#sec-force-prompts">Force prompts</a></li></ul></nav>
+<h2 id="sec-force-variants">A</h2><h4>Variant 1</h4><ul><li>More of it</li></ul>
+<h2 id="sec-prompts">C</h2>
+<h2 class="section-heading" id="sec-force-prompts">Force</h2>
+<h3>General</h3><ul><li><code>Make it smaller
+  than 1.</code></li></ul>
+<h3>Layers &amp; more</h3><ul><li><code>Add a `nn.Tanh` between &minus;1 and 1.</code></li><li></li></ul>
+<h2 id="sec-grating-prompts">Grating</h2><ul><li><code>Widen `conv2` for $5.</code></li></ul>
+<h2 id="sec-system-prompts">D</h2>
+<h3 id="sec-force-sys">Force</h3><p>As follows.</p>
+<div class="listing-block">Change ImageRegressionCNN: {instruction_prompt}
+
+Code:
+```python
+{base_net_code}
+```
+</div>
+<h3 id="sec-grating-sys">Grating</h3>
+<div class="wide listing-block">Change it for $5 &lt; $6, {instruction_prompt}: {base_net_code}</div>
+<h2 id="sec-hardness">E</h2><ul><li>Not an instruction</li></ul>
+"""
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A page like the supplement, in a directory where a user stands."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "index.html"
+    path.write_text(PAGE, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "texts", "words"),
+    [
+        (
+            "force-paper",
+            [],
+            ["Make it smaller than 1.", "Add a `nn.Tanh` between \u22121 and 1."],
+            "Change ImageRegres",
+        ),
+        ("grating-paper", [], ["Widen `conv2` for $5."], "Change it for $5 < $6, (see the instruction in the"),
+        ("other", ["--like", "grating"], ["Widen `conv2` for $5."], "Change it for $5 < $6"),
+    ],
+)
+def test_prompts_are_the_pages(page: Path, name: str, options: list[str], texts: list[str], words: str) -> None:
+    """Word for word, but for the two marks that the next message answers; all else is that of the task it is like."""
+    assert main(["init", name, "--from-supplement", str(page), *options]) == 0
+    like = options[-1] if options else name.split("-", maxsplit=1)[0]
+    config, usual = compose([f"task={name}"]), compose([f"task={like}"])
+    task, old = (load_task(each, facts_without_data(each)) for each in (config, usual))
+    assert [instruction.text for instruction in task.instructions] == texts
+    assert task.system.startswith(words)
+    assert "{" not in task.system
+    assert (task.baseline, task.crossover, task.contract, task.name) == (
+        old.baseline,
+        old.crossover,
+        old.contract,
+        old.name,
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("force-paper", "<p>another page</p>"),
+        ("force-paper", PAGE.replace("{base_net_code}", "")),
+        (
+            "grating-paper",
+            PAGE.replace("<li><code>Widen", "<p><code>Widen").replace("$5.</code></li>", "$5.</code></p>"),
+        ),
+    ],
+)
+def test_another_page_is_refused_and_leaves_nothing(page: Path, name: str, text: str) -> None:
+    """The message says what the page lacks."""
+    page.write_text(text, encoding="utf-8")
+    with refused(ConfigError, place="--from-supplement", expected="{instruction_prompt}", remedy="index.html"):
+        write_task(name, name.split("-", maxsplit=1)[0], page)
+    assert [path for path in page.parent.rglob("*") if path.is_file()] == [page]
+
+
+def test_task_without_prompts_there_is_refused(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The supplement has those of two tasks; a missing file is told, too."""
+    assert main(["init", "hardness-paper", "--from-supplement", str(page)]) == 2
+    assert "--like: expected one of force, grating; got 'hardness'" in capsys.readouterr().err
+    with refused(ConfigError, place="--from-supplement", got="a file that cannot be read"):
+        write_task("force-paper", "force", page.parent / "absent.html")
