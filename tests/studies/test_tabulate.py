@@ -21,7 +21,7 @@ from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.space_table import CARD, MANIFEST, SpaceTable, is_table, read_table, write_table
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
-from tacevo.storage.entries import Budget
+from tacevo.storage.entries import ReadBudget
 from tacevo.storage.zipfiles import packed, read_members
 from tacevo.studies.tabulate import tabulate
 from tacevo.training.full import FullTraining
@@ -70,15 +70,15 @@ def test_equal_sources_share_a_recorded_seed_and_networks_draw_their_own(table: 
     drawn = []
     for seed in range(2):
         run = _looked_up(table, tmp_path / str(seed), f"seed={seed}")
-        by_source: dict[str, set[tuple[float, ...] | None]] = {}
+        by_source: dict[str, set[tuple[float, ...]]] = {}
         for line in run.candidates:
-            by_source.setdefault(str(line.source), set()).add(line.validation_losses)
+            by_source.setdefault(str(line.source), set()).add(line.validation_losses or ())
         assert all(len(losses) == 1 for losses in by_source.values())
         curves = {network.sha256: row for row, network in enumerate(table.networks)}
         for source, losses in by_source.items():
             full = [table.verdicts[curves[source], index] for index in range(3)]
             starts = [one.training.validation_losses[:3] for one in full if isinstance(one, FullTraining)]
-            drawn.append(starts.index(next(iter(losses)) or ()))
+            drawn.append(starts.index(next(iter(losses))))
     assert len(set(drawn)) > 1
 
 
@@ -158,7 +158,7 @@ def test_made_up_table_says_so_and_is_never_retrained(table: SpaceTable) -> None
 
 
 def _members(path: Path) -> dict[str, bytes]:
-    return read_members(path, re.compile(".*"), Budget(path, path.stat().st_size))
+    return read_members(path, re.compile(".*"), ReadBudget(path, path.stat().st_size))
 
 
 @pytest.mark.parametrize("name", ["table.json", "networks.jsonl", "trainings.jsonl", CARD, MANIFEST])
@@ -212,10 +212,12 @@ def test_frames_hold_every_row(table: SpaceTable, tmp_path: Path) -> None:
     assert (len(opened.networks), len(opened.scores), len(opened.trainings)) == (9, 27, 27 * 4)
     assert opened.networks["depth"].isna().tolist() == [True] + [False] * 8
     assert opened.worth.groupby("epochs").size().tolist() == [len(FitnessRule)] * 4
-    found = opened.regret(tacevo.open(_looked_up(table, tmp_path).path))
+    run = tacevo.open(_looked_up(table, tmp_path).path)
+    assert isinstance(run, tacevo.Run)
+    regretted = opened.regret(run)
     means = opened.scores.groupby("network")["cross_entropy"].mean()
-    assert found.loss == pytest.approx(means[found.network] - means.min(), abs=1e-8)
-    assert found.rank == 1 + (means < means[found.network]).sum()
+    assert regretted.loss == pytest.approx(means[regretted.network] - means.min(), abs=1e-8)
+    assert regretted.rank == 1 + (means < means[regretted.network]).sum()
 
 
 def test_regret_of_numbers_by_hand() -> None:
