@@ -99,16 +99,15 @@ class SpaceTable:
         Raises:
             RunError: the elite is not a network of this table, or failed.
         """
-        best = run.elites["fitness"].idxmin()
-        source = run.source(str(run.elites.loc[best, "id"]))
+        best = str(run.elites["id"].iloc[0])
+        source = run.candidates.loc[best, "source"]
         rows, _, scores = self._sound()
-        row = self._rows.by_source.get(source)
-        if row not in rows:
-            got = f"{run.elites.loc[best, 'id']}, which is none or failed"
+        own = [place for place, row in enumerate(rows) if self._rows.networks[row].sha256 == source]
+        if not own:
+            got = f"{best}, which is none or failed"
             raise RunError(got, place=str(self._rows.path), expected="a trained network of this table")
-        assert row is not None
-        loss, rank = regret(scores, rows.index(row))
-        return Regret(network=row, loss=loss, rank=rank)
+        loss, rank = regret(scores, own[0])
+        return Regret(network=rows[own[0]], loss=loss, rank=rank)
 
     def _sound(self) -> tuple[list[int], NDArray[np.float64], NDArray[np.float64]]:
         """Return the networks that trained with every seed, their losses (n, S, E) and test losses (n, S)."""

@@ -30,6 +30,7 @@ NEEDED = {
     ("data", "folder"): ["data.root=images"],
     ("data", "tacverse"): ["data.root=images"],
     ("data", "numpy"): ["data.root=images.npz"],
+    ("data", "table"): ["data.root=space.zip"],
     ("experiment", "paper_force"): ["llm=anthropic"],
     ("experiment", "paper_grating"): ["llm=grammar"],
 }

@@ -21,6 +21,7 @@ NEEDED = {
     "folder": ["data.root=mine"],
     "tacverse": ["data.root=mine"],
     "numpy": ["data.root=mine.npz"],
+    "table": ["data.root=mine.zip"],
 }
 
 #: Another value of every setting than its default for any source.

@@ -13,15 +13,20 @@ from tacevo.results.space_table import SpaceTable, TableTraining, write_table
 from tacevo.studies.tabulate import header_of, members, network_of
 from tacevo.training.full import FullTraining, Kept
 
-#: A space of eight networks, beside the baseline.
-TINY = [
-    "experiment=space",
+#: A space of eight networks, which a table holds beside the baseline's file.
+TINY = (
     "tracking=none",
-    *(
-        f"llm.space.{gene}"
-        for gene in ("depth=[2]", "width=[16]", "activation=[relu]", "norm=[none]", "down=[max]", "pooling=[average]")
-    ),
-]
+    "llm.space.depth=[2]",
+    "llm.space.width=[16]",
+    "llm.space.activation=[relu]",
+    "llm.space.norm=[none]",
+    "llm.space.down=[max]",
+    "llm.space.pooling=[average]",
+    "archive.niches=5",
+    "archive.prompt_niches=5",
+    "archive.samples=100",
+    "search.generations=2",
+)
 
 
 def made_up_table(path: Path, *overrides: str, failing: int | None = None) -> SpaceTable:
@@ -47,7 +52,7 @@ def _profile(row: int) -> Profile:
     ops = ("conv2d", "relu", "max_pool2d", "conv2d", "relu", "flatten", "linear", "relu", "linear")
     nodes = tuple(Node(op=op, weighted=op in {"conv2d", "linear"}, width=16 + row % 48) for op in ops)
     edges = tuple((index, index + 1) for index in range(len(nodes) - 1))
-    graph = Graph(nodes=nodes, edges=edges, channels=(16, 32 + row), kernels=(3, 3), hidden=(256,))
+    graph = Graph(nodes=nodes, edges=edges, channels=(16, 32 + row), kernels=(3.0, 3.0), hidden=(256,))
     return Profile(parameters=10_000 + 997 * row, flops=1_000_000 + 7919 * row, modules=9, graph=graph)
 
 

@@ -1,0 +1,275 @@
+"""The table of a space is whole or refused, searches look it up as if they trained, and its rows train again alike."""
+
+import re
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+from made_up import TINY, made_up_table
+from refusals import refused
+
+import tacevo
+from analysis.statistics.spaces import regret
+from tacevo.choices import FitnessRule
+from tacevo.config.compose import compose
+from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError
+from tacevo.evolution.lines import CandidateLine
+from tacevo.reproduce.replay import replay
+from tacevo.reproduce.retrain import retrain
+from tacevo.reproduce.space_table import retrain_table, verify_table
+from tacevo.results.run import RecordedRun, read_run
+from tacevo.results.space_table import CARD, MANIFEST, SpaceTable, is_table, read_table, write_table
+from tacevo.runs.progress import Progress
+from tacevo.runs.session import search
+from tacevo.storage.entries import ReadBudget
+from tacevo.storage.zipfiles import packed, read_members
+from tacevo.studies.tabulate import tabulate
+from tacevo.training.full import FullTraining
+
+#: Of the tests' tables that nothing was trained for.
+SIZES = ("training.epochs=4", "training.seeds=3")
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> SpaceTable:
+    """Make up the table of a tiny space."""
+    return made_up_table(tmp_path_factory.mktemp("table") / "made up.zip", *TINY, *SIZES)
+
+
+def _looked_up(table: SpaceTable, folder: Path, *overrides: str) -> RecordedRun:
+    """Search a table."""
+    place = [f"data.root={table.path}", f"run.dir={folder / 'run'}", f"store.root={folder / 'cache'}"]
+    settings = ["experiment=space", *TINY, "data=table", "training.epochs=3", *place, *overrides]
+    search(compose(settings), Progress())
+    return read_run(folder / "run")
+
+
+def _trained(run: RecordedRun) -> list[CandidateLine]:
+    return [line for line in run.candidates if line.stage is None]
+
+
+def test_fitness_is_the_beginning_of_a_recorded_training(table: SpaceTable, tmp_path: Path) -> None:
+    """Every candidate is a network of the table, and its losses are the first of one of its recorded seeds."""
+    run = _looked_up(table, tmp_path)
+    rows = {network.sha256: row for row, network in enumerate(table.networks)}
+    for line in run.candidates:
+        row = rows[str(line.source)]
+        full = [table.verdicts[row, seed] for seed in range(3)]
+        curves = [one.training.validation_losses[:3] for one in full if isinstance(one, FullTraining)]
+        assert line.validation_losses in curves
+        assert line.fitness == FitnessRule.lowest.of(line.validation_losses)
+        profile = table.networks[row].profile
+        assert profile is not None
+        assert (line.parameters, line.flops) == (profile.parameters, profile.flops)
+    assert run.record.data.fingerprint == table.digest
+    assert not list((tmp_path / "cache" / "data").glob("*"))  # no image was made
+
+
+def test_equal_sources_share_a_recorded_seed_and_networks_draw_their_own(table: SpaceTable, tmp_path: Path) -> None:
+    """Noise is that of a draw a network: independent between networks and between searches."""
+    drawn = []
+    for seed in range(2):
+        run = _looked_up(table, tmp_path / str(seed), f"seed={seed}")
+        by_source: dict[str, set[tuple[float, ...]]] = {}
+        for line in run.candidates:
+            by_source.setdefault(str(line.source), set()).add(line.validation_losses or ())
+        assert all(len(losses) == 1 for losses in by_source.values())
+        curves = {network.sha256: row for row, network in enumerate(table.networks)}
+        for source, losses in by_source.items():
+            full = [table.verdicts[curves[source], index] for index in range(3)]
+            starts = [one.training.validation_losses[:3] for one in full if isinstance(one, FullTraining)]
+            drawn.append(starts.index(next(iter(losses))))
+    assert len(set(drawn)) > 1
+
+
+def test_several_seeds_of_a_candidate_are_different_recorded_ones(table: SpaceTable, tmp_path: Path) -> None:
+    """With as many seeds as the table has, a fitness is the median of all of them."""
+    run = _looked_up(table, tmp_path, "training.seeds=3", "search.generations=0")
+    for line in _trained(run):
+        assert len({one.validation_losses for one in line.by_seed()}) == 3
+
+
+def test_looked_up_run_replays_and_its_rows_are_looked_up_again(table: SpaceTable, tmp_path: Path) -> None:
+    """It is a run as any other; a retraining compares it with the table."""
+    run = _looked_up(table, tmp_path)
+    assert replay(run, Progress()).digest == run.digest
+    assert "bit for bit as recorded" in retrain([run], 2, 1, Progress())
+
+
+def test_noise_run_is_looked_up_and_a_study_is_refused(table: SpaceTable, tmp_path: Path) -> None:
+    """Elites have other recorded seeds; the test predictions of a study are in no table."""
+    run = _looked_up(table, tmp_path)
+    done = tacevo.noise(run.path, quiet=True, elites=1, seeds=3)
+    assert len(done.reestimates) == 6
+    with refused(ConfigError, place="data=table", expected="images"):
+        tacevo.study(run.path, quiet=True, elites=1, seeds=2, epochs=2)
+
+
+@pytest.mark.parametrize(
+    ("override", "place"),
+    [
+        ("training.learning_rate=0.1", "training.learning_rate"),
+        ("training.batch_size=8", "training.batch_size"),
+        ("training.epochs=5", "training.epochs"),
+        ("llm.space.width=[32]", "llm.space"),
+        ("data.image_size=64", "data.image_size"),
+        ("gate.max_parameters=1000", "gate.max_parameters"),
+    ],
+)
+def test_search_of_other_settings_is_refused(table: SpaceTable, tmp_path: Path, override: str, place: str) -> None:
+    """A recorded training under another recipe would be another training."""
+    with refused(ConfigError, place=place):
+        _looked_up(table, tmp_path, override)
+
+
+def test_network_that_is_not_in_the_table_is_an_error(table: SpaceTable, tmp_path: Path) -> None:
+    """It is named, and nothing is guessed."""
+    fewer = tmp_path / "fewer.zip"
+    write_table(fewer, table.header, table.networks[:1], [row for row in table.trainings if row.network == 0])
+    with refused(CacheMissError, place=str(fewer), got="class SingleLabelClassCNN"):
+        _looked_up(read_table(fewer), tmp_path)
+
+
+def test_network_that_failed_is_a_rejected_candidate(tmp_path: Path) -> None:
+    """Its row says why, and a search goes on without it."""
+    failing = made_up_table(tmp_path / "made up.zip", *TINY, *SIZES, failing=3)
+    assert failing.failures == [f"network 3, seed {seed}: not_finite" for seed in range(3)]
+    run = _looked_up(failing, tmp_path)
+    rejected = {line.source for line in run.candidates if line.reason == "not_finite"}
+    assert rejected == {failing.networks[3].sha256}
+    assert _trained(run)
+
+
+def test_equal_rows_give_equal_bytes(table: SpaceTable, tmp_path: Path) -> None:
+    """Nothing of the time or place of making is in the file."""
+    again = write_table(tmp_path / "again.zip", table.header, table.networks, table.trainings)
+    assert again.path.read_bytes() == table.path.read_bytes()
+    assert again.digest == table.digest
+
+
+def test_made_up_table_says_so_and_is_never_retrained(table: SpaceTable) -> None:
+    """Its name, its card and its API do; its networks verify."""
+    assert "MADE UP" in table.name
+    assert b"MADE UP" in _members(table.path)[CARD]
+    assert tacevo.open_table(table.path).is_made_up
+    verify_table(table)
+    with refused(BundleError, got="made-up"):
+        retrain_table(table, 1, 1, None, Progress())
+
+
+def _members(path: Path) -> dict[str, bytes]:
+    return read_members(path, re.compile(".*"), ReadBudget(path, path.stat().st_size))
+
+
+@pytest.mark.parametrize("name", ["table.json", "networks.jsonl", "trainings.jsonl", CARD, MANIFEST])
+def test_damaged_table_is_refused(table: SpaceTable, tmp_path: Path, name: str) -> None:
+    """An edited or a missing member is seen, whatever it is."""
+    members = _members(table.path)
+    edited, lacking = tmp_path / "edited.zip", tmp_path / "lacking.zip"
+    edited.write_bytes(packed({**members, name: members[name].replace(b"e", b"f", 1)}))
+    lacking.write_bytes(packed({key: data for key, data in members.items() if key != name}))
+    for path in (edited, lacking):
+        with pytest.raises(BundleError):
+            read_table(path)
+    assert is_table(edited)
+
+
+def test_rows_that_do_not_suit_each_other_are_refused(table: SpaceTable, tmp_path: Path) -> None:
+    """A manifest can be written again; what follows from other rows is compared all the same."""
+    first, *others = table.trainings
+    assert first.full is not None
+    wrong = replace(first, full=replace(first.full, epoch=1 + first.full.epoch % 4))
+    network = replace(table.networks[1], genome={**(table.networks[1].genome or {}), "hidden": 999})
+    for networks, trainings, kind in (
+        (table.networks, others, BundleError),
+        (table.networks, [wrong, *others], BundleError),
+        ((replace(table.networks[0], sha256="0" * 64), *table.networks[1:]), table.trainings, BundleError),
+        ((table.networks[0], network, *table.networks[2:]), table.trainings, DivergenceError),
+    ):
+        with pytest.raises(kind):
+            verify_table(write_table(tmp_path / "wrong.zip", table.header, networks, trainings))
+
+
+def test_other_files_are_no_table(tmp_path: Path, published: Path) -> None:
+    """A published run is not taken for one, and is refused as one."""
+    assert not is_table(published / "run.zip")
+    for path in (published / "run.zip", tmp_path / "absent.zip"):
+        with refused(BundleError, expected="the table of a space"):
+            read_table(path)
+
+
+@pytest.mark.parametrize("override", ["llm=grammar", "data=table"])
+def test_only_a_space_of_networks_with_images_is_tabulated(tmp_path: Path, override: str) -> None:
+    """The whole grammar has no end, and a table has no images."""
+    settings = ["experiment=space", override, "data.root=x"] if override == "data=table" else [override]
+    with pytest.raises(ConfigError, match=r"closed space|images"):
+        tabulate(compose(settings), tmp_path / "x.zip", Progress())
+
+
+def test_frames_hold_every_row(table: SpaceTable, tmp_path: Path) -> None:
+    """A row a network, a training and an epoch; what a search lost is measured by the test loss."""
+    opened = tacevo.open_table(table.path)
+    assert (len(opened.networks), len(opened.scores), len(opened.trainings)) == (9, 27, 27 * 4)
+    assert opened.networks["depth"].isna().tolist() == [True] + [False] * 8
+    assert opened.worth.groupby("epochs").size().tolist() == [len(FitnessRule)] * 4
+    run = tacevo.open(_looked_up(table, tmp_path).path)
+    assert isinstance(run, tacevo.Run)
+    regretted = opened.regret(run)
+    means = opened.scores.groupby("network")["cross_entropy"].mean()
+    assert regretted.loss == pytest.approx(means[regretted.network] - means.min(), abs=1e-8)
+    assert regretted.rank == 1 + (means < means[regretted.network]).sum()
+
+
+def test_regret_of_numbers_by_hand() -> None:
+    """The mean of the chosen less the lowest mean; equal networks share a rank."""
+    scores = [[3.0, 5.0], [1.0, 2.0], [2.0, 1.0], [9.0, 9.0]]
+    assert [regret(scores, row) for row in range(4)] == [(2.5, 3), (0.0, 1), (0.0, 1), (7.5, 4)]
+
+
+@pytest.mark.slow
+def test_table_run_equals_a_real_run_decision_by_decision(tmp_path: Path) -> None:
+    """Where both exist: with one seed, a search that trains takes the very decisions of one that looks up.
+
+    A search's training of one epoch is the beginning of a full training of two under the same seed, bit for bit: the
+    rules of both train alike, and test images are predicted by the chosen weights only.
+    """
+    images, store = "data.images=300", f"store.root={tmp_path / 'cache'}"
+    made = compose(["experiment=space", *TINY, images, store, "training.epochs=2", "training.seeds=1"])
+    table = tabulate(made, tmp_path / "table.zip", Progress())
+    assert tabulate(made, tmp_path / "again.zip", Progress()).digest == table.digest
+    assert len(table.networks) == 9
+    assert not table.failures
+    verify_table(table)
+    assert "3 of 9 trainings" in retrain_table(table, 3, 1, None, Progress())
+    for epochs in (1, 2):
+        folder = tmp_path / str(epochs)
+        looked_up = _looked_up(table, folder, f"training.epochs={epochs}")
+        settings = ["experiment=space", *TINY, images, store, f"training.epochs={epochs}", f"run.dir={folder / 'real'}"]
+        search(compose(settings), Progress())
+        real = read_run(folder / "real")
+        digests = {"predictions", "weights"} if epochs == 1 else set()
+        names = {"evaluation", *digests}
+        ours, theirs = ([_without(line, names) for line in run.candidates] for run in (looked_up, real))
+        assert ours == theirs
+        assert looked_up.elites == real.elites
+
+
+def _without(line: CandidateLine, names: set[str]) -> dict[str, object]:
+    return {name: value for name, value in asdict(line).items() if name not in names}
+
+
+@pytest.mark.slow
+def test_row_that_was_edited_does_not_train_to_it(tmp_path: Path) -> None:
+    """A loss that was never measured is found by training its row again."""
+    single = ["llm.space.hidden=[256]", "llm.space.residual=[false]", "llm.space.dropout=[0]"]
+    place = ["data.images=300", f"store.root={tmp_path}"]
+    made = compose(["experiment=space", *TINY, *single, *place, "training.epochs=1"])
+    table = tabulate(made, tmp_path / "table.zip", Progress())
+    first, *others = table.trainings
+    assert first.full is not None
+    training = replace(first.full.training, validation_losses=(0.1,))
+    forged = [replace(first, full=replace(first.full, training=training)), *others]
+    with pytest.raises(DivergenceError, match="validation_losses"):
+        retrain_table(
+            write_table(tmp_path / "forged.zip", table.header, table.networks, forged), None, 1, None, Progress()
+        )
