@@ -23,7 +23,7 @@ from tacevo.rules import CURRENT
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import Result, record
 from tacevo.runs.wiring import Workbench
-from tacevo.sandbox.client import Died, Finished, Frame, Run
+from tacevo.sandbox.client import Died, Finished, Frame, RunJob
 
 #: Images of the data set, which does not exist; few, because a made-up training predicts values for each.
 _TRAINED, _VALIDATED = 32, 8
@@ -64,7 +64,7 @@ def profile_of_baseline(config: RunConfig, task: Task, facts: DataFacts) -> Prof
     return judged.profile
 
 
-def made_up(baseline: Profile, epochs: int, outputs: int) -> Run:
+def made_up(baseline: Profile, epochs: int, outputs: int) -> RunJob:
     """Answer probes and trainings with frames that follow from the source alone."""
 
     def run(entry: str, header: Any, payload: bytes, limits: Limits, *_: object) -> Finished | Died:

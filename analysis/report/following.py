@@ -19,7 +19,7 @@ from analysis.report.page.whole import PageContents, page_contents
 from analysis.report.sweep_collection import collect_sweep
 from analysis.runs.begun import load_begun
 from tacevo.errors import RunError, TacevoError
-from tacevo.evolution.search_files import finished_digest
+from tacevo.evolution.run_files import finished_digest
 from tacevo.storage.files import write_durably
 from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import RunDirectory

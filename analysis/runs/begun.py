@@ -8,7 +8,7 @@ from analysis.runs.coverage_map import descriptors
 from analysis.runs.niches import Niches, load_niches
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import GenerationLine
-from tacevo.evolution.search_files import EliteEntry, TrialEntry, read_ledger
+from tacevo.evolution.run_files import EliteEntry, TrialEntry, read_ledger
 from tacevo.results.run import RecordedRun, without_archives
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory

@@ -24,10 +24,10 @@ def worth_by_epochs(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None
     curves = np.asarray(losses, dtype=np.float64)
     frames = []
     for epochs in range(1, curves.shape[2] + 1):
-        found = worth(curves[:, :, :epochs], scores)
-        if found is None:
+        rows = worth(curves[:, :, :epochs], scores)
+        if rows is None:
             return None
-        frames.append(found.assign(epochs=epochs)[list(BY_EPOCHS)])
+        frames.append(rows.assign(epochs=epochs)[list(BY_EPOCHS)])
     return pd.concat(frames, ignore_index=True).astype(BY_EPOCHS)
 
 

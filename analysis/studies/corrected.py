@@ -12,7 +12,7 @@ import pandas as pd
 
 from analysis.studies.reestimates import Reestimates
 from tacevo.evolution.archive import Archive, Elite, coverage, insert, qd_score
-from tacevo.evolution.search_files import EliteEntry
+from tacevo.evolution.run_files import EliteEntry
 from tacevo.rounding import rounded
 
 #: The columns of an archive's figures, and the type of each, a row `recorded` (illusory) and a row `reestimated`: the

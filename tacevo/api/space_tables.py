@@ -90,8 +90,8 @@ class SpaceTable:
         failed are left out. Without rows where the table has one seed.
         """
         _, losses, scores = self._sound()
-        found = worth_by_epochs(losses, scores)
-        return frames.frame([], BY_EPOCHS) if found is None else found
+        rows = worth_by_epochs(losses, scores)
+        return frames.frame([], BY_EPOCHS) if rows is None else rows
 
     def regret(self, run: Run) -> Regret:
         """Compare the fittest elite of a run with all networks, by their test loss.

@@ -12,7 +12,7 @@ from pathlib import Path
 from tacevo.bundles.format import JOBS, SWEEP, read_bundle, refusing
 from tacevo.choices import Confinement
 from tacevo.errors import BundleError, RunError
-from tacevo.evolution.search_files import finished_digest
+from tacevo.evolution.run_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
 from tacevo.storage.array_store import KIND

@@ -15,7 +15,7 @@ from tacevo.bundles.readme import yaml_text
 from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.errors import BundleError
-from tacevo.evolution.search_files import NETWORKS, PROMPTS, read_archive_files
+from tacevo.evolution.run_files import NETWORKS, PROMPTS, read_archive_files
 from tacevo.records import Json, to_json, written
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import FinishedStudy, plain_study

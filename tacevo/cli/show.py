@@ -16,7 +16,7 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import TEMPERATURE, CandidateLine
 from tacevo.evolution.prompts import SAMPLING
 from tacevo.evolution.reevaluation import estimates_of
-from tacevo.evolution.search_files import Line, check_references, read_elites, read_ledger
+from tacevo.evolution.run_files import Line, check_references, read_elites, read_ledger
 from tacevo.gate.imports import with_imports
 from tacevo.records import Json, Operator, Task, written
 from tacevo.results.run import RecordedRun, finished_run

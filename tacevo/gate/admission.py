@@ -16,7 +16,7 @@ from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted, Profile
 from tacevo.records import Completion, Contract, Json, Limits, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT, Rules
-from tacevo.sandbox.client import AnswerError, Died, Run
+from tacevo.sandbox.client import AnswerError, Died, RunJob
 from tacevo.sandbox.protocol import one_line
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict, recall_verdict
@@ -41,7 +41,7 @@ class Gate:
     """Judges candidates of one task."""
 
     #: The sandbox; it needs an entry `probe`, `tacevo.gate.probe:run`.
-    run: Run
+    run: RunJob
     #: Where probes are kept, of kind `probes`.
     store: Store
     #: Where the verdicts of extraction and policy on whole answers are kept, of kind `answers`.

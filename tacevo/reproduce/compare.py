@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator, Sequence
 from statistics import median
 
-from tacevo.evolution.search_files import Line
+from tacevo.evolution.run_files import Line
 from tacevo.results.run import RecordedRun
 from tacevo.storage.canonical import differences, shown, value_at
 from tacevo.storage.ledger import first_difference, place_of

@@ -8,7 +8,7 @@ from tacevo.environment import deviations, doubting, versions
 from tacevo.errors import DivergenceError
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.reevaluation import Reevaluation
-from tacevo.evolution.search_files import NETWORKS, PROMPTS, NetworkArchiveFile
+from tacevo.evolution.run_files import NETWORKS, PROMPTS, NetworkArchiveFile
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import Mode, Rejection
 from tacevo.results.run import RecordedRun

@@ -28,7 +28,7 @@ from tacevo.evolution.lines import (
     training_flops,
 )
 from tacevo.evolution.reevaluation import fitness_by_id
-from tacevo.evolution.search_files import (
+from tacevo.evolution.run_files import (
     EliteEntry,
     Line,
     NetworkArchiveFile,

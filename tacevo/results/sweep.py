@@ -9,7 +9,7 @@ from pathlib import Path
 from tacevo.config.identity import config_hash, is_equal_by_construction
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
-from tacevo.evolution.search_files import finished_digest
+from tacevo.evolution.run_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.tested import FailedTestError, JobScore, job_score
 from tacevo.storage.sweep_directory import UNSTATED, Job, Retraining, SweepDirectory, SweepTerms

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from tacevo.errors import IncomparableError
 from tacevo.evolution.lines import TEMPERATURE
-from tacevo.evolution.search_files import rules_in_words
+from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Json, to_json
 from tacevo.results.sweep import FinishedJob, RecordedSweep
 from tacevo.storage.canonical import canonical, differences, shown, value_at

@@ -18,7 +18,7 @@ from tacevo.data.labels import units_of
 from tacevo.data.pictures import contact_sheet, format_of, sample_figure, save
 from tacevo.data.scaling import input_statistics
 from tacevo.data.simulator.tasks import Simulated
-from tacevo.data.simulator.writing import overrides_for, write_files
+from tacevo.data.simulator.written_files import overrides_for, write_files
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.release import compared
 from tacevo.data.splitting import PARTS
@@ -86,7 +86,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         warnings=(
             *doubts_of(config, task, dataset, catalogue),
             *_alike_words(len(alike), config.data.source),
-            *(f"this is not the whole release: {words}" for words in differing),
+            *(["data.root is not the whole release: what differs stands above"] if differing else []),
         ),
         fingerprint=facts.fingerprint,
         cache=str(dataset.images.parent),

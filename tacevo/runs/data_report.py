@@ -16,6 +16,7 @@ SHOWN = 10
 HOW = {
     DataSource.csv: "; name groups by data.group_column=COLUMN, or data.group_pattern='\"REGEX\"' on the paths",
     DataSource.folder: "; name groups by data.group_pattern='\"REGEX\"' on the paths",
+    DataSource.tacverse: "; name groups by data.split=random data.group_pattern='\"REGEX\"' on the paths",
     DataSource.numpy: "; name groups by an array `groups`",
 }
 

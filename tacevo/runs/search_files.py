@@ -8,7 +8,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.archive import TopK, coverage, qd_score
 from tacevo.evolution.development import Effects
-from tacevo.evolution.search_files import EliteEntry, NetworkArchiveFile, PromptFile, RunLine, TrialEntry
+from tacevo.evolution.run_files import EliteEntry, NetworkArchiveFile, PromptFile, RunLine, TrialEntry
 from tacevo.evolution.state import Observer, Plan, SearchState
 from tacevo.records import DataFacts, Task
 from tacevo.rules import Rules

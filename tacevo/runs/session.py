@@ -20,7 +20,7 @@ from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.development import LLM, Outcome
 from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
-from tacevo.evolution.search_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
+from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
 from tacevo.redaction import without_password
@@ -36,7 +36,7 @@ from tacevo.runs.providers import asks_elsewhere, build_llm, name_warning
 from tacevo.runs.search_files import archive_files, run_header, run_under
 from tacevo.runs.usable import UsableAnswers
 from tacevo.runs.wiring import Workbench, build_plan, check_means, start_zygote
-from tacevo.sandbox.client import Run, Zygote
+from tacevo.sandbox.client import RunJob, Zygote
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger, Sealed, sealed_text
@@ -96,7 +96,7 @@ def record(
     view: Progress,
     *,
     begun: Sealed[Line] | None = None,
-    run: Run | None = None,
+    run: RunJob | None = None,
     zygote: Zygote | None = None,
     llm: LLM | None = None,
 ) -> Result:

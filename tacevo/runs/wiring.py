@@ -29,7 +29,7 @@ from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import examples_of, held_out_of
 from tacevo.runs.looked_up import LookedUp, Probes, table_of
 from tacevo.runs.providers import build_llm, provider_settings
-from tacevo.sandbox.client import Died, Finished, Run, Sandbox, Score, Zygote
+from tacevo.sandbox.client import Died, Finished, RunJob, Sandbox, Score, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
 from tacevo.storage.array_store import KIND, ArrayStore
 from tacevo.storage.store import Store, Stores
@@ -192,7 +192,7 @@ class Workbench:
     #: Called with a line for the user.
     say: Callable[[str], None] | None = None
     #: What runs jobs: that of the executor, unless something else is given.
-    run: Run | None = None
+    run: RunJob | None = None
     #: Of `start_zygote`, for the sandbox; one starts with the first job where there is none.
     zygote: Zygote | None = None
     #: Of `build_llm`, in this mode; built where it is needed if there is none.
@@ -297,7 +297,7 @@ class Workbench:
         """Return the processor time of all candidates that this thread has waited for."""
         return getattr(self._waited, "seconds", 0.0)
 
-    def _sandbox(self, mode: Mode) -> Run:
+    def _sandbox(self, mode: Mode) -> RunJob:
         """Return what runs jobs and notes their processor time; in a replay, stores answer all of them."""
         if mode is Mode.replay:
             return _refuse_to_run
@@ -312,7 +312,7 @@ class Workbench:
 
         return noting
 
-    def _runner(self) -> Run:
+    def _runner(self) -> RunJob:
         if self.run is None and self.config.data.source is DataSource.table:
             self.run = Probes(table_of(self.config))
         if self.run is None:

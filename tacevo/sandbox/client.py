@@ -88,7 +88,7 @@ class Died:
 Score = Callable[[bytes], float]
 
 
-class Run(Protocol):
+class RunJob(Protocol):
     """Runs a job, as `Sandbox.run` does."""
 
     def __call__(

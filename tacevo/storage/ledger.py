@@ -138,7 +138,7 @@ def read_lines(
 
     Args:
         path: the file.
-        kind_of: returns the class of a line, e.g. `tacevo.evolution.search_files.line_kind`.
+        kind_of: returns the class of a line, e.g. `tacevo.evolution.run_files.line_kind`.
         name_line: names the line behind the given ones, for messages.
 
     Raises:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import RunError
-from tacevo.evolution.search_files import finished_digest
+from tacevo.evolution.run_files import finished_digest
 from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming

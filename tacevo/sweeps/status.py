@@ -9,7 +9,7 @@ from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.lines import GenerationLine
-from tacevo.evolution.search_files import finished_digest, read_ledger
+from tacevo.evolution.run_files import finished_digest, read_ledger
 from tacevo.results.sweep import Standing, state_of
 from tacevo.rounding import significant
 from tacevo.storage.run_directory import RunDirectory

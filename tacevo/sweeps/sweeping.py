@@ -20,7 +20,7 @@ from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.environment import usable_cores
 from tacevo.errors import ConfigError, RunError, telling
-from tacevo.evolution.search_files import read_ledger
+from tacevo.evolution.run_files import read_ledger
 from tacevo.redaction import check_address, secret_variables
 from tacevo.results.publishable import published_overrides
 from tacevo.results.sweep import Standing

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from tacevo.errors import RunError, TacevoError
-from tacevo.evolution.search_files import read_ledger
+from tacevo.evolution.run_files import read_ledger
 from tacevo.redaction import check_address
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.data_and_code import read_settings

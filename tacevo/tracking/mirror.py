@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tacevo.costs import Spending, total
 from tacevo.evolution.lines import CandidateLine, GenerationLine
-from tacevo.evolution.search_files import Line, line_kind
+from tacevo.evolution.run_files import Line, line_kind
 from tacevo.records import Operator
 from tacevo.storage.ledger import read_line
 from tacevo.storage.run_directory import RunDirectory, RunRecord

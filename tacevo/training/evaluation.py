@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tacevo.choices import Device, Numerics
 from tacevo.errors import DataError
 from tacevo.records import Contract, Json, Recipe, Rejection, Training, to_json, written
-from tacevo.sandbox.client import Died, Finished, Run
+from tacevo.sandbox.client import Died, Finished, RunJob
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import recall_verdict
 from tacevo.training.answers import judge
@@ -80,7 +80,7 @@ class Setting:
 
     def train(
         self,
-        run: Run,
+        run: RunJob,
         source: str,
         seed: int,
         *,
@@ -158,7 +158,7 @@ class TrainingStore(ABC, Generic[Data, Result]):
     #: Of the result, in an entry of the store.
     _name: str
 
-    def __init__(self, *, run: Run, store: Store, setting: Setting, examples: Data | None, rules: int) -> None:
+    def __init__(self, *, run: RunJob, store: Store, setting: Setting, examples: Data | None, rules: int) -> None:
         self._run, self._store, self._setting, self._examples = run, store, setting, examples
         self._rules = rules
 

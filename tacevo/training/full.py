@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tacevo.errors import CacheMissError, DivergenceError, StoreError
 from tacevo.records import DataFacts, Kind, Reason, Record, Rejection, Stage, Training
 from tacevo.rules import CHOSEN_SINCE, KEPT_SINCE
-from tacevo.sandbox.client import Died, Finished, Run
+from tacevo.sandbox.client import Died, Finished, RunJob
 from tacevo.sandbox.protocol import one_line
 from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
@@ -100,7 +100,7 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
     def __init__(
         self,
         *,
-        run: Run,
+        run: RunJob,
         store: Store,
         setting: Setting,
         examples: tuple[Examples, HeldOut] | None,

@@ -10,7 +10,7 @@ from tacevo.choices import Device
 from tacevo.environment import gpus
 from tacevo.errors import SandboxError
 from tacevo.records import Json, Limits
-from tacevo.sandbox.client import Died, Finished, Run, Score
+from tacevo.sandbox.client import Died, Finished, RunJob, Score
 
 
 def visible_gpus() -> tuple[str, ...]:
@@ -40,7 +40,7 @@ class Leases:
         per_gpu: most trainings on one of them at once.
     """
 
-    def __init__(self, run: Run, gpus: Sequence[str], per_gpu: int) -> None:
+    def __init__(self, run: RunJob, gpus: Sequence[str], per_gpu: int) -> None:
         self._run, self._per_gpu = run, per_gpu
         self._lent = Counter(dict.fromkeys(gpus, 0))
         self._changed = threading.Condition()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import StringConstraints
 
 from tacevo.records import Reason, Record, Rejection, Stage, Training
-from tacevo.sandbox.client import AnswerError, Finished, Frame, Run
+from tacevo.sandbox.client import AnswerError, Finished, Frame, RunJob
 from tacevo.sandbox.protocol import one_line
 from tacevo.training.evaluation import Examples, Setting
 from tacevo.training.full import HeldOut, untested
@@ -57,7 +57,7 @@ class Weighed:
 
 
 def train_and_weigh(
-    run: Run, setting: Setting, source: str, seed: int, *, epoch: int, data: tuple[Examples, HeldOut]
+    run: RunJob, setting: Setting, source: str, seed: int, *, epoch: int, data: tuple[Examples, HeldOut]
 ) -> Weighed | Rejection:
     """Train a network in a sandbox and keep its weights after an epoch, from 1; nothing is stored.
 

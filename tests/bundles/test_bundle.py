@@ -13,7 +13,7 @@ from tacevo.bundles.format import sealed
 from tacevo.bundles.verify import check_sizes, table_difference
 from tacevo.errors import RunError
 from tacevo.evolution.lines import SeedLine
-from tacevo.evolution.search_files import Line
+from tacevo.evolution.run_files import Line
 from tacevo.results.run import RecordedRun
 
 

@@ -19,7 +19,7 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Counter[Path]:
         times[path] += 1
         return read_lines(path, *others)
 
-    for module in ("tacevo.evolution.search_files", "tacevo.results.study_directory"):
+    for module in ("tacevo.evolution.run_files", "tacevo.results.study_directory"):
         monkeypatch.setattr(f"{module}.read_lines", counted)
     return times
 

@@ -37,3 +37,15 @@ def test_baseline_takes_another_number_of_channels(task: str) -> None:
     exec(_baseline(task), names)
     made = next(value for value in names.values() if isinstance(value, type) and issubclass(value, nn.Module))
     assert train_a_step(made(in_channels=1), 1, image_size=32).shape[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "width"),
+    # As torchvision and timm count them for 1,000 classes: 11,689,512, 28,589,128 and 22,050,664.
+    [("resnet18", 11_689_512, 512), ("convnext_tiny", 28_589_128, 768), ("vit_small", 22_050_664, 384)],
+)
+def test_networks_of_the_release_are_those_of_their_papers(name: str, parameters: int, width: int) -> None:
+    """But for the last layer, which has nine classes; any size of images will do."""
+    module = build((LIBRARY / "tacverse" / f"{name}.py").read_text(), "SingleLabelClassCNN")
+    assert sum(parameter.numel() for parameter in module.parameters()) == parameters - (1000 - 9) * (width + 1)
+    assert train_a_step(module, 3, 32).shape == (2, 9)

@@ -14,7 +14,7 @@ from refusals import refused
 from tacevo.errors import RunError
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.lines import CandidateLine, GenerationLine, ReevaluationLine
-from tacevo.evolution.search_files import (
+from tacevo.evolution.run_files import (
     check_references,
     finished_digest,
     line_kind,

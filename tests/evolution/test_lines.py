@@ -11,7 +11,7 @@ from refusals import refused
 
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine, GenerationLine
-from tacevo.evolution.search_files import line_kind
+from tacevo.evolution.run_files import line_kind
 from tacevo.records import Operator, written
 from tacevo.storage.ledger import read_line, read_lines, seal
 

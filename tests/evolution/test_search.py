@@ -16,7 +16,7 @@ from tacevo.choices import ParentPolicy, PromptPolicy, TemperatureRule
 from tacevo.errors import ConfigError, DivergenceError
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.lines import CandidateLine, GenerationLine, SearchLine, training_flops
-from tacevo.evolution.search_files import line_kind
+from tacevo.evolution.run_files import line_kind
 from tacevo.evolution.state import Budget, Plan
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.storage.ledger import Ledger, read_lines

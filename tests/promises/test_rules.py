@@ -13,7 +13,7 @@ from refusals import refused
 from smallest import UNTRACKED
 
 from tacevo.errors import RunError
-from tacevo.evolution.search_files import Line, RunLine, read_ledger, rules_of
+from tacevo.evolution.run_files import Line, RunLine, read_ledger, rules_of
 from tacevo.records import written
 from tacevo.rules import CORES, CURRENT, FIRST, LAST_RELEASES, TRAININGS, check_known
 from tacevo.storage.run_directory import RunDirectory

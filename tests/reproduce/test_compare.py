@@ -16,7 +16,7 @@ from ledger_lines import ended, header, rejected, run_record, trained
 
 from tacevo.choices import ArchiveKind
 from tacevo.cli.app import main
-from tacevo.evolution.search_files import Line, RunLine
+from tacevo.evolution.run_files import Line, RunLine
 from tacevo.records import Json
 from tacevo.reproduce.compare import compare
 from tacevo.results.run import RecordedRun

@@ -24,7 +24,7 @@ from tacevo.cli import reproduce as commands
 from tacevo.cli.app import main
 from tacevo.errors import BundleError, DataError, DivergenceError
 from tacevo.evolution.lines import CandidateLine
-from tacevo.evolution.search_files import read_ledger
+from tacevo.evolution.run_files import read_ledger
 from tacevo.records import Reason, Rejection, Stage, Training
 from tacevo.reproduce.retrain import (
     _check_equal,

@@ -15,7 +15,7 @@ from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.evolution.lines import GenerationLine, ReevaluationLine, RepairedAnswer
-from tacevo.evolution.search_files import Line
+from tacevo.evolution.run_files import Line
 from tacevo.records import Operator, Reason, Stage
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise, tell

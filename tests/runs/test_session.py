@@ -15,7 +15,7 @@ from tacevo.cli.edge import Terminated
 from tacevo.config.compose import compose
 from tacevo.config.task_texts import load_task
 from tacevo.errors import RunError, telling
-from tacevo.evolution.search_files import read_ledger
+from tacevo.evolution.run_files import read_ledger
 from tacevo.records import written
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress

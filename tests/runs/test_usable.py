@@ -16,7 +16,7 @@ from tacevo.errors import LLMError
 from tacevo.evolution.development import Outcome
 from tacevo.evolution.lines import GenerationLine
 from tacevo.evolution.proposals import Proposal
-from tacevo.evolution.search_files import read_ledger
+from tacevo.evolution.run_files import read_ledger
 from tacevo.llm.grammar.provider import answer
 from tacevo.llm.recording import Keep, RecordingLLM
 from tacevo.records import Completion, Operator, Reason, Rejection, Request, Stage

@@ -24,7 +24,7 @@ from tacevo.choices import ExecutorKind
 from tacevo.cli.app import main
 from tacevo.config.schema import ExecutorConfig
 from tacevo.errors import ConfigError
-from tacevo.evolution.search_files import finished_digest
+from tacevo.evolution.run_files import finished_digest
 from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps.launch import SLURM, Launcher, check_launcher, fitted, launch, needed_cores, split_launcher

@@ -7,7 +7,7 @@ import pytest
 from sweeps import SHARED, begin, composed
 
 from tacevo.config.identity import config_hash
-from tacevo.evolution.search_files import finished_digest
+from tacevo.evolution.run_files import finished_digest
 from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.status import best_in_words, describe_jobs, status_of

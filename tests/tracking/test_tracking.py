@@ -33,7 +33,7 @@ from waiting import eventually
 
 from tacevo.costs import Spending
 from tacevo.errors import RunError
-from tacevo.evolution.search_files import Line
+from tacevo.evolution.run_files import Line
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.tracking.process import Mirror
 

@@ -19,7 +19,7 @@ from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import CacheMissError, ConfigError, DataError, SandboxError
 from tacevo.records import Contract, Gpu, Limits, Loss, Mode, Reason, Rejection, Stage, Training
 from tacevo.sandbox.caches import VARIABLE
-from tacevo.sandbox.client import Died, Finished, Frame, Run, Sandbox
+from tacevo.sandbox.client import Died, Finished, Frame, RunJob, Sandbox
 from tacevo.sandbox.kernel import can_fix_addresses
 from tacevo.storage.store import Store
 from tacevo.training.answers import judge
@@ -42,7 +42,7 @@ GPU = Gpu(model="NVIDIA H200", precision=Precision.float32, memory_mib=8192)
 GPUS = [GPU, replace(GPU, model="B"), replace(GPU, precision=Precision.bf16), replace(GPU, memory_mib=64)]
 
 
-def evaluator(run: Run, root: Path, **changes: Any) -> Evaluator:
+def evaluator(run: RunJob, root: Path, **changes: Any) -> Evaluator:
     """Make an evaluator of the tiny task, with some arguments changed."""
     store = Store(root, "evaluations", changes.pop("mode", Mode.record))
     examples, rules = changes.pop("examples", EXAMPLES), changes.pop("rules", 1)

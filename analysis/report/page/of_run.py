@@ -32,7 +32,7 @@ from tacevo.choices import PromptPolicy
 from tacevo.config.identity import identity
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.reevaluation import estimates_of
-from tacevo.evolution.search_files import rules_in_words
+from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER

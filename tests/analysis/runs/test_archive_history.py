@@ -9,7 +9,7 @@ from analysis.report.collection import collect
 from analysis.runs.archive_history import archive_history, archive_medians
 from tacevo.bundles.open import opened
 from tacevo.evolution.lines import GenerationLine
-from tacevo.evolution.search_files import read_ledger
+from tacevo.evolution.run_files import read_ledger
 from tacevo.records import to_json
 from tacevo.storage.canonical import content_hash
 from tacevo.storage.run_directory import RunDirectory

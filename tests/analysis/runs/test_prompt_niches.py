@@ -15,7 +15,7 @@ from tacevo.bundles.open import opened
 from tacevo.evolution.archive import Tessellation
 from tacevo.evolution.lines import CandidateLine
 from tacevo.evolution.prompts import prompt_point
-from tacevo.evolution.search_files import read_finished
+from tacevo.evolution.run_files import read_finished
 from tacevo.records import Json
 from tacevo.results.run import RecordedRun
 from tacevo.storage.run_directory import RunDirectory

@@ -11,7 +11,7 @@ from refusals import refused
 from small_recordings import loaded, simulated
 
 from tacevo.choices import SensorTask
-from tacevo.data.simulator.writing import write_files
+from tacevo.data.simulator.written_files import write_files
 from tacevo.data.sources.table import TableSource
 from tacevo.errors import ConfigError, DataError
 

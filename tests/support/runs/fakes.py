@@ -14,7 +14,7 @@ from tacevo.evolution.archive import NetworkArchive, Tessellation, find_centroid
 from tacevo.evolution.development import Effects, Evaluate, Outcome
 from tacevo.evolution.lines import SearchLine
 from tacevo.evolution.proposals import Settings
-from tacevo.evolution.search_files import line_kind
+from tacevo.evolution.run_files import line_kind
 from tacevo.evolution.state import Plan, SearchState
 from tacevo.profile import Admitted, Graph, Node, Profile
 from tacevo.records import (

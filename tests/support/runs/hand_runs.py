@@ -15,7 +15,7 @@ from tacevo.costs import Spending
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
-from tacevo.evolution.search_files import EliteEntry, Line, TrialEntry
+from tacevo.evolution.run_files import EliteEntry, Line, TrialEntry
 from tacevo.records import DataFacts, Instruction, Kind, Operator, Reason, Stage
 from tacevo.results.run import RecordedRun
 from tacevo.storage.ledger import Sealed

@@ -8,7 +8,7 @@ from tacevo.choices import Device, MarginKind, Numerics
 from tacevo.config.study import Margin
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, GenerationLine
-from tacevo.evolution.search_files import RunLine
+from tacevo.evolution.run_files import RunLine
 from tacevo.records import DataFacts, Kind, Limits, Operator, Reason, Recipe, Stage
 from tacevo.results.study_lines import ScoreLine, StudyHeader, StudyNetwork, StudyTerms
 from tacevo.storage.run_directory import RunRecord

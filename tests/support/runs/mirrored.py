@@ -11,7 +11,7 @@ from ledger_lines import FACTS, ended, header, rejected, run_record, trained
 from tacevo.environment import Code
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine
-from tacevo.evolution.search_files import Line, line_kind
+from tacevo.evolution.run_files import Line, line_kind
 from tacevo.records import Instruction, Operator, to_json
 from tacevo.storage.files import write_durably
 from tacevo.storage.ledger import Ledger
