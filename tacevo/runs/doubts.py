@@ -10,6 +10,7 @@ from tacevo.data.exposure import doubtful_images
 from tacevo.data.source import Catalogue, listed
 from tacevo.records import Kind, Task
 from tacevo.runs.datasets import source_of
+from tacevo.runs.looked_up import table_of
 
 #: The heading below which a task's system prompt says what the images show.
 _HEADING = "## The task\n"
@@ -30,7 +31,10 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
             f"task={config.task.name} is for {outputs}, and the data set has {listed(names)}; the prompt tells the "
             f'model: "{told(task)}" (`tacevo init NAME --like {config.task.name}` begins a task of your own)'
         )
-    if config.data.source not in {DataSource.simulated, DataSource.table}:
+    if config.data.source is DataSource.table:
+        table = table_of(config)
+        doubts += [f"{table.path} is made up: no network was trained for it"] if table.header.made_up else []
+    elif config.data.source is not DataSource.simulated:
         doubts += doubtful_images(source_of(config).catalogue() if catalogue is None else catalogue, dataset)
     return doubts
 

@@ -147,8 +147,12 @@ def test_equal_rows_give_equal_bytes(table: SpaceTable, tmp_path: Path) -> None:
     assert again.digest == table.digest
 
 
-def test_made_up_table_says_so_and_is_never_retrained(table: SpaceTable) -> None:
-    """Its name, its card and its API do; its networks verify."""
+def test_made_up_table_says_so_and_is_never_retrained(
+    table: SpaceTable, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its name, its card, its API and each search of it do; its networks verify."""
+    _looked_up(table, tmp_path, "search.generations=0")
+    assert "made up" in capsys.readouterr().err.replace(str(table.path), "")
     assert "MADE UP" in table.name
     assert b"MADE UP" in _members(table.path)[CARD]
     assert tacevo.open_table(table.path).is_made_up
