@@ -77,13 +77,11 @@ def test_wrong_setting_is_refused_by_its_name(override: str, place: str, expecte
         compose_study(["run=x", override] if not override.startswith("run") else [override])
 
 
-@pytest.mark.parametrize(
-    ("override", "place", "got"), [("elites=2", "elites", "2"), ("plan=plan.json", "plan", "plan.json")]
-)
-def test_study_of_a_sweep_follows_from_the_sweep(override: str, place: str, got: str) -> None:
-    """Of each job the best elite is trained, and the plan was stated when the sweep began."""
-    with refused(ConfigError, place=place, got=got, expected="no value with sweep="):
-        compose_study(["sweep=x", override])
+def test_study_of_a_sweep_follows_from_the_sweep() -> None:
+    """Of each job the best elite is trained unless more are asked for; the plan was stated when the sweep began."""
+    assert [compose_study(["sweep=x", *more]).elites for more in ([], ["elites=5"])] == [1, 5]
+    with refused(ConfigError, place="plan", got="plan.json", expected="no value with sweep="):
+        compose_study(["sweep=x", "plan=plan.json"])
 
 
 @pytest.mark.parametrize(
