@@ -100,7 +100,7 @@ def test_processes_of_ray_that_are_killed_are_no_verdict(
 ) -> None:
     """A task and a node's process that the kernel kills for want of memory, say, are started again."""
     searching = search(cluster, tmp_path)
-    for victim in ("ray::run_job", "ray::Node"):
+    for victim in ("ray::run_job", "ray::ClusterNode"):
         assert eventually(lambda: bool(running(cluster)), seconds=PATIENCE)
         os.kill(running(cluster, victim)[0][1], signal.SIGKILL)
     assert finish(searching) == whole_search[1]

@@ -163,7 +163,7 @@ def test_ray_that_a_search_starts_holds_no_key_and_lets_no_stranger_in(
     assert "oken" in said["stranger"]
     commands = " ".join(command for command, _ in seen)
     assert "raylet" in commands
-    assert "ray::Node" in commands
+    assert "ray::ClusterNode" in commands
     assert "ray::run_job" in commands
     elsewhere = re.compile(r"ray::|site-packages/ray/|tacevo\.sandbox")  # but not our own `git describe`
     assert not [command for command, holds_key in seen if holds_key and elsewhere.search(command)]

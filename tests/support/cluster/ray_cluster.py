@@ -75,7 +75,7 @@ class RayNode:
 
     def jobs(self) -> dict[int, str]:
         """Return those that belong to a run: its process, its tasks, its zygotes and candidates."""
-        ours = re.compile(r"ray::(Node|run_job)|tacevo\.sandbox")
+        ours = re.compile(r"ray::(ClusterNode|run_job)|tacevo\.sandbox")
         return {pid: command for pid, command in self.processes().items() if ours.search(command)}
 
 
