@@ -16,7 +16,11 @@ SHIPPED = sorted(PUBLISHED.glob("*.zip"))
 
 #: What a bundle says of who answered; the others say that the grammar did, and no LLM.
 ANSWERED = {
-    "claude-vs-grammar": ["The hosted API was not called", "Answers by the grammar provider: no LLM", "no verdict on a model"],
+    "claude-vs-grammar": [
+        "The hosted API was not called",
+        "Answers by the grammar provider: no LLM",
+        "no verdict on a model",
+    ],
     "grating-claude": ["The hosted API was not called", "one observation"],
     "grating-variants": ["No model was asked"],
     "grating-winners": ["No model was asked", "The hosted API was not called"],
