@@ -296,8 +296,9 @@ def _contrast(
         differing = len(searches.get(name, {})) - len(same)
         kind = Comparability.by_construction
         if name not in twins:
-            kind = _comparability(x, y, few=min(len(samples[name]), len(samples[reference])), differing=differing)
-            family += [name] if kind is not Comparability.too_few_seeds else []
+            few = min(len(samples[name]), len(samples[reference]))
+            kind = _comparability(x, y, few=few, equal=bool(same) and not differing)
+            family += [name] if few >= FEWEST_SEEDS else []
         if kind is Comparability.comparable:
             pairs[name] = list(x.values()), list(y.values())
         rows[name] |= {"comparability": kind.value, "differing": differing}
@@ -316,12 +317,13 @@ def _corrected(family: Sequence[str], p_values: Mapping[str, float]) -> dict[str
     return dict(zip(family, holm([p_values.get(name, 1.0) for name in family]), strict=True)) if family else {}
 
 
-def _comparability(x: Mapping[int, float], y: Mapping[int, float], *, few: int, differing: int) -> Comparability:
+def _comparability(x: Mapping[int, float], y: Mapping[int, float], *, few: int, equal: bool) -> Comparability:
     """Return whether a sample can be tested against the reference's, by seed both, of the runs that differ.
 
-    `few` is the smaller size of both samples with those that do not differ.
+    `few` is the smaller size of both samples with those that do not differ, and `equal` whether there are runs of the
+    arm, none of which differs.
     """
-    if not differing or (few >= FEWEST_SEEDS and (x == y or len({*x.values(), *y.values()}) == 1)):
+    if equal or (few >= FEWEST_SEEDS and (x == y or len({*x.values(), *y.values()}) == 1)):
         return Comparability.identical
     if few < FEWEST_SEEDS:
         return Comparability.too_few_seeds

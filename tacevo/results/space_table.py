@@ -11,7 +11,7 @@ import re
 import struct
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
@@ -24,7 +24,7 @@ from tacevo.errors import BundleError, TacevoError
 from tacevo.profile import Profile
 from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json
 from tacevo.rules import Rules
-from tacevo.storage.canonical import canonical, readable
+from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
 from tacevo.storage.zipfiles import packed, read_members
@@ -117,7 +117,7 @@ class SpaceTable:
     """A table that was read; each network that the gate admitted has a training with each seed."""
 
     path: Path
-    #: SHA-256 of the manifest.
+    #: Of the rows and what decides them, and not of who made them, so that equal rows are equal data of a search.
     digest: str
     header: Header
     networks: tuple[TableNetwork, ...]
@@ -208,16 +208,16 @@ def _read(path: Path, _: int, size: int) -> SpaceTable:
     manifest = members.pop(MANIFEST)
     if manifest.decode(errors="replace") != "".join(f"{_sha256(members[n])}  {n}\n" for n in sorted(members)):
         raise _damaged(path, MANIFEST, "the checksums of the other members", "others")
+    header = parse(Header, members[HEADER], place=f"{path}, {HEADER}", error=BundleError)
+    decisive = to_json(replace(header, versions={}, machine={}))
     table = SpaceTable(
         path=path,
-        digest=_sha256(manifest),
-        header=parse(Header, members[HEADER], place=f"{path}, {HEADER}", error=BundleError),
+        digest=content_hash([decisive, _sha256(members[NETWORKS]), _sha256(members[TRAININGS])]),
+        header=header,
         networks=tuple(_rows(TableNetwork, members, NETWORKS, path)),
         trainings=tuple(_rows(TableTraining, members, TRAININGS, path)),
     )
     _check_rows(table)
-    if members[CARD].decode(errors="replace") != card(table.header, table.networks):
-        raise _damaged(path, CARD, "the card of these rows", "another text")
     return table
 
 

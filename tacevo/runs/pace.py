@@ -153,7 +153,7 @@ def part_saved(config: RunConfig, images: int) -> float:
             while _cpu_seconds(*slow, epochs) - least[0] < _TURN:
                 epochs *= 2
             turns = [[_cpu_seconds(*each, epochs) for each in (slow, fast)] for _ in range(3)]
-    except TacevoError:
+    except (TacevoError, OSError):  # a hint never ends a search
         return 0.0
     more = config.training.epochs * images / config.training.batch_size - 1
     costs: list[float] = [

@@ -84,8 +84,9 @@ class Died:
     cpu_seconds: float = field(default=0.0, compare=False)
 
 
-#: Scores the payload of a frame, the lower the better, and raises nothing. For a node it is pickled.
-Score = Callable[[bytes], float]
+#: Scores a frame, by its number from 0 and its payload, the lower the better, and raises nothing. For a node it is
+#: pickled. A candidate may send what frames it likes, so one that is not expected gets infinity and tells it nothing.
+Score = Callable[[int, bytes], float]
 
 
 class RunJob(Protocol):
@@ -358,7 +359,7 @@ def _await_answer(
         while message.sort is Sort.frame:
             frames.append(message)
             if score is not None:
-                value = score(message.payload)
+                value = score(len(frames) - 1, message.payload)
                 channel.send(Message.of(Sort.scored, value < lowest))
                 lowest = min(lowest, value)
                 deadline = time.monotonic() + longest  # the candidate goes on

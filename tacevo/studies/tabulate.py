@@ -8,11 +8,12 @@ import hashlib
 import time
 from collections.abc import Sequence
 from concurrent.futures import as_completed
+from dataclasses import replace
 from pathlib import Path
 
-from tacevo.choices import DataSource
+from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.plain import to_plain
-from tacevo.config.schema import RunConfig
+from tacevo.config.schema import ExecutorConfig, RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
@@ -22,6 +23,7 @@ from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.space import Genome, genomes, member
 from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Mode, Rejection, Task
+from tacevo.results.publishable import published_config
 from tacevo.results.space_table import Header, SpaceTable, TableNetwork, TableTraining, write_table
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, trivial_of
@@ -61,7 +63,7 @@ def header_of(config: RunConfig, task: Task, facts: DataFacts, trivial: float, *
     """Return what the rows of a configuration's table follow from."""
     return Header(
         made_up=made_up,
-        config=to_plain(config),
+        config=published_config(to_plain(replace(config, executor=ExecutorConfig(kind=ExecutorKind.local, workers=1)))),
         task=task,
         data=facts,
         seeds=tuple(training_seed(config.seed, number) for number in range(config.training.seeds)),

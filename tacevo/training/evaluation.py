@@ -121,7 +121,7 @@ class Setting:
         payload = examples.train.tobytes() + rows.tobytes() + examples.train_targets.tobytes()
         if not last:
             return run("train", header, payload, self.recipe.limits)
-        score = partial(_score, self.contract, examples.validation_targets)
+        score = partial(_score, self.contract, examples.validation_targets, self.recipe.epochs)
         return run("train", header, payload, self.recipe.limits, score)
 
     def judge(
@@ -138,8 +138,10 @@ class Setting:
         return {} if self.device is Device.cpu else {"device": self.device.value}
 
 
-def _score(contract: Contract, targets: NDArray[Any], payload: bytes) -> float:
-    """Return the validation loss of what a trainer sent after an epoch; infinity where it is not that."""
+def _score(contract: Contract, targets: NDArray[Any], epochs: int, number: int, payload: bytes) -> float:
+    """Return the validation loss of what a trainer sent after an epoch; infinity where it is not that, or after all."""
+    if number >= epochs:
+        return math.inf
     try:
         predictions = np.frombuffer(payload, np.float32).reshape(len(targets), contract.outputs)
     except ValueError:

@@ -4,8 +4,9 @@ The child predicts the validation images after every epoch, and hears whether th
 end it puts those weights back and predicts validation and test images, in separate batches. All of it is without their
 labels: the parent chooses the epoch. Where it predicts the validation images otherwise than after that epoch, as a
 network does that keeps what it learnt outside its weights and buffers, it is trained again and predicts the test images
-after every epoch, as all did under the rules before `CHOSEN_SINCE`. So "the weights of the best validation epoch" needs
-no trust in the child, and in a network that normalises by the batch no test image changes a validation loss.
+after every epoch, as all did under the rules before `CHOSEN_SINCE`. In a network that normalises by the batch no test
+image changes a validation loss. A candidate that counts its calls could answer the test images alone by other weights
+(docs/security.md).
 
 The test predictions of that epoch are kept with the labels of the test images, and the metrics are computed from them
 again whenever a training is recalled. Where they are not at hand, in the bundle of a sweep, those metrics are computed

@@ -26,7 +26,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
-def number(payload: bytes) -> float:
+def number(_: int, payload: bytes) -> float:
     """Score a payload by the number that it is, the end of a job by none."""
     return float("inf") if payload == b"end" else float(payload)
 
@@ -48,9 +48,9 @@ def test_lowest_so_far_is_told(sandbox: Sandbox) -> None:
 def test_time_of_the_score_is_not_the_candidates(sandbox: Sandbox) -> None:
     """A search that is slow, or was stopped by its user, does not make a candidate too slow."""
 
-    def slow(payload: bytes) -> float:
+    def slow(_: int, payload: bytes) -> float:
         time.sleep(0.6)
-        return number(payload)
+        return number(0, payload)
 
     assert isinstance(sandbox.run("hear", ["3", "2"], b"", replace(LIMITS, seconds=1), slow), Finished)
 
@@ -60,11 +60,11 @@ def test_job_that_runs_again_hears_of_its_own_frames_alone(sandbox: Sandbox) -> 
     before: set[int] = set(descendants(os.getpid()))
     killed: list[int] = []
 
-    def kill_once(payload: bytes) -> float:
+    def kill_once(_: int, payload: bytes) -> float:
         if payload == b"2" and not killed:
             killed.extend(set(descendants(os.getpid())) - before)
             os.kill(killed[-1], signal.SIGKILL)
-        return number(payload)
+        return number(0, payload)
 
     assert heard(sandbox, ["3", "2"], kill_once) == [True, True]
     assert killed
@@ -75,7 +75,7 @@ def test_frames_that_nobody_waits_for_do_no_harm(tmp_path: Path) -> None:
     with open_sandbox(tmp_path) as sandbox:
         assert heard(sandbox, ["1"]) == [True]
         before = set(descendants(os.getpid()))
-        finished = sandbox.run("send_without_waiting", None, b"", LIMITS, len)
+        finished = sandbox.run("send_without_waiting", None, b"", LIMITS, lambda _, payload: len(payload))
         assert isinstance(finished, Finished)
         assert len(finished.frames) == 500
         assert eventually(lambda: before.issuperset(descendants(os.getpid())))

@@ -105,7 +105,7 @@ class Recorder:
         """Answer as a trainer would."""
         self.sent.append((header, payload))
         if score is not None:
-            self.scores.append([score(frame.payload) for frame in self._answer.frames])
+            self.scores.append([score(at, frame.payload) for at, frame in enumerate(self._answer.frames)])
         return self._answer
 
 
