@@ -95,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 signal.signal(
                     signal.SIGINT, signal.SIG_DFL
                 )  # Python, as it ends, would print where a second one struck
-            print(f"\ninterrupted; {str(interruption) or options.interrupted}", file=sys.stderr)
+            print(f"\ninterrupted; {_kept(interruption) or options.interrupted}", file=sys.stderr)
             return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
         except BrokenPipeError:
             with contextlib.suppress(OSError):
@@ -109,6 +109,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             named = error.filename is not None and error.strerror is not None
             print(f"error: {f'{error.filename}: {error.strerror}' if named else error}", file=sys.stderr)
             return MISTAKE
+
+
+def _kept(interruption: BaseException | None) -> str:
+    """Return what an interruption says is kept, or what the one says that was on its way when this one struck."""
+    while interruption is not None and not (isinstance(interruption, KeyboardInterrupt) and str(interruption)):
+        interruption = interruption.__context__
+    return "" if interruption is None else str(interruption)
 
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
@@ -136,7 +143,7 @@ def _parser(command: str | None) -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"tacevo {__version__}")
-    parser.set_defaults(interrupted="nothing was finished, and the same command begins again")
+    parser.set_defaults(interrupted="the same command does what is left")  # which may be all
     if command in _REPLACED:
         remedy = f"use `{_REPLACED[command]}`"
         raise ConfigError(command, place="tacevo", expected="a command of this release", remedy=remedy)

@@ -195,9 +195,7 @@ def add_tabulate(parser: Parser) -> None:
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="the file to write, such as table.zip")
     add_config_dir(parser)
-    parser.set_defaults(
-        command=_later("tabulate", "tabulate"), interrupted="what was trained is kept, and the same command continues"
-    )
+    parser.set_defaults(command=_later("tabulate", "tabulate"))
 
 
 def _add_kind(parser: argparse.ArgumentParser, source: str, kind: str, compared: str) -> None:

@@ -78,7 +78,7 @@ def _chapter(one: Run | Sweep, directory: Path) -> str:
     say(remarks_of(one))
     tables, missing = one.all_tables()
     pictures, undrawn = drawable(one)
-    with progress_of(one.name, len(pictures)) as on_drawn:
+    with progress_of(f"figures of {one.name}", len(pictures)) as on_drawn:
         chapter = write_chapter(one.name, tables, pictures, directory, on_drawn)
     say([*missing, *undrawn])
     return chapter

@@ -47,9 +47,9 @@ def add_search(parser: Parser) -> None:
     parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help=OVERRIDE)
     parser.add_argument("--estimate", action="store_true", help="print requests, tokens, cost and hours; send nothing")
     parser.add_argument("-c", "--cfg", choices=["job"], help="print the composed settings as YAML, and run nothing")
-    parser.add_argument("--resolve", action="store_true", help="the same")
+    parser.add_argument("--resolve", action="store_true", help="the same as --cfg job, for who knows Hydra")
     whats = ["all", "config", "defaults", "defaults-tree", "plugins", "searchpath"]  # Hydra's
-    parser.add_argument("--info", nargs="?", const="all", choices=whats, metavar="WHAT", help="the same")
+    parser.add_argument("--info", nargs="?", const="all", choices=whats, metavar="WHAT", help="this, too")
     add_config_dir(parser)
     add_multirun(parser)
     parser.set_defaults(command=_search)

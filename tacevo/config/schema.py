@@ -93,8 +93,7 @@ class SearchConfig(Record):
     candidates: OneToMillion
     #: Mutations of the baseline that start the archive, beside the baseline itself.
     initial: ZeroToMillion
-    #: The generation whose trainings bring their sum to so many FLOPs (`tacevo.evolution.lines.training_flops`) is the
-    #: last; null for `generations` alone.
+    #: The generation whose trainings bring their sum to so many FLOPs is the last; null for `generations` alone.
     training_flops: Positive | None = None
     #: Generations in a row without one usable answer after which the search stops; null for never.
     stop_after_unusable: AtLeast1 | None = 2
@@ -157,7 +156,7 @@ class DataConfig(Record):
     white_point: Positive | None = None
     #: The column of the table whose value the images of one press share, which a random split keeps in one part.
     group_column: Text | None = None
-    group_pattern: Pattern | None = None  #: the same by a regular expression in an image's path
+    group_pattern: Pattern | None = None  #: groups by a regular expression in an image's path
     #: TacVerse: whether `images` and `spacings_mm` select; runs of before this setting took every image and size.
     select: bool = False
     #: TacVerse: what the classes of gratings are.
@@ -185,7 +184,7 @@ class ArchiveConfig(Record):
     bounds: BoundsRule  #: of the axes: fixed, or as wide as what was trained
     #: With `bounds=fixed`: the (low, high) of a descriptor.
     arch_div_bounds: tuple[float, ...]
-    eff_ratio_bounds: tuple[float, ...]  #: the same of the other descriptor
+    eff_ratio_bounds: tuple[float, ...]  #: of the other descriptor, with `bounds=fixed`
     eff_ratio_scale: Scale  #: of its axis
     kind: ArchiveKind = ArchiveKind.cvt  #: niches, the best networks, or niches whose elites are trained again
     #: With `kind=best`: how many networks are kept; niches, axes and bounds then have no effect on networks.
@@ -229,8 +228,8 @@ class LLMConfig(Record):
     delivery: Delivery = Delivery.direct
     #: Further sampling settings; what is null or empty is not sent.
     top_p: Annotated[float, Gt(0), Le(1)] | None = None
-    top_k: AtLeast1 | None = None  #: the same
-    stop_sequences: tuple[Text, ...] = ()  #: the same
+    top_k: AtLeast1 | None = None  #: null: not sent
+    stop_sequences: tuple[Text, ...] = ()  #: []: not sent
     #: Tokens of `max_tokens` that the model may think with before it answers.
     thinking_tokens: AtLeast1 | None = None
     #: No new request starts that could bring a run's answers above this many US dollars; null for no limit.

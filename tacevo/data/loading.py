@@ -87,7 +87,7 @@ def load(
         with staged(directory, partial(say, WAITING) if say is not None else None) as stage:
             if stage is not None:
                 if say is not None:
-                    say(f"data: making {len(catalogue.labels):,} images of {catalogue.image_size} px")
+                    say(f"data: preparing {len(catalogue.labels):,} images, of {catalogue.image_size} px")
                 images = make_images(catalogue, stage / datasets.IMAGES, workers, progress)
                 datasets.write(_assemble(catalogue, images, parts, targets, normalisation), stage)
     else:

@@ -8,6 +8,7 @@ Both are written whole, so that several processes may end the same study at once
 
 import contextlib
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -17,10 +18,11 @@ from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import Json, to_json, written
 from tacevo.results.study_lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
-from tacevo.storage.canonical import content_hash, readable
+from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.files import is_in_use, remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
+from tacevo.text import counted
 from tacevo.typed import parse
 
 #: What `study_names` returns, as a regular expression.
@@ -32,9 +34,6 @@ _LONGEST_WHERE = 40
 
 #: So many scores may be missing where a study is not whole.
 _MOST_MISSING = 1_000
-
-_CONTINUES = "the command that began it, `tacevo study` or `tacevo noise`, continues it; or delete it"
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
@@ -145,10 +144,10 @@ class StudyDirectory:
         rows = tuple(line for line in sealed.lines if not isinstance(line, StudyHeader))
         if not headers or not rows or sealed.lines != (headers[0], *rows):
             raise RunError(
-                f"one that is not finished ({len(rows)} scores)",
+                counted(len(rows), "score"),
                 place=str(self.scores),
                 expected="a header, then scores",
-                remedy=_CONTINUES,
+                remedy=self._remedy,
             )
         # What is missing is named by who reads the rows, unless a forged header makes that a list without end.
         if (wanted := len(headers[0].networks) * headers[0].seeds) > len(rows) + _MOST_MISSING:
@@ -162,21 +161,39 @@ class StudyDirectory:
         Raises:
             RunError: as `read_scores`, or a process is at work on it, or the digests differ.
         """
-        if not self.scores.exists() and self.is_busy:
-            got, remedy = "one that is still running", "wait for it"
-            raise RunError(got, place=str(self.path), expected="a finished study", remedy=remedy)
-        record, scores = self.read(), self.read_scores()
+        record = self.read()
+        if not self.scores.exists():
+            got, remedy = "one that was interrupted", _continues(record)
+            if self.is_busy:
+                got, remedy = "one that is still running", "wait for it"
+            trainings = counted(len(record.networks) * record.seeds, "training")
+            raise RunError(got, place=str(self.path), expected=f"a finished study, of {trainings}", remedy=remedy)
+        scores = self.read_scores()
         if record.digest != scores.digest:
             raise RunError(
                 "null" if record.digest is None else record.digest,
                 place=f"{self.path}/study.json, digest",
                 expected=f"{scores.digest}, with which scores.jsonl ends",
-                remedy=_CONTINUES,
+                remedy=_continues(record),
             )
         return FinishedStudy(path=self.path, record=record, scores=scores)
 
     def _write(self, study: StudyRecord) -> None:
         write_durably(self.path / "study.json", readable(plain_study(study)))
+
+
+def _continues(study: StudyRecord) -> str:
+    """Name the command that goes on with a study; what else was set is not named where it is mostly the default."""
+    settings = {"elites": len(study.networks) - 1, "seeds": study.seeds}
+    if study.name.startswith("networks"):  # which were given, and all of them are studied
+        del settings["elites"]
+    if study.terms is not None:
+        settings["epochs"] = study.recipe.epochs
+    words = [f"{key}={value}" for key, value in settings.items()]
+    words += ["choose=reestimated"] if study.chosen_by else []
+    words += [f"data.{name}={value if isinstance(value, str) else canonical(value)}" for name, value in study.other_data]
+    command = "noise" if study.terms is None else "study"
+    return f"`tacevo {command} RUN {shlex.join(words)}`, with what else was set, continues it; or delete it"
 
 
 def plain_study(study: StudyRecord) -> dict[str, Json]:

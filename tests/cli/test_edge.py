@@ -15,6 +15,7 @@ from waiting import eventually
 
 from tacevo.cli import edge
 from tacevo.cli.app import WITHOUT_ANALYSIS, main
+from tacevo.errors import telling
 
 
 def python(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -152,6 +153,23 @@ def test_other_fault_of_a_destructor_is_still_told() -> None:
     error = ValueError("a fault")
     edge._interrupt_again(told.append, ignored := type("Ignored", (), {"exc_value": error}))
     assert told == [ignored]
+
+
+def test_second_interruption_hides_nothing_that_the_first_one_says(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C twice, the second while processes are ended: what is kept is said all the same, and how to go on."""
+
+    def interrupted(*_: object) -> None:
+        try:
+            with telling(lambda: True):
+                raise KeyboardInterrupt
+        finally:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("tacevo.cli.inspect.examine", interrupted)
+    assert main(["doctor"]) == 130
+    assert "what was computed is kept" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])

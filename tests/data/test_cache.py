@@ -88,7 +88,7 @@ def test_who_waits_for_another_process_says_so(tmp_path: Path) -> None:
     said: list[str] = []
     folder = loaded(Greys(), tmp_path, say=said.append).images.parent
     loaded(Greys(), tmp_path, say=said.append)
-    assert [line.partition(" images")[0].rpartition(" ")[0] for line in said] == ["data: making"]
+    assert [line.partition(" images")[0].rpartition(" ")[0] for line in said] == ["data: preparing"]
     shutil.rmtree(folder)
     with (tmp_path / f".{folder.name}{LOCK}").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -1,5 +1,6 @@
 """Promise: the files of a study are whole or absent, and every edited row is named by network and seed."""
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import pytest
 from ledger_lines import score, study_header
 from refusals import refused
 
+from tacevo.config.compose import compose_study
 from tacevo.errors import DivergenceError, RunError
 from tacevo.results.study_directory import StudyDirectory, misfits, studies_of
 from tacevo.storage.ledger import sealed_text
@@ -34,8 +36,12 @@ def test_description_is_kept_and_digest_comes_last(tmp_path: Path) -> None:
     assert (directory.read().machine, directory.read().digest) == ({"cpu": "first"}, None)
     assert misfits(directory.read(), HEADER) == []
     assert misfits(directory.read(), replace(HEADER, rules=9)) == ["rules"]
-    with refused(RunError, place="mine/scores.jsonl", remedy="`tacevo study` or `tacevo noise`, continues it"):
-        directory.read_scores()
+    with refused(RunError, place="mine", got="one that was interrupted") as refusal:
+        directory.read_finished()
+    command = shlex.split(str(refusal.value.remedy).split("`")[1])
+    config = compose_study(["run=RUN", *command[3:]])
+    assert (command[1], config.elites, config.seeds) == ("study", len(HEADER.networks) - 1, HEADER.seeds)
+    assert config.epochs == HEADER.recipe.epochs
     digest = directory.finish(HEADER, ROWS)
     assert directory.read().digest == digest == directory.read_scores().digest
     assert directory.read_scores().rows == tuple(ROWS)

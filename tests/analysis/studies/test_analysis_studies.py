@@ -98,7 +98,7 @@ def test_unfinished_study_is_refused(tmp_path: Path) -> None:
     """Before its scores are there, and where they were cut off after the digest was written."""
     directory = StudyDirectory(tmp_path / "begun")
     directory.begin(HEADER, scale=(), units=(), versions={}, machine={})
-    with refused(RunError, place="begun/scores.jsonl", expected="a header, then scores"):
+    with refused(RunError, place="begun", got="one that was interrupted"):
         load_study(directory.path)
     path = written(tmp_path / "cut")
     scores = path / "scores.jsonl"
