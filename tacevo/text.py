@@ -21,7 +21,9 @@ def counted(number: int, noun: str) -> str:
 
 
 def lasting(seconds: float) -> str:
-    """Write a long time in round figures: `about 25 minutes`, `about 3.4 hours`, `about 5 days`."""
+    """Write a time in round figures: `about 40 seconds`, `about 25 minutes`, `about 3.4 hours`, `about 5 days`."""
+    if seconds < 100:
+        return f"about {seconds:.0f} seconds"
     hours = seconds / 3600
     if hours < 1:
         return f"about {60 * hours:.0f} minutes"

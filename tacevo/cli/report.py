@@ -57,7 +57,8 @@ def _document(options: argparse.Namespace) -> int:
     chapters += [_chapter(one, directory / f"run{number}") for number, one in enumerate(shown, start=1)]
     document = write_document(chapters, directory)
     print(f"document: {document}")
-    pdf = make_pdf(document, shutil.which)
+    with Progress():
+        pdf = make_pdf(document, shutil.which)
     engines = " or ".join(command[0] for command, _ in ENGINES)
     print(f"PDF: {pdf}" if pdf else f"no PDF: install {engines}, and run the same command again")
     return max(map(status_of, shown))
@@ -76,8 +77,10 @@ def _with_largest(run: Run) -> Run:
 def _chapter(one: Run | Sweep, directory: Path) -> str:
     """Write the tables and figures of a run or a sweep into a directory."""
     say(remarks_of(one))
-    tables, missing = one.all_tables()
-    pictures, undrawn = drawable(one)
+    with Progress() as view:
+        view.say(f"making the tables of {one.name}")
+        tables, missing = one.all_tables()
+        pictures, undrawn = drawable(one)
     with progress_of(f"figures of {one.name}", len(pictures)) as on_drawn:
         chapter = write_chapter(one.name, tables, pictures, directory, on_drawn)
     say([*missing, *undrawn])

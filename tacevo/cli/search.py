@@ -19,7 +19,7 @@ from tacevo.config.plain import to_plain
 from tacevo.environment import as_typed
 from tacevo.records import Mode
 from tacevo.results.sweep import Standing
-from tacevo.runs.estimate import describe_estimate, describe_estimates
+from tacevo.runs.estimate import MEASURING, describe_cost, describe_estimates, describe_time
 from tacevo.runs.progress import Progress
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import Result, search
@@ -86,11 +86,7 @@ def _search(options: argparse.Namespace) -> int:
     if says_terms(options) and not options.multirun:
         options.parser.error("--reference, --primary, --vary and --plan are terms of a sweep, so they need -m")
     if options.estimate:
-        with Progress() as view:
-            view.say("measuring how fast this machine trains")
-            estimated = _estimated(options)
-        print(estimated)
-        return DONE
+        return _estimate(options)
     if options.multirun:
         check_experiment(options.overrides)
         return run_sweep(options)
@@ -108,12 +104,20 @@ def _search(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _estimated(options: argparse.Namespace) -> str:
-    """Estimate a search, or every job of a sweep."""
-    if not options.multirun:
-        return describe_estimate(compose_estimate(options.overrides))
-    planned = plan_unasked(options.overrides, _asked(options).vary or ())
-    return describe_estimates([(job.name, config) for job, config in planned.items()])
+def _estimate(options: argparse.Namespace) -> int:
+    """Estimate a search, its cost before its hours, which take a measurement; or every job of a sweep."""
+    if options.multirun:
+        planned = plan_unasked(options.overrides, _asked(options).vary or ())
+        later = partial(describe_estimates, [(job.name, config) for job, config in planned.items()])
+    else:
+        config = compose_estimate(options.overrides)
+        print(describe_cost(config), end="\n\n", flush=True)
+        later = partial(describe_time, config)
+    with Progress() as view:
+        view.say(MEASURING)
+        told = later()
+    print(told)
+    return DONE
 
 
 def print_end(result: Result, remarks: Iterable[str] = ()) -> None:

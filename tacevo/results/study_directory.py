@@ -35,6 +35,7 @@ _LONGEST_WHERE = 40
 #: So many scores may be missing where a study is not whole.
 _MOST_MISSING = 1_000
 
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
     """The scores of a finished study."""
@@ -191,7 +192,9 @@ def _continues(study: StudyRecord) -> str:
         settings["epochs"] = study.recipe.epochs
     words = [f"{key}={value}" for key, value in settings.items()]
     words += ["choose=reestimated"] if study.chosen_by else []
-    words += [f"data.{name}={value if isinstance(value, str) else canonical(value)}" for name, value in study.other_data]
+    words += [
+        f"data.{name}={value if isinstance(value, str) else canonical(value)}" for name, value in study.other_data
+    ]
     command = "noise" if study.terms is None else "study"
     return f"`tacevo {command} RUN {shlex.join(words)}`, with what else was set, continues it; or delete it"
 

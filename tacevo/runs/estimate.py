@@ -28,6 +28,12 @@ from tacevo.storage.listing import scan
 from tacevo.storage.store import Store
 from tacevo.text import counted, table
 
+#: What a user reads while a pace is measured: it takes some 80 s of a processor for images of 256 px.
+MEASURING = (
+    "measuring how fast this machine trains: one or two minutes where it is idle, more under load; Ctrl-C leaves the "
+    "hours out"
+)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
@@ -86,8 +92,8 @@ def _facts(config: RunConfig) -> DataFacts:
     return replace(facts, names=source.names) if isinstance(source, Simulated) else facts
 
 
-def describe_estimate(config: RunConfig, measure: Measure = measure, saving: Saving = part_saved) -> str:
-    """Write an estimate down: requests, tokens, the cost by model and delivery, and the hours by a measured pace."""
+def describe_cost(config: RunConfig) -> str:
+    """Write down what a search asks for: requests, tokens, and the cost by model and delivery; nothing is measured."""
     estimated = estimate(config)
     delivered = deliveries(config.llm.provider)
     basis = "networks are as long as the baseline, and a token has four characters"
@@ -107,8 +113,6 @@ def describe_estimate(config: RunConfig, measure: Measure = measure, saving: Sav
             table(header, [row]),
             "",
             *_remarks(config),
-            "",
-            *_time(config, measure, saving),
         ]
     )
 
@@ -176,18 +180,18 @@ def _dollars(amount: float | None) -> str:
     return "unknown" if amount is None else dollars(amount)
 
 
-def _time(config: RunConfig, measure: Measure, saving: Saving) -> Sequence[str]:
-    """Say how long the trainings take on this machine, and what that assumes; or why it is not known."""
+def describe_time(config: RunConfig, measure: Measure = measure, saving: Saving = part_saved) -> str:
+    """Measure how long the trainings take on this machine, and say what that assumes; or why it is not known."""
     try:
         images, pace = training_images(config), measure(config)
     except TacevoError as error:
-        return [f"hours: not measured ({error})"]
+        return f"hours: not measured ({error})"
     training, workers, took = config.training, config.executor.workers, pace.seconds(config, images)
     busy = f"The machine was busy: {pace.load:.1f} processes wanted each core. Idle, it is faster."
     where = "this machine" if config.executor.kind is ExecutorKind.local else "machines like this one"
     size = f"{images:,} images of {config.data.image_size} px"
     rate = f"{pace.images_per_second:,.{0 if pace.images_per_second >= 100 else 1}f}"
-    return [
+    lines = [
         f"hours: {_hours(took)} for {trainings(config):,} trainings of "
         f"{counted(training.epochs, 'epoch')} of {size}, with executor.workers={workers} on {where}.",
         f"Measured now, on noise: {counted(pace.at_once, 'baseline')} at once, {rate} images/s in all; "
@@ -198,6 +202,7 @@ def _time(config: RunConfig, measure: Measure, saving: Saving) -> Sequence[str]:
         *([busy] if pace.load >= 1 else []),
         *(told_saving(saving(config, images), took) if took > LONG else []),
     ]
+    return "\n".join(lines)
 
 
 def _hours(seconds: float) -> str:

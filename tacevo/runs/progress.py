@@ -1,20 +1,15 @@
 """What a user sees while a command works: lines, and on a terminal bars with rate and time left."""
 
+import threading
 import time
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Self
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    ProgressColumn,
-    Task,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, ProgressColumn, Task, TaskID
 from rich.progress import Progress as Bars
+from rich.table import Column
 from rich.text import Text
 
 from tacevo.evolution.archive import coverage
@@ -29,6 +24,9 @@ from tacevo.text import counted, lasting, printable
 #: Seconds from which on a search says how long it takes.
 LONG = 600.0
 
+#: Seconds without a line after which a log gets one.
+SILENCE = 15.0
+
 
 def told_saving(part: float, seconds: float) -> list[str]:
     """Say in one line what AVX-512 saves, such a part of so many seconds; nothing where it is less than a minute."""
@@ -41,46 +39,95 @@ def told_saving(part: float, seconds: float) -> list[str]:
 
 
 class Progress:
-    """Lines and bars on standard error, or on another console; logs and pipes get the lines only.
+    """Lines and bars on standard error, or on another console.
 
-    On a terminal a clock runs while no bar does, so that a command which works is never still.
+    On a terminal a clock runs while no bar does. Logs and pipes get the lines, and one that says how far the work is
+    whenever nothing was said for `SILENCE` seconds. So a command that works is never still.
     """
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True)
         self._bars = Bars(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            _CountColumn(),
-            TextColumn("{task.fields[note]}"),
-            _RateColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
+            _TextColumn("description"),
+            BarColumn(bar_width=12),
+            _CountColumn(Column(no_wrap=True)),
+            _TextColumn("note"),
+            _RateColumn(Column(no_wrap=True)),
+            _LeftColumn(Column(no_wrap=True)),
             console=self._console,
             disable=not self._console.is_terminal,
         )
         self._tasks: dict[str, TaskID] = {}
-        self._clock = self._bars.add_task("at work", total=None, note="")
+        self._clock = self._bars.add_task("at work", total=None, note="", before=0)
+        self._ended = threading.Event()
+        self._last = time.monotonic()
 
     def __enter__(self) -> Self:
         self._bars.start()
+        if self._bars.disable and not self._console.quiet:
+            threading.Thread(target=self._remind, daemon=True).start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._ended.set()
         self._bars.stop()
 
     def say(self, text: str) -> None:
         """Write one line, above the bars."""
+        self._last = time.monotonic()
         self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
     def advance(self, what: str, done: int, total: int, note: str = "") -> None:
-        """Move the bar of something, e.g. `images`, and write a note beside it."""
+        """Move the bar of something, e.g. `images`, and write a note beside it; with fewer done, it begins again."""
         if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(what, total=total, note=note)
+            self._tasks[what] = self._bars.add_task(what, total=total, completed=done, note=note, before=done)
+        elif done < self._bars.tasks[self._tasks[what]].completed:
+            self._bars.reset(self._tasks[what], completed=done, note=note, before=done)
         self._bars.update(self._tasks[what], completed=done, total=total, note=note)
         is_still = all(task.finished for task in self._bars.tasks if task.id != self._clock)
         if is_still != self._bars.tasks[self._clock].visible:
             self._bars.reset(self._clock, visible=is_still)
+
+    def _remind(self) -> None:
+        """Write how far the work is after each silence, until it ends."""
+        while not self._ended.wait(max(0.0, self._last + SILENCE - time.monotonic())):
+            if time.monotonic() >= self._last + SILENCE:
+                self.say(self._standing())
+
+    def _standing(self) -> str:
+        """Say how far the unfinished work is, and how long the rest takes; of what is not counted, how long it took."""
+        *_, shown = [task for task in self._bars.tasks if task.visible and not task.finished]
+        if shown.id == self._clock:
+            return f"at work for {lasting(shown.elapsed or 0)}"
+        left = _left(shown)
+        ahead = f"at work for {lasting(shown.elapsed or 0)}" if left is None else f"{lasting(left)} left"
+        note = f", {shown.fields['note']}" if shown.fields["note"] else ""
+        return f"{shown.description}: {shown.completed:.0f} of {shown.total:.0f}{note}, {ahead}"
+
+
+def _rate(task: Task) -> float | None:
+    """Return the units a second since the task began; None before there is one."""
+    seconds = task.finished_time or task.elapsed
+    return (task.completed - task.fields["before"]) / seconds if seconds else None
+
+
+def _left(task: Task) -> float | None:
+    """Return the seconds that the rest takes at the rate so far; None where this is not known."""
+    rate = _rate(task)
+    return (task.total - task.completed) / rate if rate and task.total is not None else None
+
+
+class _TextColumn(ProgressColumn):
+    """A text that is cut where the terminal is narrow: what the other columns say must be readable."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._name = name
+
+    def render(self, task: Task) -> Text:
+        """Write the text on one line."""
+        text = task.description if self._name == "description" else task.fields[self._name]
+        return Text(text, no_wrap=True, overflow="ellipsis")
 
 
 class _CountColumn(ProgressColumn):
@@ -92,12 +139,24 @@ class _CountColumn(ProgressColumn):
 
 
 class _RateColumn(ProgressColumn):
-    """Units a second, over the last half minute or so."""
+    """Units a second, or a minute where they are slow."""
 
     def render(self, task: Task) -> Text:
         """Write the rate, once there is one."""
-        speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:.2g}/s")
+        rate = _rate(task) if task.total is not None else None
+        if not rate:
+            return Text("")
+        return Text(f"{rate:.2g}/s" if rate >= 1 else f"{60 * rate:.2g}/min")
+
+
+class _LeftColumn(ProgressColumn):
+    """The time that the rest takes, or where this is not known, or nothing is left, the time that it took."""
+
+    def render(self, task: Task) -> Text:
+        """Write the time."""
+        left = None if task.finished else _left(task)
+        seconds = (task.finished_time or task.elapsed or 0) if left is None else left
+        return Text(f"{timedelta(seconds=round(seconds))}{'' if left is None else ' left'}")
 
 
 class Watcher:

@@ -275,7 +275,7 @@ def mirrored(config: RunConfig, directory: RunDirectory, view: Progress) -> Iter
     try:
         yield
         finished = True
-        view.say("MLflow: the last lines are being written")
+        view.say(f"MLflow: waiting for its last lines, {MIRROR_SECONDS:.0f} s at most")
     finally:
         warning = mirror.finish(MIRROR_SECONDS if finished else 0.0)
         if warning is not None:

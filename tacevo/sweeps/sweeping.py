@@ -7,9 +7,11 @@ same search run by itself.
 
 import hashlib
 import itertools
+import math
 import os
 import re
 import shlex
+import time
 from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
@@ -33,7 +35,7 @@ from tacevo.sweeps.launch import Launcher, check_launcher, fitted, launch, neede
 from tacevo.sweeps.prospects import shortcomings
 from tacevo.sweeps.status import Status, best_in_words, check_is_run_of, status_of
 from tacevo.sweeps.terms import Asked, check_varied, settled, with_reference
-from tacevo.text import counted
+from tacevo.text import counted, lasting
 
 #: What distinguishes jobs even if it has one value only, so that more can be added.
 _OWN = ("ablation", "seed")
@@ -125,12 +127,23 @@ def _run(
     finished = sum(status.standing is Standing.finished for status in statuses)
     view.advance("jobs", finished, len(statuses))
 
+    began, before, ended = time.monotonic(), finished, 0
+
+    def rest() -> str:
+        """Say how long the others take here at the pace of those that finished; a failed one may have ended early."""
+        done, at_once, others = finished - before, chosen.options.get("n_jobs"), len(left) - ended
+        if not (isinstance(at_once, int) and done and others):
+            return ""
+        pace = (time.monotonic() - began) / math.ceil(done / at_once)
+        return f", {lasting(math.ceil(others / at_once) * pace)} left"
+
     def show(job: Job) -> None:
-        nonlocal finished
+        nonlocal finished, ended
+        ended += 1
         status = status_of(directory, job)
         finished += status.standing is Standing.finished
         result = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
-        view.say(f"{job.name}: {status.standing}, {result} ({finished} of {len(statuses)} jobs finished)")
+        view.say(f"{job.name}: {status.standing}, {result} ({finished} of {len(statuses)} jobs finished{rest()})")
         view.advance("jobs", finished, len(statuses))
 
     with telling(

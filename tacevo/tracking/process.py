@@ -55,21 +55,22 @@ class Mirror:
             None, or one line that warns the user: the mirror failed, or it is not done and continues by itself.
         """
         if self._process is None:
-            return self._warning(f"failed: {self._failure}")
+            return self._failed(self._failure)
         if self._process.stdin is not None:
             self._process.stdin.close()
         try:
             status = self._process.wait(timeout)
         except subprocess.TimeoutExpired:
-            return self._warning("is not done, and continues by itself")
+            return f"the MLflow mirror to {shown_address(self._uri)} still writes, and continues by itself"
         if status == 0:
             return None
-        return self._warning(f"failed: {self._last_line() if status == 1 else f'its exit status was {status}'}")
+        return self._failed(self._last_line() if status == 1 else f"its exit status was {status}")
 
-    def _warning(self, state: str) -> str:
+    def _failed(self, why: str) -> str:
+        log = f"see {self._log}, then " if self._log.exists() and self._log.stat().st_size else ""
         return (
-            f"the MLflow mirror to {shown_address(self._uri)} {state}; the run itself is not affected; "
-            f"see {self._log}, then `tacevo track {shlex.quote(str(self._run_dir))}` writes what is missing"
+            f"the MLflow mirror to {shown_address(self._uri)} failed: {why}; the run itself is not affected; "
+            f"{log}`tacevo track {shlex.quote(str(self._run_dir))}` writes what is missing"
         )
 
     def _last_line(self) -> str:

@@ -22,11 +22,10 @@ from test_model_search import network
 from tacevo.bundles.format import STORE
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
-from tacevo.config.schema import LLMConfig, RunConfig
-from tacevo.errors import ConfigError, SandboxError
+from tacevo.config.schema import LLMConfig
+from tacevo.errors import ConfigError
 from tacevo.records import Mode
-from tacevo.runs.estimate import describe_estimate
-from tacevo.runs.pace import Pace
+from tacevo.runs.estimate import describe_cost
 from tacevo.runs.providers import asks_elsewhere, build_llm
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store
@@ -149,18 +148,13 @@ def test_own_servers_of_a_provider_are_known(
     assert asks_elsewhere(chosen) is elsewhere
 
 
-def unmeasured(config: RunConfig) -> Pace:
-    """Measure no pace, which takes its time."""
-    raise SandboxError("not here")
-
-
 def test_price_of_another_server_is_the_users_to_give(place: Path) -> None:
     """The provider's prices say nothing of it: no budget, no estimate."""
     other = [*TINY, "llm=anthropic", "llm.base_url=http://127.0.0.1:1"]
     config = compose([*other, "llm.budget_usd=5"])
     with refused(ConfigError, place="llm.budget_usd", got="other servers", remedy="llm.prices=FILE"):
         build_llm(config, Mode.record)
-    assert describe_estimate(config, unmeasured).count("unknown") == 2
+    assert describe_cost(config).count("unknown") == 2
     price = {"input_usd": 1, "output_usd": 1, "dated": "2026-11-21", "source": "this test"}
     table = {"batch_factor": 1, "models": {CLAUDE: price}}
     (place / "mine.yaml").write_text(json.dumps(table))

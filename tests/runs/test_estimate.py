@@ -21,7 +21,7 @@ from tacevo.costs import dollars
 from tacevo.errors import ConfigError, RunError, SandboxError, StoreError
 from tacevo.evolution.proposals import plan_initial
 from tacevo.records import Completion, Delivery, Json, Request, to_json
-from tacevo.runs.estimate import describe_estimate, describe_estimates, estimate
+from tacevo.runs.estimate import describe_cost, describe_estimates, describe_time, estimate
 from tacevo.runs.pace import GROWTH, Pace, growth, measure, part_saved, training_images, trainings, trainings_at_once
 from tacevo.runs.providers import load_prices
 from tacevo.runs.wiring import build_settings
@@ -52,7 +52,7 @@ def paced(config: RunConfig) -> Pace:
 
 def described(config: RunConfig) -> str:
     """Write an estimate down without measuring."""
-    return describe_estimate(config, paced, lambda config, images: 0.0)
+    return f"{describe_cost(config)}\n\n{describe_time(config, paced, lambda config, images: 0.0)}"
 
 
 def first_requests(overrides: list[str]) -> list[Request]:
@@ -86,6 +86,22 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     assert "llm.budget_usd: no limit" in out
     assert re.search(r"hours: about [\d.]+ for 25 trainings of 5 epochs of 480 images of 32 px, with", out)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_cost_is_told_before_the_hours_are_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who wants to know the dollars need not wait for it."""
+
+    def measured(config: RunConfig) -> str:
+        told = capsys.readouterr()
+        assert "USD direct" in told.out
+        assert told.err.strip()  # that it measures, before it does
+        return "hours"
+
+    monkeypatch.setattr("tacevo.cli.search.describe_time", measured)
+    assert main(["search", "--estimate", *SMALL]) == 0
+    assert capsys.readouterr().out == "hours\n"
 
 
 def test_estimate_of_a_sweep_has_every_job_and_their_sum(
@@ -209,7 +225,7 @@ def test_hours_follow_from_the_pace(overrides: Estimating) -> None:
     assert f"hours: about {seconds / 3600:.2g} for 75 trainings of 5 epochs of 480 images of 32 px" in told
     assert "2 baselines at once, 100 images/s in all; 0.25 s to start a training, 1.5 s in the gate" in told
     assert "busy: " not in told
-    busy = describe_estimate(config, lambda config: replace(paced(config), load=8.5))
+    busy = describe_time(config, lambda config: replace(paced(config), load=8.5))
     assert "The machine was busy: 8.5 processes" in busy
     grown = [growth(compose(overrides(f"search.generations={number}"))) for number in (0, 10, 20, 40)]
     assert grown == [1.0, 1 + GROWTH / 2, 1 + GROWTH, 1 + GROWTH]
@@ -263,7 +279,7 @@ def test_long_search_is_told_what_avx512_would_save(overrides: Estimating) -> No
             asked.append((config, images))
             return part
 
-        return describe_estimate(config, paced, saving).splitlines()[-1]
+        return describe_time(config, paced, saving).splitlines()[-1]
 
     assert told(long, 0.2).startswith(f"numerics=portable512 would save {lasting(0.2 * took)} of it (20%)")
     assert "would save" not in told(long, 59 / took)
@@ -292,9 +308,8 @@ def test_hours_that_cannot_be_measured_are_said_to_be_so(overrides: Estimating) 
     def fail(config: RunConfig) -> Pace:
         raise SandboxError("broken")
 
-    told = describe_estimate(compose(overrides()), fail)
-    assert told.endswith("hours: not measured (broken)")
-    assert "USD direct" in told
+    assert describe_time(compose(overrides()), fail) == "hours: not measured (broken)"
+    assert "USD direct" in describe_cost(compose(overrides()))
     absent = compose(overrides("data=csv", "data.root=/nowhere", "data.target_columns=[a,b,c]"))
     assert "hours: not measured (data.root" in described(absent)
 

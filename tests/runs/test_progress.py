@@ -2,16 +2,19 @@
 
 import io
 import itertools
+import re
 from dataclasses import replace
 
 import fakes
 import pytest
 from rich.console import Console
+from waiting import eventually
 
 from tacevo.evolution.algorithm import run_search
 from tacevo.evolution.state import Budget, Plan
 from tacevo.records import Training
 from tacevo.rounding import significant
+from tacevo.runs import progress
 from tacevo.runs.progress import Progress, Watcher
 from tacevo.storage.ledger import Ledger
 
@@ -66,3 +69,29 @@ def test_long_search_says_how_long_it_takes(pace: float, told: bool) -> None:
     assert ("portable512 would save about 20 minutes of it (25%)" in out.getvalue()) == told
     watcher.developed(replace(trained, seconds=1e6))
     assert out.getvalue().count("would save") == told  # once
+
+
+def test_narrow_terminal_cuts_no_figure() -> None:
+    """On 80 columns count, rate and time left are whole beside a long note, of which the beginning is kept."""
+    text = io.StringIO()
+    with Progress(Console(file=text, force_terminal=True, width=80, color_system=None)) as view:
+        view.advance("slots", 115, 128)
+        view.advance("slots", 120, 128, "best 1.03 (baseline 1.2, trivial 1.57), at chance, coverage 12%")
+    last = next(line for line in reversed(text.getvalue().splitlines()) if "120/128" in line)
+    assert re.search(r"slots .*120/128 best 1\.03 \(.* \S+/(s|min) +\d:\d\d:\d\d left", last)
+
+
+def test_log_is_never_silent_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever works says how far it is, or that it works; nothing is said once it has ended."""
+    monkeypatch.setattr(progress, "SILENCE", 0.05)
+    text = io.StringIO()
+    with Progress(Console(file=text, width=200)) as view:
+        assert eventually(lambda: "at work" in text.getvalue(), seconds=20)
+        view.advance("trainings", 4, 36)
+        assert eventually(lambda: "trainings: 4 of 36, at work" in text.getvalue(), seconds=20)
+        view.advance("trainings", 6, 36, "best 0.5")
+        assert eventually(
+            lambda: re.search("6 of 36, best 0.5, about .* left", text.getvalue()) is not None, seconds=20
+        )
+        view.advance("trainings", 0, 8)  # of another job
+        assert eventually(lambda: "trainings: 0 of 8, at work" in text.getvalue(), seconds=20)
