@@ -80,7 +80,7 @@ def _chapter(one: Run | Sweep, directory: Path) -> str:
     with Progress() as view:
         view.say(f"making the tables of {one.name}")
         tables, missing = one.all_tables()
-        pictures, undrawn = drawable(one)
+    pictures, undrawn = drawable(one)
     with progress_of(f"figures of {one.name}", len(pictures)) as on_drawn:
         chapter = write_chapter(one.name, tables, pictures, directory, on_drawn)
     say([*missing, *undrawn])

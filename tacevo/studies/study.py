@@ -357,8 +357,6 @@ def _train(
         if jobs[place].row not in recorded:
             done += 1
             view.advance("trainings", done, len(jobs))
-            if 10 * done // len(jobs) > 10 * (done - 1) // len(jobs):
-                view.say(f"{done} of {len(jobs)} trainings are done")
     return [verdicts[place] for place in range(len(jobs))]
 
 

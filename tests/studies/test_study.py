@@ -23,6 +23,7 @@ from tacevo.results.run import read_run
 from tacevo.results.study import load_study
 from tacevo.results.study_directory import studies_of
 from tacevo.results.study_lines import SCHEMA, ScoreLine
+from tacevo.runs.progress import Progress
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store, check_entry
 
@@ -134,28 +135,36 @@ def test_fewer_elites_than_asked_for_are_told(folder: Path, capsys: pytest.Captu
     assert {path.name: path.read_bytes() for path in study.iterdir()} == before
 
 
-def test_too_few_seeds_are_told_before_anything_is_trained(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_too_few_seeds_are_told_before_anything_is_trained(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Two seeds can be compared at alpha 0.5 alone."""
-    forget(folder)
-    assert main(["study", *STUDY]) == 0
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tacevo.studies.study._train", stop)
+    assert main(["study", *STUDY]) == 130
     said = capsys.readouterr().err
     warning = (
         "no comparison with the baseline will be possible: at alpha 0.05 no outcome of seeds=2 is significant; it "
         "takes seeds=4"
     )
-    assert 0 <= said.index(warning) < said.index("1 of 4 trainings are done")
-    assert main(["study", *STUDY, "alpha=0.5"]) == 0
+    assert warning in said
+    assert main(["study", *STUDY, "alpha=0.5"]) == 130
     assert "no comparison" not in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_log_counts_on_from_what_was_recorded(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_counts_on_from_what_was_recorded(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Of another seed, two trainings are new; the four of before are not told as if they were trained now."""
+    told: list[tuple[object, ...]] = []
+    monkeypatch.setattr(Progress, "advance", lambda _, *count: told.append(count))
     assert main(["study", *STUDY[:2], "seeds=3", STUDY[3]]) == 0
-    output = capsys.readouterr()
-    told = [line for line in output.err.splitlines() if line.endswith("are done")]
-    assert told == ["5 of 6 trainings are done", "6 of 6 trainings are done"]
-    assert "(6 trainings, 4 of them recorded already)" in output.out
+    assert told == [("trainings", done, 6) for done in (4, 5, 6)]
+    assert "(6 trainings, 4 of them recorded already)" in capsys.readouterr().out
 
 
 def test_terms_are_stated_in_the_study_and_change_no_training(folder: Path) -> None:
