@@ -71,7 +71,7 @@ class Comparability(StrEnum):
     by_construction = "identical by construction"
     #: No runs differ; or those that do have one value a seed in both arms, or one value in all.
     identical = "identical"
-    #: The sweep states that the arm, or the reference, is not tested.
+    #: The sweep states that the arm is not tested.
     not_tested = "not tested"
     #: One of both arms has fewer than two runs that differ from the other's of the same seed.
     too_few_differ = "too few runs differ"

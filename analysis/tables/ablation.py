@@ -382,8 +382,8 @@ def _tested_notes(sweep: RecordedSweep) -> list[str]:
     tests = [(one.job.name, one.tested) for one in sweep.finished if one.tested is not None]
     if lacking := [f"{name} ({test.lacking})" for name, test in tests if test.lacking]:
         notes.append(
-            f"Fewer other networks than {stated.elites} were there, and the baseline counts in the places that are "
-            f"left, so that every value is of as many: {listed(lacking)}."
+            "The archive had no other network for so many places of these jobs, and the baseline counts in the places "
+            f"that are left, so that every value is of as many: {listed(lacking)}."
         )
     if late := sum(test.late for _, test in tests):
         trainings = sum(len(set(test.networks)) for _, test in tests) * stated.seeds

@@ -51,7 +51,7 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[S
         studied = study(replace(config, run=run, sweep=None, arms=()), view)
         if (lacking := config.elites + 1 - studied.trainings // config.seeds) > 0:
             places = f"{lacking} of {counted(config.elites, 'place')}"
-            view.say(f"the baseline counts in {places} that no elite takes, so that each job's score is of as many")
+            view.say(f"no elite for {places}: the baseline counts there, so each job's score is of as many networks")
         return studied
 
     studies, unfinished = _each(directory, finished, train, view)
@@ -130,6 +130,5 @@ def _state(directory: SweepDirectory, retraining: Retraining) -> None:
 
 def _is_tested(directory: SweepDirectory, jobs: Sequence[Job], stated: Retraining) -> bool:
     """Return whether a job has a finished study as its sweep states them, of however many elites."""
-    tested = (job for job in jobs if stated.tests(job.arm))
-    records = (study.read() for job in tested for study in studies_of(directory.run(job).path))
+    records = (study.read() for job in jobs for study in studies_of(directory.run(job).path))
     return any(record.digest is not None and is_stated(record, stated) for record in records)

@@ -148,6 +148,7 @@ AGEING = ["ablation=none,regularised_evolution", "seed=range(0,4)"]
         (["ablation=none,fixed_temperature", "seed=0,1"], ["2 seeds of an arm can show nothing", "takes 4 or more"]),
         (["ablation=none,fixed_temperature,drift", "seed=range(0,4)"], ["4 seeds of an arm", "takes 5 or more"]),
         (["ablation=none,fixed_temperature", "seed=range(0,4)"], []),
+        (["ablation=none,no_prompt_archive", "seed=0"], ["none and no_prompt_archive will find equal"]),
         (["seed=0,1"], []),
         ([*AGEING, "search.generations=2"], ["regularised_evolution: proposals.population=100 never ages"]),
         ([*AGEING, "search.generations=2", "proposals.population=5"], []),

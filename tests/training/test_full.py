@@ -254,9 +254,9 @@ def test_later_rules_test_the_same_predictions(source: str, jobs: int, sandbox: 
         return sandbox.run(entry, header, payload, limits, score)
 
     asked: Any = {"run": run, "setting": setting}
-    before, now = (
-        evaluator(tmp_path / f"{rules}", rules=rules, **asked).evaluate(source, 1) for rules in (STUDY - 1, STUDY)
-    )
+    evaluators = [evaluator(tmp_path / f"{rules}", rules=rules, **asked) for rules in (STUDY - 1, STUDY)]
+    before, now = (each.evaluate(source, 1) for each in evaluators)
+    assert [each.twice for each in evaluators] == [set(), {(source, 1)} if jobs == 2 else set()]
     store = Store(tmp_path, "evaluations")
     searched = Evaluator(store=store, examples=EXAMPLES, rules=4, **asked).evaluate(source, 1)
     assert isinstance(before, FullTraining)
