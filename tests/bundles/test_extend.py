@@ -35,7 +35,9 @@ def test_continued_run_equals_one_that_was_never_stopped(published: Path, place:
     old, new = ((path / "ledger.jsonl").read_bytes() for path in (published / "run", place / "mine"))
     assert new.startswith(old)
     assert len(new) > len(old)
-    again = tacevo.extend(tacevo.open(published / "run", store=published / "cache"), *MORE, quiet=True)
+    opened = tacevo.open(published / "run", store=published / "cache")
+    assert isinstance(opened, tacevo.Run)
+    again = tacevo.extend(opened, *MORE, quiet=True)
     assert again.digest == json.loads((place / "mine" / "run.json").read_text())["digest"]  # it was finished
     assert main(["search", *TINY, "search.generations=2", "run.dir=whole"]) == 0
     for run in ("mine", "whole"):

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
@@ -57,7 +58,8 @@ def test_plan_from_python_is_the_commands(folder: Path, sweep: Path) -> None:
     assert {**ours, "made": ""} == {**written, "made": ""}
     assert table.frame.query("plan == 'chosen'")["seeds"].tolist() == [written["seeds"]]
     assert tacevo.plan("study", "run", effect=0.5, power=0.9).to_markdown() == table.to_markdown()
-    for wrong in ({"effect": 0.0}, {"effect": 0.5, "alpha": 1.0}, {"effect": 0.5, "comparisons": 0}):
+    wishes: list[dict[str, Any]] = [{"effect": 0.0}, {"effect": 0.5, "alpha": 1.0}, {"effect": 0.5, "comparisons": 0}]
+    for wrong in wishes:
         with refused(ConfigError, place=[*wrong][-1]):
             tacevo.plan("study", run, **wrong)
     with refused(RunError, place="run", expected="the directory or bundle of a sweep"):

@@ -134,7 +134,12 @@ def test_limits_hold_while_nobody_reads(tmp_path: Path) -> None:
             zygote.submit(theirs, {"images": tmp_path / "images.npy"})
         channel = Channel(ours)
         supervisor = channel.receive().read_header()["pid"]
-        order = {"entry": "fill_memory_while_scored", "header": None, "limits": to_json(LIMITS), "scored": True}
+        order: dict[str, Json] = {
+            "entry": "fill_memory_while_scored",
+            "header": None,
+            "limits": to_json(LIMITS),
+            "scored": True,
+        }
         order |= {"strongest": Confinement.process, "answer_bytes": 2**26, "prepared": False}
         channel.send(Message.of(Sort.job, order))
         assert eventually(lambda: [*descendants(supervisor)] != [])
