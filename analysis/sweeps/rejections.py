@@ -45,18 +45,13 @@ def rejection_rates(
     searches = {arm: dict(zip(own.seed, own.search, strict=True)) for arm, own in jobs.groupby("arm")}
     rows = []
     for metric in Metric:
-        samples = samples_of(jobs, metric)
-        p: dict[tuple[str, str], list[float]] = {}
+        samples, p = samples_of(jobs, metric), dict[tuple[str, str], list[float]]()
         for block in blocks if samples else []:
-            within = [
-                {arm: _moved(values.get(arm, {}), block, block) for arm in arms} for values in (samples, searches)
-            ]
-            for arm, corrected in corrected_p(*within, twins).items():
+            for arm, corrected in _p(samples, searches, {arm: (arm, block) for arm in arms}, twins).items():
                 p.setdefault((arm, wanted), []).append(corrected)
-        for arm, (first, second) in product(arms, pairs if samples else []):
-            own = [values.get(arm, {}) for values in (samples, searches)]
-            both = [{"one": _moved(each, first, first), "other": _moved(each, second, first)} for each in own]
-            p.setdefault((arm, arm), []).append(corrected_p(*both)["other"])
+        for arm, (one, other) in product(arms, pairs if samples else []):
+            own = _p(samples, searches, {"one": (arm, one), "other": (arm, other)})
+            p.setdefault((arm, arm), []).append(own["other"])
         for (arm, against), values in p.items():
             rejected = sum(value < ALPHA for value in values)
             row = {"arm": arm, "against": against, "metric": metric.name, "sweeps": len(values), "rejected": rejected}
@@ -64,6 +59,20 @@ def rejection_rates(
     return pd.DataFrame(rows, columns=list(RATES)).astype(RATES)
 
 
-def _moved(values: Mapping[int, float], seeds: Sequence[int], to: Sequence[int]) -> dict[int, float]:
-    """Return the values of some seeds as if they were those of others."""
-    return {other: values[seed] for seed, other in zip(seeds, to, strict=True) if seed in values}
+def _p(
+    samples: Mapping[str, Mapping[int, float]],
+    searches: Mapping[str, Mapping[int, float]],
+    picked: Mapping[str, tuple[str, Sequence[int]]],
+    twins: Collection[str] = (),
+) -> dict[str, float]:
+    """Compare samples of these arms and seeds, by name, the first with each other, as if all had the first's seeds."""
+    (_, shared), *_ = picked.values()
+
+    def taken(values: Mapping[str, Mapping[int, float]]) -> dict[str, dict[int, float]]:
+        return {
+            name: {to: own[seed] for seed, to in zip(seeds, shared, strict=True) if seed in own}
+            for name, (arm, seeds) in picked.items()
+            for own in [values.get(arm, {})]
+        }
+
+    return corrected_p(taken(samples), taken(searches), twins)

@@ -54,7 +54,6 @@ def check_together(config: RunConfig) -> None:
     _check_parents(config)
     _check_executor(config)
     _check_gpu(config)
-    _check_table(config)
 
 
 def doubts_of_settings(config: RunConfig) -> list[str]:
@@ -91,12 +90,6 @@ def _check_gpu(config: RunConfig) -> None:
     _check_that(numerics is Numerics.fast, "numerics.kind", f"fast {why}", numerics)
     why = "with training.device=cuda, whose bits depend on it; `tacevo doctor` names it"
     _check_that(training.gpu is not None, "training.gpu", f"the GPU's model, e.g. 'NVIDIA H200', {why}", training.gpu)
-
-
-def _check_table(config: RunConfig) -> None:
-    slips = config.llm.slip_rate
-    sound = slips == 0 or config.data.source is not DataSource.table
-    _check_that(sound, "llm.slip_rate", "0 with data=table, which has no networks with mistakes", slips)
 
 
 def _check_that(holds: bool, key: str, expected: str, got: object) -> None:

@@ -41,6 +41,9 @@ def table_of(config: RunConfig) -> SpaceTable:
             raise ConfigError(str(theirs), place=place, expected=f"{ours}, the number of this version", remedy=remedy)
     _check_most("training.epochs", config.training.epochs, made.training.epochs, f"the epochs of {table.path}")
     _check_most("training.seeds", config.training.seeds, len(header.seeds), f"the seeds of {table.path}")
+    if config.llm.slip_rate:
+        expected = "0 with data=table, which has no networks with mistakes"
+        raise ConfigError(str(config.llm.slip_rate), place="llm.slip_rate", expected=expected)
     if config.archive.kind is ArchiveKind.extract:
         expected = "another one with data=table, whose few seeds re-evaluations would use up"
         raise ConfigError(config.archive.kind, place="archive.kind", expected=expected)

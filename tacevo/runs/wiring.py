@@ -156,9 +156,11 @@ def check_means(config: RunConfig) -> None:
 
     Raises:
         SandboxError: they cannot be confined so here.
-        ConfigError: this machine cannot compute so; or Ray is asked for and not installed, or not at its address.
+        ConfigError: this machine cannot compute so; or Ray is asked for and not installed, or not at its address; or
+            as `table_of`.
     """
     if config.data.source is DataSource.table:
+        table_of(config)
         return  # nothing runs
     match config.executor.kind:
         case ExecutorKind.local:

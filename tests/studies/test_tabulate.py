@@ -2,8 +2,10 @@
 
 import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from made_up import TINY, made_up_table
@@ -14,14 +16,12 @@ from analysis.statistics.spaces import regret
 from tacevo.choices import FitnessRule
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
-from tacevo.config.plain import to_plain
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine
-from tacevo.records import Reason, Rejection, Stage, to_json
+from tacevo.records import Json, Reason, Rejection, Stage, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import retrain_table, verify_table
-from tacevo.results.publishable import published_config
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.space_table import CARD, MANIFEST, SpaceTable, check_size, is_table, read_table, write_table
 from tacevo.rules import CURRENT
@@ -32,6 +32,7 @@ from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import ReadBudget
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, packed, read_members
 from tacevo.studies.tabulate import tabulate
+from tacevo.sweeps.sweeping import sweep
 from tacevo.training.full import FullTraining
 
 #: Of the tests' tables that nothing was trained for.
@@ -138,6 +139,16 @@ def test_search_of_other_settings_is_refused(table: SpaceTable, tmp_path: Path, 
     assert not (tmp_path / "run").exists()
 
 
+def test_sweep_with_a_job_that_the_table_does_not_suit_is_refused_before_one_runs(
+    table: SpaceTable, tmp_path: Path
+) -> None:
+    """As any mistake in a job."""
+    settings = ["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=3", "seed=0"]
+    with refused(ConfigError, place="archive.kind"):
+        sweep([*settings, "ablation=none,extract", f"store.root={tmp_path}"], str(tmp_path / "sweep"), Progress())
+    assert not (tmp_path / "sweep").exists()
+
+
 @pytest.mark.parametrize("part", ["static", "probe", "training"])
 def test_table_of_other_rules_is_refused(table: SpaceTable, tmp_path: Path, part: str) -> None:
     """What other rules measured is not what a search of today would measure."""
@@ -159,20 +170,25 @@ def test_noise_run_of_more_seeds_than_are_left_is_refused(table: SpaceTable, tmp
 def test_digest_is_of_what_decides_the_rows(table: SpaceTable, tmp_path: Path) -> None:
     """Settings of searches, machines and prompts do not enter; the recipe and each row do."""
 
-    def digest(*overrides: str, **header: object) -> str:
-        config = compose(["experiment=space", *TINY, *SIZES, *overrides])
-        changed = replace(table.header, config=published_config(to_plain(config)), **header)
+    def digest(settings: Mapping[str, Json] | None = None, **header: object) -> str:
+        config: dict[str, Any] = {**table.header.config}
+        for key, value in (settings or {}).items():
+            group, _, name = key.partition(".")
+            config[group] = {**config[group], name: value} if name else value
+        changed = replace(table.header, **{"config": config, **header})
         return write_table(tmp_path / "other.zip", changed, table.networks, table.trainings).digest
 
-    others = ("search.generations=9", "seed=7", "gate.seconds=1", "training.seconds=9", "training.fitness=last")
-    others += ("data.seed=9", "archive.niches=9", "executor.workers=9", "tracking.uri=x", "task.images=99")
-    assert {digest(other) for other in others} == {table.digest}
-    task = replace(table.header.task, system="another prompt")
-    rules = replace(table.header.rules, core=1)
-    assert digest(versions={}, machine={}, task=task, rules=rules) == table.digest
-    deciding = ("training.learning_rate=0.1", "gate.max_flops=9", "training.batch_size=8", "numerics=fast")
-    changed = {digest(one) for one in deciding} | {digest(study=1), digest(made_up=False), digest(trivial=1.0)}
-    assert len(changed | {table.digest}) == 8
+    others = {"search.generations": 9, "seed": 7, "gate.seconds": 1, "training.seconds": 9, "training.fitness": "last"}
+    others |= {"data.seed": 9, "archive.niches": 9, "executor.workers": 9, "tracking.uri": "x", "task.images": 99}
+    task, rules = replace(table.header.task, system="another prompt"), replace(table.header.rules, core=1)
+    assert digest(others, versions={}, machine={}, task=task, rules=rules) == table.digest
+    changed = [
+        digest({"training.learning_rate": 0.1}),
+        digest({"gate.max_flops": 9}),
+        digest(study=1),
+        digest(trivial=1),
+    ]
+    assert len({*changed, table.digest}) == 5
 
 
 @pytest.mark.slow
@@ -426,3 +442,21 @@ def test_row_that_was_edited_does_not_train_to_it(tmp_path: Path) -> None:
         retrain_table(
             write_table(tmp_path / "forged.zip", table.header, table.networks, forged), None, 1, None, Progress()
         )
+
+
+@pytest.mark.slow
+def test_size_of_a_test_is_of_sweeps_of_the_table(table: SpaceTable, tmp_path: Path) -> None:
+    """An arm is compared with itself under other seeds, two of four here; two seeds never tell anything apart."""
+    settings = ["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=1"]
+    settings += ["search.generations=0", f"store.root={tmp_path}", "ablation=none", "seed=0,1,2,3"]
+    swept = tacevo.open(sweep(settings, str(tmp_path / "sweep"), Progress())[0])
+    assert isinstance(swept, tacevo.Sweep)
+    rates = tacevo.open_table(table.path).size_and_power(swept, seeds=2)
+    assert rates["sweeps"].eq(1).all()
+    assert rates["rejected"].eq(0).all()
+    assert {*rates["arm"], *rates["against"]} == {"none"}
+    with refused(ConfigError, place="seeds", got="3"):
+        tacevo.open_table(table.path).size_and_power(swept, seeds=3)
+    other = made_up_table(tmp_path / "other.zip", *TINY, *SIZES, failing=3)
+    with refused(RunError, got="of the fingerprint"):
+        tacevo.open_table(other.path).size_and_power(swept, seeds=2)
