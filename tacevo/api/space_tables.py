@@ -130,6 +130,13 @@ class SpaceTable:
             ConfigError: the sweep has too few seeds for one comparison of an arm with itself.
             RunError: a run is not of this table.
         """
+        few = ConfigError(
+            str(seeds),
+            place="seeds",
+            expected="at least 2, and at most half of the seeds that all arms of the sweep have",
+        )
+        if seeds < 2:
+            raise few
         for run in sweep.runs:
             self._check_of(run)
         compared = sweep.collection()
@@ -137,9 +144,8 @@ class SpaceTable:
         rates = rejection_rates(
             compared.ablation.jobs, seeds=seeds, wanted=wanted, twins=compared.sweep.twins_of(wanted)
         )
-        if seeds < 2 or rates.empty:
-            expected = "at least 2, and at most half of the seeds that all arms of the sweep have"
-            raise ConfigError(str(seeds), place="seeds", expected=expected)
+        if not (rates["arm"] == rates["against"]).any():
+            raise few
         return rates
 
     def _check_of(self, run: Run) -> None:

@@ -170,7 +170,7 @@ def test_noise_run_of_more_seeds_than_are_left_is_refused(table: SpaceTable, tmp
 def test_digest_is_of_what_decides_the_rows(table: SpaceTable, tmp_path: Path) -> None:
     """Settings of searches, machines and prompts do not enter; the recipe and each row do."""
 
-    def digest(settings: Mapping[str, Json] | None = None, **header: object) -> str:
+    def digest(settings: Mapping[str, Json] | None = None, **header: Any) -> str:
         config: dict[str, Any] = {**table.header.config}
         for key, value in (settings or {}).items():
             group, _, name = key.partition(".")
@@ -178,7 +178,13 @@ def test_digest_is_of_what_decides_the_rows(table: SpaceTable, tmp_path: Path) -
         changed = replace(table.header, **{"config": config, **header})
         return write_table(tmp_path / "other.zip", changed, table.networks, table.trainings).digest
 
-    others = {"search.generations": 9, "seed": 7, "gate.seconds": 1, "training.seconds": 9, "training.fitness": "last"}
+    others: dict[str, Json] = {
+        "search.generations": 9,
+        "seed": 7,
+        "gate.seconds": 1,
+        "training.seconds": 9,
+        "training.fitness": "last",
+    }
     others |= {"data.seed": 9, "archive.niches": 9, "executor.workers": 9, "tracking.uri": "x", "task.images": 99}
     task, rules = replace(table.header.task, system="another prompt"), replace(table.header.rules, core=1)
     assert digest(others, versions={}, machine={}, task=task, rules=rules) == table.digest
@@ -363,8 +369,10 @@ def test_frames_hold_every_row(table: SpaceTable, tmp_path: Path) -> None:
 def test_regret_is_of_runs_of_the_table(table: SpaceTable, tmp_path: Path, published: Path) -> None:
     """A run of other data is refused, and one whose networks are not in the table or failed."""
     opened = tacevo.open_table(table.path)
+    other = tacevo.open(published / "run.zip")
+    assert isinstance(other, tacevo.Run)
     with refused(RunError, got="of the fingerprint"):
-        opened.regret(tacevo.open(published / "run.zip"))
+        opened.regret(other)
     run = tacevo.open(_looked_up(table, tmp_path).path)
     assert isinstance(run, tacevo.Run)
     with refused(RunError, got="none"):
