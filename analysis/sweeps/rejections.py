@@ -33,7 +33,7 @@ def rejection_rates(
         jobs: finished runs (`analysis.sweeps.ablation.JOBS`); seeds that an arm lacks are left out.
         seeds: of each arm in a small sweep, at least 2.
         wanted: the arm that others are compared with.
-        twins: as of `compare_arms`.
+        twins: as of `corrected_p`.
 
     Returns:
         A row for each arm but the reference, arm against itself, and metric; none where there are too few seeds.
