@@ -34,7 +34,7 @@ def test_commands_of_readme_run(tmp_path: Path) -> None:
     assert len(demo) == 2
     assert len(typed) > 12
     for line in (*demo, *typed):
-        _, *words = shlex.split(line.replace("sweeps/mine", str(PUBLISHED / "ablation-grating.zip")))
+        _, *words = shlex.split(line.replace("ablations sweeps/mine", f"ablations {SWEEP} -o ablations"))
         if LONG.search(line):
             assert first_line(words, tmp_path)
         elif "sweep=" not in line:
