@@ -13,7 +13,7 @@ _COMMON = frozenset({"source", "image_size", "split", "split_seed", "validation_
 
 #: The settings that a source uses, where `_NEEDS` holds.
 USED: Mapping[DataSource, frozenset[str]] = {
-    DataSource.simulated: _COMMON | {"images", "seed", "sensor", "sensor_seed", "light", "spacings_mm"},
+    DataSource.simulated: _COMMON | {"images", "seed", "sensor", "sensor_seed", "light", "gel_mm", "spacings_mm"},
     DataSource.csv: _COMMON
     | {"root", "table", "image_column", "target_columns", "skip_missing"}
     | {"white_point", "group_column", "group_pattern"},

@@ -50,6 +50,7 @@ OTHER: dict[str, Json] = {
     "classes": "joint",
     "test_sensor": "TacTip",
     "shots": 5,
+    "gel_mm": 1.5,
 }
 
 #: The settings that depend on the task or on the split beside the source, and where each has no effect.
