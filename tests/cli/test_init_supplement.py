@@ -18,7 +18,8 @@ PAGE = f"""<!DOCTYPE html><nav><ul><li><a href="#sec-force-prompts">Force prompt
 <h2 class="section-heading" id="sec-force-prompts">Force</h2>
 <h3>General</h3><ul><li><code>Make it smaller
   than 1.</code></li></ul>
-<h3>Layers &amp; more</h3><ul>{"<li>Again.</li>" * 18}<li><code>Add a `nn.Tanh` between &minus;1 and 1.</code></li><li></li></ul>
+<h3>Layers &amp; more</h3><ul>{"<li>Again.</li>" * 18}
+<li><code>Add a `nn.Tanh` between &minus;1 and 1.</code></li><li></li></ul>
 <h2 id="sec-grating-prompts">Grating</h2><ul><li><code>Widen `conv2` for $5.</code></li>{"<li>Again.</li>" * 16}</ul>
 <h2 id="sec-system-prompts">D</h2>
 <h3 id="sec-force-sys">Force</h3><p>As follows.</p>

@@ -128,10 +128,13 @@ class TacVerse:
 
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
-        images, _ = self._taken(self._listing().images)
+        images, release = self._taken(self._listing().images)
         described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
         described |= {"image_size": self.image_size, **chosen(self, "white_point", "group_pattern")}
         described |= {"selected": list(self.selected)} if self.selected else {}
+        if release is not None and (self.images is not None or self.test_sensor is not None):
+            # What is left out says where the parts of the rest end.
+            described["parts"] = [getattr(release, part).tolist() for part in PARTS]
         if len({image[:2] for image in images}) > 1:
             described["directories"] = [list(image[:2]) for image in images]
         if self.task in COLUMNS:
@@ -199,7 +202,7 @@ class TacVerse:
         return taken, Split(**{part: np.flatnonzero(parts == part) for part in PARTS})
 
     def _is_used(self, image: _Image, part: str) -> bool:
-        """Return whether a part is used where sensors differ: the test part of the tested one, the others' other two."""
+        """Return whether a part is used where sensors differ: of the tested one its test part, of others all but it."""
         return self.test_sensor is None or (image.sensor == self.test_sensor) == (part == "test")
 
     def _capped(self, images: list[_Image]) -> list[_Image]:

@@ -15,8 +15,8 @@ from tacevo.data.simulator.contact import normal_field, shear_field, stick_radiu
 from tacevo.data.simulator.sensor import (
     Grating,
     Press,
-    _bent_skin,
     _below_gel,
+    _bent_skin,
     _marker_cover,
     _marker_pixels,
     make_sensor,

@@ -313,6 +313,20 @@ def test_images_cap_what_a_protocol_uses(tmp_path: Path, sensor: str, ratio: tup
     assert sum(name.startswith("C") for name in files_of(capped, "train")) == 2 * shots
 
 
+def test_parts_stand_in_the_description(tmp_path: Path) -> None:
+    """The same images are in other parts where one that a protocol leaves out is there or not: not one cache entry."""
+    for number in range(8):
+        for sensor, shape in (("A", "ball"), ("A", "ring"), ("B", "ball"), ("B", "ring")):
+            save_image(tmp_path / "Shape_Classification" / sensor / shape / f"{number}.png", number)
+    source = replace(save_gratings(tmp_path), task=RecordedTask.shape, sensor="A", test_sensor="B")
+    full, described = source.catalogue(), source.describe()
+    for shape in ("ball", "ring"):
+        (tmp_path / "Shape_Classification" / "A" / shape / "7.png").unlink()
+    assert source.catalogue().files == full.files
+    assert len(released(source.catalogue()).train) < len(released(full).train)
+    assert source.describe() != described
+
+
 @pytest.mark.parametrize("change", [{"sensor": "ViTacTip+ViTacTip"}, {"sensor": "ViTacTip+"}, {"pattern": "+Blackdot"}])
 def test_directory_that_is_named_twice_or_not_is_refused(tmp_path: Path, change: dict[str, Any]) -> None:
     """An image would be there twice, or every directory would be read as one."""
