@@ -12,7 +12,7 @@ from analysis.studies.transfer import OnData, concordance, joint
 from analysis.table import Cell, Percent, PValue, Table
 from analysis.tables.comparison import score_cell
 from tacevo.results.study import RecordedStudy
-from tacevo.results.trivial import trivial_score
+from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.rounding import rounded
 from tacevo.text import counted
 
@@ -21,10 +21,19 @@ OWN = "the run's"
 
 
 def transfer_tables(studies: Sequence[OnData]) -> list[Table]:
-    """Return the table of transfer and, where there is a variant and seeds to test it with, the joint answer."""
+    """Return the table of transfer and, where there is a variant and seeds to test it with, the joint answer.
+
+    A data set on which every network is at chance has no order of them, and so no part in a joint answer.
+    """
     first, _ = studies[0]
-    is_tested = len(first.networks) > 1 and first.seeds > 1
-    return [transfer_table(studies), *([joint_table(studies)] if is_tested else [])]
+    learnt = _learnt(studies)
+    is_tested = len(first.networks) > 1 and first.seeds > 1 and len(learnt) > 1
+    return [transfer_table(studies), *([joint_table(learnt)] if is_tested else [])]
+
+
+def _learnt(studies: Sequence[OnData]) -> list[OnData]:
+    """Leave out the data sets on which every network is at chance."""
+    return [one for one in studies if not at_chance(one[0])]
 
 
 def transfer_table(studies: Sequence[OnData]) -> Table:
@@ -47,13 +56,17 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
 
 
 def _agreement(studies: Sequence[OnData]) -> list[str]:
-    """Say how far the data sets agree on the order of the networks."""
-    agreement = concordance(studies)
+    """Say how far the data sets agree on the order of the networks, and which of them know none."""
+    learnt = _learnt(studies)
+    chance = ", ".join(study.where or OWN for study, _ in studies if at_chance(study))
+    told = [f"At chance: every network on {chance}; so neither W nor transfer_joint has that."] if chance else []
+    agreement = concordance(learnt) if len(learnt) > 1 else None
     if agreement is None:
-        return []
+        return told
     return [
+        *told,
         f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 "
-        "is one order everywhere, 0 is no agreement."
+        "is one order everywhere, 0 is no agreement.",
     ]
 
 
