@@ -109,10 +109,10 @@ class Simulated:
     def describe(self) -> Json:
         """Name everything that determines the images."""
         spacings = self.spacings_mm if self.task is SensorTask.grating else ()
-        kind: dict[str, Json] = {} if self.sensor is SimulatedSensor.ViTacTip else {"sensor": self.sensor.value}
-        kind |= {"gel_mm": float(self.gel_mm)} if self.gel_mm else {}
+        later: dict[str, Json] = {} if self.sensor is SimulatedSensor.ViTacTip else {"sensor": self.sensor.value}
+        later |= {"gel_mm": float(self.gel_mm)} if self.gel_mm else {}
         return {
-            **kind,
+            **later,
             "source": "simulated",
             "version": SIMULATOR_VERSION,
             "task": self.task.value,
