@@ -71,6 +71,8 @@ class Comparability(StrEnum):
     by_construction = "identical by construction"
     #: No runs differ; or those that do have one value a seed in both arms, or one value in all.
     identical = "identical"
+    #: The sweep states that the arm is not tested.
+    not_tested = "not tested"
     #: One of both arms has fewer than two runs that differ from the other's of the same seed.
     too_few_differ = "too few runs differ"
     #: One of both arms has values of fewer than two seeds.
@@ -89,6 +91,8 @@ class Ablation:
     primary: Metric | None
     #: A row for each finished run (`JOBS`).
     jobs: pd.DataFrame
+    #: Pairs of arms that are one search by construction.
+    twins: Sequence[tuple[str, str]]
     #: By metric, those that are shown: a row for each arm, the reference first (`ARMS`).
     arms: Mapping[Metric, pd.DataFrame]
 
@@ -96,6 +100,18 @@ class Ablation:
     def names(self) -> list[str]:
         """The arms, the reference first."""
         return list(next(iter(self.arms.values())).index)
+
+    @property
+    def unequal_twins(self) -> list[tuple[str, str]]:
+        """Pairs of runs, by their jobs, that must be one search, by their arms' settings and their seed, and differ.
+
+        One of both is then not what its settings give: other code made it, or a machine that computes otherwise.
+        """
+        by_arm = {arm: rows.reset_index() for arm, rows in self.jobs.groupby("arm")}
+        pairs = [
+            by_arm[one].merge(by_arm[other], on="seed") for one, other in self.twins if {one, other} <= by_arm.keys()
+        ]
+        return [(row.job_x, row.job_y) for both in pairs for row in both.itertuples() if row.search_x != row.search_y]
 
     def values(self, arm: str, metric: Metric) -> dict[int, float]:
         """Return an arm's known values by seed, rising."""
@@ -153,7 +169,8 @@ def compare_arms(
     wanted: str = REFERENCE,
     primary: Metric | None = None,
     failed: Sequence[Job] = (),
-    twins: Collection[str] = (),
+    twins: Sequence[tuple[str, str]] = (),
+    not_tested: Collection[str] = (),
     seed: int = 0,
 ) -> Ablation:
     """Summarise every arm, and compare it with the reference.
@@ -165,18 +182,21 @@ def compare_arms(
         failed: jobs without a run, or without a test score, because they failed. Compared is what an arm comes to with
             them: in tests, effect sizes and differences each counts as worse than any other job. Otherwise an arm would
             be the better for every job that it loses.
-        twins: arms that are the reference by construction: nothing is tested, and they are not in Holm's family.
+        twins: pairs of arms that are one search by construction. Where one of both is the reference, nothing is tested,
+            and the other is not in Holm's family.
         seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
             whatever other arms there are.
+        not_tested: arms that have no test scores, as the sweep states; in these they are in no family, either.
     """
     names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
     reference = wanted if wanted in set(jobs.arm) else None
     shown = [metric for metric in Metric if metric not in TESTED or jobs[metric.name].notna().any()]
-    arms = {
-        metric: _arms(jobs, metric, names, reference=reference, failed=failed, twins=twins, seed=seed)
-        for metric in shown
-    }
-    return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, arms=arms)
+    same, arms = {arm for pair in twins if wanted in pair for arm in pair}, {}
+    for metric in shown:
+        out = not_tested if metric in TESTED else ()
+        lost = [job for job in failed if job.arm not in out]
+        arms[metric] = _arms(jobs, metric, names, reference=reference, failed=lost, twins=same, out=out, seed=seed)
+    return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, twins=twins, arms=arms)
 
 
 def _values(run: RecordedRun) -> dict[Metric, float | None]:
@@ -250,6 +270,7 @@ def _arms(
     reference: str | None,
     failed: Sequence[Job],
     twins: Collection[str],
+    out: Collection[str],
     seed: int,
 ) -> pd.DataFrame:
     """Summarise all arms in one metric, and compare them with the reference (`ARMS`)."""
@@ -268,7 +289,8 @@ def _arms(
         for arm, at in lost:
             searches.setdefault(arm, {}).setdefault(at, math.nan)  # equal to no other's
         whole = _with_failed(samples, metric, sorted(lost))
-        _contrast(rows, {name: whole.get(name, {}) for name in names}, searches, metric=metric, twins=twins, seed=seed)
+        samples = {name: whole.get(name, {}) for name in names}
+        _contrast(rows, samples, searches, metric=metric, twins=twins, out=out, seed=seed)
     frame = pd.DataFrame(list(rows.values()), index=pd.Index(names, name="arm"), columns=list(ARMS))
     return frame.astype(ARMS)
 
@@ -280,12 +302,14 @@ def _contrast(
     *,
     metric: Metric,
     twins: Collection[str],
+    out: Collection[str],
     seed: int,
 ) -> None:
     """Compare the samples of all other arms with the first's, and add what was found to their rows.
 
     An arm that has seeds enough and is not tested counts in Holm's family with p = 1, so that the family's size does
-    not depend on what the runs found. One that is the reference by construction does not: that was known before.
+    not depend on what the runs found. One that is the reference by construction does not, nor one that is left `out`:
+    that was known before.
     """
     reference, *others = samples
     family: list[str] = []
@@ -294,8 +318,8 @@ def _contrast(
         same = {at for at, search in searches.get(name, {}).items() if searches[reference].get(at) == search}
         x, y = ({at: sample[at] for at in sample if at not in same} for sample in (samples[name], samples[reference]))
         differing = len(searches.get(name, {})) - len(same)
-        kind = Comparability.by_construction
-        if name not in twins:
+        kind = Comparability.by_construction if name in twins else Comparability.not_tested
+        if name not in twins and name not in out:
             few = min(len(samples[name]), len(samples[reference]))
             kind = _comparability(x, y, few=few, equal=bool(same) and not differing)
             family += [name] if few >= FEWEST_SEEDS else []

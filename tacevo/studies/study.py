@@ -61,6 +61,8 @@ class Studied:
     trainings: int
     #: Those that were in the store before.
     recorded: int
+    #: Those that were made now and took two, because the network learns outside its weights.
+    twice: int
     #: Those that came to no end, as `variant 2, seed 3: out_of_time`.
     failed: tuple[str, ...]
 
@@ -179,7 +181,12 @@ def _carry_out(
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
     return Studied(
-        directory=directory.path, digest=digest, trainings=len(plan.jobs), recorded=len(recorded), failed=failed
+        directory=directory.path,
+        digest=digest,
+        trainings=len(plan.jobs),
+        recorded=len(recorded),
+        twice=len(evaluator.twice),
+        failed=failed,
     )
 
 
@@ -347,6 +354,7 @@ def _train(
     random.SystemRandom().shuffle(order)
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
     verdicts: dict[int, _Verdict] = {}
+    twice: set[str] = set()
     done = len(recorded)
     view.advance("trainings", done, len(jobs))
     for future in as_completed(futures):
@@ -354,6 +362,10 @@ def _train(
         verdict = verdicts[place] = future.result()
         if isinstance(verdict, Rejection):
             view.say(f"{jobs[place].row}: {verdict.reason}: {verdict.detail}")
+        name = jobs[place].network.name
+        if (jobs[place].source, jobs[place].seed) in evaluator.twice and name not in twice:
+            twice.add(name)
+            view.say(f"{name} learns outside its weights and buffers, so each of its trainings is made twice")
         if jobs[place].row not in recorded:
             done += 1
             view.advance("trainings", done, len(jobs))

@@ -24,6 +24,7 @@ LISTED: dict[str, Columns] = {
     "study.reestimates": frames.REESTIMATES,
     "sweep.jobs": frames.JOBS,
     "sweep.contrasts(METRIC)": {"arm": "str", **ARMS},
+    "tacevo.check": frames.CHECKS,
     "table.networks": frames.TABLE_NETWORKS,
     "table.trainings": frames.TABLE_TRAININGS,
     "table.scores": frames.TABLE_SCORES,

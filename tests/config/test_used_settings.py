@@ -152,8 +152,9 @@ def test_error_asks_for_what_is_lacking_and_no_more(overrides: list[str], name: 
 def test_what_is_as_it_would_be_is_no_mistake() -> None:
     """Defaults, also where they are written out, and what an experiment sets for other data."""
     for source, needed in NEEDED.items():
-        compose(["experiment=published_force", f"data={source}", *needed])
-    compose(["data=csv", *NEEDED["csv"], "data.light=standard", "data.pattern=null", "data.images=3000"])
+        assert compose(["experiment=published_force", f"data={source}", *needed]).data.source == source
+    written_out = ["data.light=standard", "data.pattern=null", "data.images=3000"]
+    assert compose(["data=csv", *NEEDED["csv"], *written_out]) == compose(["data=csv", *NEEDED["csv"]])
 
 
 def test_group_set_whole_is_looked_into() -> None:

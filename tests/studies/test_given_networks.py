@@ -108,7 +108,12 @@ def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFix
 
 
 def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """By commas; they end in one table. A value that is wrong is told before the first is studied."""
+    """By commas; they end in one table, whatever older studies on equal data there are.
+
+    A value that is wrong is told before the first is studied.
+    """
+    for older in sorted(here.glob("run/studies/*")):
+        shutil.copytree(older, older.with_name(f"an-older-{older.name}"))
     assert main(["study", "run", "seeds=2", "epochs=1", "data.split_seed=7,0"]) == 0
     told = capsys.readouterr()
     assert told.err.count("(6 of 6 trainings recorded already)") == 2
