@@ -70,6 +70,18 @@ def test_table_is_network_by_data_set() -> None:
     ]
 
 
+def test_data_are_named_by_what_tells_them_apart() -> None:
+    """What all others than the run's own share is said once, in a note; one that has nothing else is named whole."""
+    left_out = (("sensor", "A+B"), ("test_sensor", "A")), (("sensor", "A+B"), ("test_sensor", "B"))
+    moved = [replace(elsewhere(ONE, number), other_data=other) for number, other in enumerate(left_out)]
+    table = transfer_table([(study, None) for study in (study_of(ONE), *moved)])
+    assert list(dict.fromkeys(row[0] for row in table.rows)) == [OWN, "test_sensor=A", "test_sensor=B"]
+    assert any("sensor=A+B." in note for note in table.notes)
+    whole = replace(elsewhere(ONE, 3), other_data=(("sensor", "A+B"),))
+    table = transfer_table([(study, None) for study in (whole, *moved)])
+    assert list(dict.fromkeys(row[0] for row in table.rows)) == ["sensor=A+B", "test_sensor=A", "test_sensor=B"]
+
+
 def test_agreement_on_the_order_is_kendalls_w() -> None:
     """By hand: one order on all data sets is 1; ranks 2, 1, 3 and 2, 3, 1 add up to 4 each, which is 0."""
     same, again = study_of(ONE), elsewhere({name: [2 * value for value in ONE[name]] for name in ONE}, 7)
