@@ -117,7 +117,7 @@ def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: p
     assert main(["study", "run", "seeds=2", "epochs=1", "data.split_seed=7,0"]) == 0
     told = capsys.readouterr()
     assert told.err.count("(6 of 6 trainings recorded already)") == 2
-    assert "Kendall's W" in " ".join(told.out.split())
+    assert "on 2 data sets" in " ".join(told.out.split())
     assert "split_seed=7" in told.out
     before = list(here.glob("run/studies/*"))
     assert main(["study", "run", "seeds=3", "epochs=1", "data.split_seed=1,-1"]) == 2
