@@ -115,7 +115,7 @@ class Ablation:
 
     def values(self, arm: str, metric: Metric) -> dict[int, float]:
         """Return an arm's known values by seed, rising."""
-        return _samples(self.jobs, metric).get(arm, {})
+        return samples_of(self.jobs, metric).get(arm, {})
 
 
 def jobs_frame(finished: Sequence[FinishedJob], curves: pd.DataFrame) -> pd.DataFrame:
@@ -243,7 +243,8 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
     )
 
 
-def _samples(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
+def samples_of(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
+    """Return the known values of each arm by seed, rising."""
     known = jobs.dropna(subset=metric.name).sort_values("seed").astype({metric.name: "float64"})
     return {arm: dict(zip(rows.seed, rows[metric.name], strict=True)) for arm, rows in known.groupby("arm")}
 
@@ -274,7 +275,7 @@ def _arms(
     seed: int,
 ) -> pd.DataFrame:
     """Summarise all arms in one metric, and compare them with the reference (`ARMS`)."""
-    samples = _samples(jobs, metric)
+    samples = samples_of(jobs, metric)
     rows: dict[str, dict[str, Any]] = {name: {"runs": int((jobs.arm == name).sum())} for name in names}
     for name in names:
         values = list(samples.get(name, {}).values())
@@ -305,15 +306,53 @@ def _contrast(
     out: Collection[str],
     seed: int,
 ) -> None:
-    """Compare the samples of all other arms with the first's, and add what was found to their rows.
-
-    An arm that has seeds enough and is not tested counts in Holm's family with p = 1, so that the family's size does
-    not depend on what the runs found. One that is the reference by construction does not, nor one that is left `out`:
-    that was known before.
-    """
-    reference, *others = samples
-    family: list[str] = []
+    """Compare the samples of all other arms with the first's, and add what was found to their rows."""
     pairs: dict[str, tuple[list[float], list[float]]] = {}
+    for name, (kind, differing, x, y) in _compared(samples, searches, twins, out).items():
+        if kind is Comparability.comparable:
+            pairs[name] = list(x.values()), list(y.values())
+        rows[name] |= {"comparability": kind.value, "differing": differing}
+        rows[name] |= {"n_arm": len(x), "n_reference": len(y)} | _by_seed(metric, x, y)
+    family = _family(samples, {*twins, *out})
+    tests = {name: mann_whitney(*pair) for name, pair in pairs.items()}
+    p_holm = _corrected(family, {name: test.p for name, test in tests.items()})
+    least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
+    for name, test in tests.items():
+        rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
+        rows[name] |= effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
+        rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
+
+
+def corrected_p(
+    samples: Mapping[str, Mapping[int, float]],
+    searches: Mapping[str, Mapping[int, float]],
+    twins: Collection[str] = (),
+) -> dict[str, float]:
+    """Return the p after Holm of every arm but the first, the reference, as `compare_arms`; 1 where nothing is tested.
+
+    Args:
+        samples: of each arm, the known values by seed.
+        searches: of each arm, by seed, numbers that are equal where two searches are.
+        twins: arms that are one search with the reference by construction.
+    """
+    compared = _compared(samples, searches, twins, ()).items()
+    tested = {
+        name: mann_whitney(list(x.values()), list(y.values())).p
+        for name, (kind, _, x, y) in compared
+        if kind is Comparability.comparable
+    }
+    return dict.fromkeys([*samples][1:], 1.0) | _corrected(_family(samples, twins), tested)
+
+
+def _compared(
+    samples: Mapping[str, Mapping[int, float]],
+    searches: Mapping[str, Mapping[int, float]],
+    twins: Collection[str],
+    out: Collection[str],
+) -> dict[str, tuple[Comparability, int, dict[int, float], dict[int, float]]]:
+    """Return, by arm, whether it is tested, how many runs differ from the reference's, and both samples of these."""
+    reference, *others = samples
+    compared = {}
     for name in others:
         same = {at for at, search in searches.get(name, {}).items() if searches[reference].get(at) == search}
         x, y = ({at: sample[at] for at in sample if at not in same} for sample in (samples[name], samples[reference]))
@@ -322,18 +361,20 @@ def _contrast(
         if name not in twins and name not in out:
             few = min(len(samples[name]), len(samples[reference]))
             kind = _comparability(x, y, few=few, equal=bool(same) and not differing)
-            family += [name] if few >= FEWEST_SEEDS else []
-        if kind is Comparability.comparable:
-            pairs[name] = list(x.values()), list(y.values())
-        rows[name] |= {"comparability": kind.value, "differing": differing}
-        rows[name] |= {"n_arm": len(x), "n_reference": len(y)} | _by_seed(metric, x, y)
-    tests = {name: mann_whitney(*pair) for name, pair in pairs.items()}
-    p_holm = _corrected(family, {name: test.p for name, test in tests.items()})
-    least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
-    for name, test in tests.items():
-        rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
-        rows[name] |= effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
-        rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
+        compared[name] = kind, differing, x, y
+    return compared
+
+
+def _family(samples: Mapping[str, Mapping[int, float]], out: Collection[str]) -> list[str]:
+    """List the arms of Holm's family, without those that are left `out`.
+
+    An arm that has seeds enough and is not tested counts with p = 1, so that the family's size does not depend on what
+    the runs found. One that is the reference by construction does not, nor one that has no test scores: that was known
+    before.
+    """
+    reference, *others = samples
+    enough = {name for name, sample in samples.items() if len(sample) >= FEWEST_SEEDS}
+    return [name for name in others if name not in out and {name, reference} <= enough]
 
 
 def _corrected(family: Sequence[str], p_values: Mapping[str, float]) -> dict[str, float]:

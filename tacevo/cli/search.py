@@ -125,7 +125,7 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     print(f"verify: {tacevo} replay {run}")
     for remark in remarks:
         print(remark)
-    if result.succeeded:
+    if result.succeeded and not result.looked_up:
         print(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
     print(f"digest: {result.digest}")
 

@@ -37,6 +37,7 @@ from tacevo.results.study_lines import (
 )
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
+from tacevo.runs.looked_up import check_fresh
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
@@ -156,10 +157,13 @@ def _carry_out(
 ) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
     run = replace(plan.config, executor=executor, data=elsewhere or plan.config.data)
-    check_means(run)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
     is_looked_up = run.data.source is DataSource.table and plan.header.terms is None
-    catalogue = None if is_looked_up else source_of(run).catalogue()
+    source = None if is_looked_up else source_of(run)
+    check_means(run)
+    if is_looked_up:
+        check_fresh(run, plan.header.seeds)
+    catalogue = None if source is None else source.catalogue()
     if elsewhere is None:
         data = load_same(run, plan.header.data, view, catalogue=catalogue)
     else:

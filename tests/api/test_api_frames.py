@@ -9,6 +9,7 @@ from analysis.runs.dynamics import GENERATIONS
 from analysis.runs.pareto import PARETO
 from analysis.statistics.spaces import BY_EPOCHS
 from analysis.sweeps.ablation import ARMS
+from analysis.sweeps.rejections import RATES
 from tacevo.api import frames
 from tacevo.api.frames import Columns, frame
 
@@ -29,6 +30,7 @@ LISTED: dict[str, Columns] = {
     "table.trainings": frames.TABLE_TRAININGS,
     "table.scores": frames.TABLE_SCORES,
     "table.worth": BY_EPOCHS,
+    "table.size_and_power(SWEEP, seeds=N)": RATES,
 }
 
 
@@ -48,7 +50,7 @@ def test_every_column_is_listed() -> None:
 
 
 #: Frames that `frame` makes; the others are the analysis's.
-OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)", "table.worth"}
+OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)", *list(LISTED)[-2:]}
 
 MADE = {name: columns for name, columns in LISTED.items() if name not in OTHERS}
 

@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,8 @@ def test_commands_of_readme_run(tmp_path: Path) -> None:
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache" / "published").symlink_to(PUBLISHED)
     write_recordings(tmp_path / "IMAGES")
-    tacevo("cache", "import", GOLDEN / "demo.zip", cwd=tmp_path)
+    with zipfile.ZipFile(GOLDEN / "demo.zip") as bundle:
+        tacevo("cache", "import", bundle.extract("store.jsonl.xz", tmp_path), cwd=tmp_path)
     makefile, readme = ((ROOT / name).read_text(encoding="utf-8") for name in ("Makefile", "README.md"))
     demo = re.findall(r"^\t\$\(BIN\)/(tacevo .*runs/demo.*)", makefile, flags=re.MULTILINE)
     typed = re.findall(r"^    (tacevo [^#\n]+)", readme, flags=re.MULTILINE)
