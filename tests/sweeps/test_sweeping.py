@@ -152,6 +152,7 @@ AGEING = ["ablation=none,regularised_evolution", "seed=range(0,4)"]
         (["seed=0,1"], []),
         ([*AGEING, "search.generations=2"], ["regularised_evolution: proposals.population=100 never ages"]),
         ([*AGEING, "search.generations=2", "proposals.population=5"], []),
+        ([*AGEING, "search.generations=0"], []),
     ],
 )
 def test_what_a_sweep_cannot_show_is_said_before_it_runs(settings: list[str], told: list[str], place: Path) -> None:
