@@ -15,6 +15,8 @@ from checkout import GOLDEN, PUBLISHED, ROOT
 from commands import tacevo
 from PIL import Image
 
+SWEEP = PUBLISHED / "ablation-grating.zip"
+
 #: Commands that search for long, or ask a model that is paid: until their first line.
 LONG = re.compile(r"search -m|llm=anthropic")
 
