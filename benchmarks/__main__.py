@@ -26,7 +26,6 @@ from benchmarks.replay import command_cost, synthetic_replays
 from benchmarks.share import beside_training
 from benchmarks.timing import Figure, children_seconds, medians, report
 from tacevo.choices import Numerics, SensorTask
-from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
 from tacevo.data.sources.image_files import decode
 from tacevo.evolution.archive import Archive, Elite, Tessellation, insert
@@ -34,6 +33,7 @@ from tacevo.randomness import stream
 from tacevo.records import Json, Limits, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.results.run import read_run
+from tacevo.runs.answers import task_without_data
 from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search

@@ -16,9 +16,9 @@ import numpy as np
 from benchmarks import plain_training as plain
 from benchmarks.timing import Figure, descendants_seconds, medians, report
 from tacevo.choices import Confinement, Numerics
-from tacevo.cli.inspect import task_without_data
 from tacevo.errors import ConfigError
 from tacevo.records import Json, Limits, Recipe, to_json
+from tacevo.runs.answers import task_without_data
 from tacevo.runs.wiring import ENTRIES
 from tacevo.sandbox.client import Finished, Sandbox
 from tacevo.training.numerics import check_machine, environment

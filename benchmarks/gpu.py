@@ -23,10 +23,10 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from tacevo.bundles.open import opened
 from tacevo.choices import Precision
-from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
 from tacevo.records import Contract, Gpu, written
 from tacevo.results.run import read_run
+from tacevo.runs.answers import task_without_data
 from tacevo.runs.pace import measure
 from tacevo.runs.wiring import recipe_of
 from tacevo.sandbox.candidate import build

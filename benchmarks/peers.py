@@ -46,9 +46,9 @@ from benchmarks.confinement import computable
 from benchmarks.timing import Cost, Figure, children_seconds
 from tacevo.bundles.open import opened
 from tacevo.choices import Numerics
-from tacevo.cli.inspect import task_without_data
 from tacevo.config.compose import compose
 from tacevo.results.run import read_run
+from tacevo.runs.answers import task_without_data
 from tacevo.runs.datasets import load_data
 from tacevo.runs.progress import Progress
 from tacevo.training.numerics import environment

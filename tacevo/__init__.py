@@ -1,7 +1,7 @@
 """TacEvo: architecture search for vision-based tactile sensors that can be replayed bit for bit.
 
-`tacevo.open` reads what was recorded; `tacevo.search`, `study`, `noise` and `publish` do what the commands of these
-names do. docs/python.md lists columns, units and shapes.
+`tacevo.open` reads what was recorded; `tacevo.search`, `extend`, `study`, `noise`, `plan`, `publish`, `check` and
+`check_data` do what the commands of these names do. docs/python.md lists columns, units and shapes.
 """
 
 import importlib
@@ -13,7 +13,11 @@ __version__ = "0.1.0"
 _PLACES = {
     "open": "api.opening",
     "open_table": "api.space_tables",
+    "check": "api.checks",
+    "check_data": "api.checks",
     "search": "api.actions",
+    "extend": "api.actions",
+    "plan": "api.planning",
     "study": "api.actions",
     "noise": "api.actions",
     "publish": "api.actions",
@@ -30,8 +34,10 @@ _PLACES = {
 }
 
 if TYPE_CHECKING:
-    from tacevo.api.actions import noise, publish, search, study
+    from tacevo.api.actions import extend, noise, publish, search, study
+    from tacevo.api.checks import check, check_data
     from tacevo.api.opening import open
+    from tacevo.api.planning import plan
     from tacevo.api.runs import Run
     from tacevo.api.space_tables import open_table
     from tacevo.api.studies import Study
@@ -50,9 +56,13 @@ __all__ = [
     "Sweep",
     "Table",
     "TacevoError",
+    "check",
+    "check_data",
+    "extend",
     "noise",
     "open",
     "open_table",
+    "plan",
     "publish",
     "search",
     "study",

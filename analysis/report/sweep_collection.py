@@ -61,8 +61,14 @@ def collect_sweep(
     common = common_archive(runs, measure.run, niches.networks)
     curves = curves_frame(sweep.finished, common)
     jobs = jobs_frame(sweep.finished, curves)
-    primary, twins = primary_metric(sweep), sweep.twins_of(wanted)
-    ablation = compare_arms(jobs, wanted=wanted, primary=primary, failed=sweep.failed, twins=twins)
+    ablation = compare_arms(
+        jobs,
+        wanted=wanted,
+        primary=primary_metric(sweep),
+        failed=sweep.failed,
+        twins=sweep.twins,
+        not_tested=sweep.not_tested,
+    )
     return SweepCollection(
         sweep=sweep,
         ablation=ablation,

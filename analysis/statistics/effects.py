@@ -11,6 +11,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
+from scipy.stats import binomtest
 
 from analysis.statistics.samples import Sample, checked
 from tacevo.rounding import rounded
@@ -78,6 +79,12 @@ def _confidence(n: int, cut: int) -> float:
     """Return the chance that more than `cut` of n values lie on either side of the median."""
     outside: int = 2 * sum(math.comb(n, below) for below in range(cut + 1))
     return float(1 - outside / 2**n)
+
+
+def proportion(hits: int, of: int) -> Interval:
+    """Return the part of so many trials, at least 1, that hit, with the exact interval (Clopper and Pearson 1934)."""
+    ends = binomtest(hits, of).proportion_ci(LEVEL, method="exact")
+    return _interval(hits / of, float(ends.low), float(ends.high))
 
 
 def superiority(x: ArrayLike, y: ArrayLike, *, level: float = LEVEL) -> Interval:

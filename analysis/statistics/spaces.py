@@ -12,7 +12,7 @@ BY_EPOCHS = {"epochs": "int64", **WORTH}
 
 
 def worth_by_epochs(losses: ArrayLike, scores: ArrayLike) -> pd.DataFrame | None:
-    """Compare what a fitness is worth by each rule after every number of epochs; for the values see `noise.worth`.
+    """Compare what a fitness is worth by each rule after every number of epochs; for the values see `seed_noise.worth`.
 
     Args:
         losses: validation losses of n networks, S >= 2 seeds and E epochs, shape (n, S, E).

@@ -129,6 +129,8 @@ def holm(p_values: Sequence[float]) -> tuple[float, ...]:
     """
     if not p_values or not all(0 <= p <= 1 for p in p_values):
         raise ValueError(f"Holm's correction needs one or more p-values in [0, 1]; got {list(p_values)}")
+    if len(p_values) == 1:
+        return (rounded(p_values[0]),)  # statsmodels collects garbage at each call, which takes its time
     _, corrected, _, _ = multipletests(p_values, method="holm")
     return tuple(rounded(float(p)) for p in corrected)
 

@@ -71,6 +71,8 @@ class Comparability(StrEnum):
     by_construction = "identical by construction"
     #: No runs differ; or those that do have one value a seed in both arms, or one value in all.
     identical = "identical"
+    #: The sweep states that the arm is not tested.
+    not_tested = "not tested"
     #: One of both arms has fewer than two runs that differ from the other's of the same seed.
     too_few_differ = "too few runs differ"
     #: One of both arms has values of fewer than two seeds.
@@ -89,6 +91,8 @@ class Ablation:
     primary: Metric | None
     #: A row for each finished run (`JOBS`).
     jobs: pd.DataFrame
+    #: Pairs of arms that are one search by construction.
+    twins: Sequence[tuple[str, str]]
     #: By metric, those that are shown: a row for each arm, the reference first (`ARMS`).
     arms: Mapping[Metric, pd.DataFrame]
 
@@ -97,9 +101,21 @@ class Ablation:
         """The arms, the reference first."""
         return list(next(iter(self.arms.values())).index)
 
+    @property
+    def unequal_twins(self) -> list[tuple[str, str]]:
+        """Pairs of runs, by their jobs, that must be one search, by their arms' settings and their seed, and differ.
+
+        One of both is then not what its settings give: other code made it, or a machine that computes otherwise.
+        """
+        by_arm = {arm: rows.reset_index() for arm, rows in self.jobs.groupby("arm")}
+        pairs = [
+            by_arm[one].merge(by_arm[other], on="seed") for one, other in self.twins if {one, other} <= by_arm.keys()
+        ]
+        return [(row.job_x, row.job_y) for both in pairs for row in both.itertuples() if row.search_x != row.search_y]
+
     def values(self, arm: str, metric: Metric) -> dict[int, float]:
         """Return an arm's known values by seed, rising."""
-        return _samples(self.jobs, metric).get(arm, {})
+        return samples_of(self.jobs, metric).get(arm, {})
 
 
 def jobs_frame(finished: Sequence[FinishedJob], curves: pd.DataFrame) -> pd.DataFrame:
@@ -153,7 +169,8 @@ def compare_arms(
     wanted: str = REFERENCE,
     primary: Metric | None = None,
     failed: Sequence[Job] = (),
-    twins: Collection[str] = (),
+    twins: Sequence[tuple[str, str]] = (),
+    not_tested: Collection[str] = (),
     seed: int = 0,
 ) -> Ablation:
     """Summarise every arm, and compare it with the reference.
@@ -165,18 +182,21 @@ def compare_arms(
         failed: jobs without a run, or without a test score, because they failed. Compared is what an arm comes to with
             them: in tests, effect sizes and differences each counts as worse than any other job. Otherwise an arm would
             be the better for every job that it loses.
-        twins: arms that are the reference by construction: nothing is tested, and they are not in Holm's family.
+        twins: pairs of arms that are one search by construction. Where one of both is the reference, nothing is tested,
+            and the other is not in Holm's family.
         seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
             whatever other arms there are.
+        not_tested: arms that have no test scores, as the sweep states; in these they are in no family, either.
     """
     names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
     reference = wanted if wanted in set(jobs.arm) else None
     shown = [metric for metric in Metric if metric not in TESTED or jobs[metric.name].notna().any()]
-    arms = {
-        metric: _arms(jobs, metric, names, reference=reference, failed=failed, twins=twins, seed=seed)
-        for metric in shown
-    }
-    return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, arms=arms)
+    same, arms = {arm for pair in twins if wanted in pair for arm in pair}, {}
+    for metric in shown:
+        out = not_tested if metric in TESTED else ()
+        lost = [job for job in failed if job.arm not in out]
+        arms[metric] = _arms(jobs, metric, names, reference=reference, failed=lost, twins=same, out=out, seed=seed)
+    return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, twins=twins, arms=arms)
 
 
 def _values(run: RecordedRun) -> dict[Metric, float | None]:
@@ -223,7 +243,8 @@ def _slot(candidate: CandidateLine) -> CandidateLine:
     )
 
 
-def _samples(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
+def samples_of(jobs: pd.DataFrame, metric: Metric) -> dict[str, dict[int, float]]:
+    """Return the known values of each arm by seed, rising."""
     known = jobs.dropna(subset=metric.name).sort_values("seed").astype({metric.name: "float64"})
     return {arm: dict(zip(rows.seed, rows[metric.name], strict=True)) for arm, rows in known.groupby("arm")}
 
@@ -250,10 +271,11 @@ def _arms(
     reference: str | None,
     failed: Sequence[Job],
     twins: Collection[str],
+    out: Collection[str],
     seed: int,
 ) -> pd.DataFrame:
     """Summarise all arms in one metric, and compare them with the reference (`ARMS`)."""
-    samples = _samples(jobs, metric)
+    samples = samples_of(jobs, metric)
     rows: dict[str, dict[str, Any]] = {name: {"runs": int((jobs.arm == name).sum())} for name in names}
     for name in names:
         values = list(samples.get(name, {}).values())
@@ -268,7 +290,8 @@ def _arms(
         for arm, at in lost:
             searches.setdefault(arm, {}).setdefault(at, math.nan)  # equal to no other's
         whole = _with_failed(samples, metric, sorted(lost))
-        _contrast(rows, {name: whole.get(name, {}) for name in names}, searches, metric=metric, twins=twins, seed=seed)
+        samples = {name: whole.get(name, {}) for name in names}
+        _contrast(rows, samples, searches, metric=metric, twins=twins, out=out, seed=seed)
     frame = pd.DataFrame(list(rows.values()), index=pd.Index(names, name="arm"), columns=list(ARMS))
     return frame.astype(ARMS)
 
@@ -280,29 +303,17 @@ def _contrast(
     *,
     metric: Metric,
     twins: Collection[str],
+    out: Collection[str],
     seed: int,
 ) -> None:
-    """Compare the samples of all other arms with the first's, and add what was found to their rows.
-
-    An arm that has seeds enough and is not tested counts in Holm's family with p = 1, so that the family's size does
-    not depend on what the runs found. One that is the reference by construction does not: that was known before.
-    """
-    reference, *others = samples
-    family: list[str] = []
+    """Compare the samples of all other arms with the first's, and add what was found to their rows."""
     pairs: dict[str, tuple[list[float], list[float]]] = {}
-    for name in others:
-        same = {at for at, search in searches.get(name, {}).items() if searches[reference].get(at) == search}
-        x, y = ({at: sample[at] for at in sample if at not in same} for sample in (samples[name], samples[reference]))
-        differing = len(searches.get(name, {})) - len(same)
-        kind = Comparability.by_construction
-        if name not in twins:
-            few = min(len(samples[name]), len(samples[reference]))
-            kind = _comparability(x, y, few=few, equal=bool(same) and not differing)
-            family += [name] if few >= FEWEST_SEEDS else []
+    for name, (kind, differing, x, y) in _compared(samples, searches, twins, out).items():
         if kind is Comparability.comparable:
             pairs[name] = list(x.values()), list(y.values())
         rows[name] |= {"comparability": kind.value, "differing": differing}
         rows[name] |= {"n_arm": len(x), "n_reference": len(y)} | _by_seed(metric, x, y)
+    family = _family(samples, {*twins, *out})
     tests = {name: mann_whitney(*pair) for name, pair in pairs.items()}
     p_holm = _corrected(family, {name: test.p for name, test in tests.items()})
     least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
@@ -310,6 +321,60 @@ def _contrast(
         rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
         rows[name] |= effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
         rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
+
+
+def corrected_p(
+    samples: Mapping[str, Mapping[int, float]],
+    searches: Mapping[str, Mapping[int, float]],
+    twins: Collection[str] = (),
+) -> dict[str, float]:
+    """Return the p after Holm of every arm but the first, the reference, as `compare_arms`; 1 where nothing is tested.
+
+    Args:
+        samples: of each arm, the known values by seed.
+        searches: of each arm, by seed, numbers that are equal where two searches are.
+        twins: arms that are one search with the reference by construction.
+    """
+    compared = _compared(samples, searches, twins, ()).items()
+    tested = {
+        name: mann_whitney(list(x.values()), list(y.values())).p
+        for name, (kind, _, x, y) in compared
+        if kind is Comparability.comparable
+    }
+    return dict.fromkeys([*samples][1:], 1.0) | _corrected(_family(samples, twins), tested)
+
+
+def _compared(
+    samples: Mapping[str, Mapping[int, float]],
+    searches: Mapping[str, Mapping[int, float]],
+    twins: Collection[str],
+    out: Collection[str],
+) -> dict[str, tuple[Comparability, int, dict[int, float], dict[int, float]]]:
+    """Return, by arm, whether it is tested, how many runs differ from the reference's, and both samples of these."""
+    reference, *others = samples
+    compared = {}
+    for name in others:
+        same = {at for at, search in searches.get(name, {}).items() if searches[reference].get(at) == search}
+        x, y = ({at: sample[at] for at in sample if at not in same} for sample in (samples[name], samples[reference]))
+        differing = len(searches.get(name, {})) - len(same)
+        kind = Comparability.by_construction if name in twins else Comparability.not_tested
+        if name not in twins and name not in out:
+            few = min(len(samples[name]), len(samples[reference]))
+            kind = _comparability(x, y, few=few, equal=bool(same) and not differing)
+        compared[name] = kind, differing, x, y
+    return compared
+
+
+def _family(samples: Mapping[str, Mapping[int, float]], out: Collection[str]) -> list[str]:
+    """List the arms of Holm's family, without those that are left `out`.
+
+    An arm that has seeds enough and is not tested counts with p = 1, so that the family's size does not depend on what
+    the runs found. One that is the reference by construction does not, nor one that has no test scores: that was known
+    before.
+    """
+    reference, *others = samples
+    enough = {name for name, sample in samples.items() if len(sample) >= FEWEST_SEEDS}
+    return [name for name in others if name not in out and {name, reference} <= enough]
 
 
 def _corrected(family: Sequence[str], p_values: Mapping[str, float]) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from typing import Literal
@@ -119,9 +119,14 @@ def sweep_pilot(pilots: Sequence[RecordedSweep]) -> Pilot:
     Raises:
         RunError: they are of several tasks or epochs, or no arm has two jobs, or a value is 0.
     """
+    tested = [
+        replace(each, finished=tuple(one for one in each.finished if one.job.arm not in each.not_tested))
+        for each in pilots
+    ]
+    is_tested = all(each.finished and all(one.tested for one in each.finished) for each in tested)
+    pilots = tested if is_tested else pilots
     jobs = [one for sweep in pilots for one in sweep.finished]
     runs, scores = [one.run for one in jobs], [one.tested for one in jobs if one.tested is not None]
-    is_tested = len(scores) == len(jobs)
     stated = [sweep.terms.retraining for sweep in pilots] if is_tested else [None] * len(pilots)
     _check_alike([f"{sweep.task}, {_tested(terms)}" for sweep, terms in zip(pilots, stated, strict=True)])
     elites = stated[0].elites if stated[0] is not None else 1

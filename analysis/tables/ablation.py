@@ -79,18 +79,22 @@ def arms_table(sweep: RecordedSweep, ablation: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
     first = next(iter(ablation.arms))
     trivial = [_trivial(sweep, metric) for metric in ablation.arms]
-    twins = _twin_notes(ablation, first)
+    twins, has_equal = _twin_notes(ablation), any(ablation.wanted in pair for pair in ablation.twins)
     return Table.of(
         pd.concat({metric.name: frame.reset_index() for metric, frame in ablation.arms.items()}, axis=1),
         {
             "arm": (str, (first.name, "arm")),
             "seeds": (int, (first.name, "runs")),
-            **({"equal to": (lambda kind: _equal_to(ablation, kind), (first.name, "comparability"))} if twins else {}),
+            **(
+                {"equal to": (lambda kind: _equal_to(ablation, kind), (first.name, "comparability"))}
+                if has_equal
+                else {}
+            ),
             **{metric.value: (_shape(metric), *((metric.name, end) for end in _ENDS)) for metric in ablation.arms},
         },
         name="ablation",
         caption=f"The arms ({sweep.task}).",
-        last=[("trivial", None, *([None] if twins else []), *trivial)] if trivial[0] is not None else [],
+        last=[("trivial", None, *([None] if has_equal else []), *trivial)] if trivial[0] is not None else [],
         notes=(
             *_primary_note(sweep, ablation),
             *twins,
@@ -248,7 +252,7 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
     kinds = frame.comparability.dropna()
     if kinds.empty:
         return []
-    outside = {Comparability.too_few_seeds, Comparability.by_construction}
+    outside = {Comparability.too_few_seeds, Comparability.by_construction, Comparability.not_tested}
     reference, family = ablation.wanted, int((~kinds.isin(outside)).sum())
     same, few = (
         kinds.index[kinds == kind].tolist() for kind in (Comparability.identical, Comparability.too_few_differ)
@@ -270,7 +274,7 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
         f"A12: the chance that a run of the arm has more than one of {reference}. Differences are arm less "
         f"{reference}; by seed: of the runs that share a seed, and so their streams.",
     ]
-    notes += _twin_notes(ablation, metric)
+    notes += _twin_notes(ablation)
     if same:
         notes.append(
             f"Identical: {listed(same)}. No run of such an arm differs from that of {reference} of the same seed, or "
@@ -291,17 +295,34 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
     return [*notes, *caution_notes(tested.cautions.items())]
 
 
-def _twin_notes(ablation: Ablation, metric: Metric) -> list[str]:
-    """Name the arms that are the reference by construction, with the reason."""
-    frame = ablation.arms[metric]
-    twins = frame.index[frame.comparability == Comparability.by_construction].tolist()
-    if not twins:
-        return []
-    return [
-        f"Identical by construction: {listed(twins)}. With prompts=uniform nothing is drawn by the record of prompts, "
-        f"which is all that differs from {ablation.wanted}, so these are the same searches under another name: known "
-        "before they ran, not tested, and not counted in Holm's correction."
+def _twin_notes(ablation: Ablation) -> list[str]:
+    """Name the arms that are one search by construction, with the reason, and whether their runs are equal."""
+    notes = []
+    if same := [arm for pair in ablation.twins if ablation.wanted in pair for arm in pair if arm != ablation.wanted]:
+        notes.append(
+            f"Identical by construction: {listed(same)}. With prompts=uniform nothing is drawn by the "
+            f"record of prompts, which is all that differs from {ablation.wanted}, so these are the same searches "
+            "under another name: known before they ran, not tested, and not counted in Holm's correction."
+        )
+    notes += [
+        f"Identical by construction: {one} and {other}, which are tested as two arms."
+        for one, other in ablation.twins
+        if not {one, other} <= {ablation.wanted, *same}
     ]
+    if unequal := ablation.unequal_twins:
+        notes.insert(0, divergence(unequal))
+    elif notes:
+        notes.append("Runs of such arms and one seed were compared: they are equal, candidate by candidate.")
+    return notes
+
+
+def divergence(unequal: Sequence[tuple[str, str]]) -> str:
+    """Say loudly that runs differ which must not."""
+    pairs = listed(f"{one} and {other}" for one, other in unequal)
+    return (
+        f"ERROR: {pairs} are one search by construction, and differ. Believe neither before `tacevo replay` of both: "
+        "they were made by other code, or on machines that compute otherwise."
+    )
 
 
 def _equal_to(ablation: Ablation, kind: str | None) -> str | None:
@@ -356,11 +377,16 @@ def _tested_notes(sweep: RecordedSweep) -> list[str]:
         f"Tested: the {which} with the best {_CHOSEN[stated.choose]}, trained for "
         f"{counted(stated.epochs, 'epoch')} with {counted(stated.seeds, 'fresh seed')}."
     ]
+    if sweep.not_tested:
+        notes.append(f"Not tested, as the sweep states: {listed(sweep.not_tested)}. No family counts such an arm.")
     tests = [(one.job.name, one.tested) for one in sweep.finished if one.tested is not None]
-    if few := [f"{name} ({len(test.networks)})" for name, test in tests if len(test.networks) < stated.elites]:
-        notes.append(f"Fewer networks of different sources were there, and all were tested: {listed(few)}.")
+    if lacking := [f"{name} ({test.lacking})" for name, test in tests if test.lacking]:
+        notes.append(
+            "The archive had no other network for so many places of these jobs, and the baseline counts in the places "
+            f"that are left, so that every value is of as many: {listed(lacking)}."
+        )
     if late := sum(test.late for _, test in tests):
-        trainings = sum(len(test.networks) for _, test in tests) * stated.seeds
+        trainings = sum(len(set(test.networks)) for _, test in tests) * stated.seeds
         notes.append(
             f"{late} of {counted(trainings, 'training')} had the best epoch in the last tenth, and might end better "
             "with more epochs=."

@@ -195,8 +195,8 @@ def _late(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[str, 
     )
 
 
-def _at_ceiling(again: pd.DataFrame | None) -> tuple[str, ...]:
-    told = again is not None and any(Caution.ceiling in one.cautions for one in of_whole(again).itertuples())
+def _at_ceiling(comparisons: pd.DataFrame | None) -> tuple[str, ...]:
+    told = any(Caution.ceiling in one.cautions for one in of_whole(comparisons).itertuples())
     return ("At the ceiling: next to nothing is left to win over the baseline on these data (tables).",) if told else ()
 
 

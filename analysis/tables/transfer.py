@@ -12,7 +12,7 @@ from analysis.studies.transfer import OnData, concordance, joint
 from analysis.table import Cell, Percent, PValue, Table
 from analysis.tables.comparison import score_cell
 from tacevo.results.study import RecordedStudy
-from tacevo.results.trivial import trivial_score
+from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.rounding import rounded
 from tacevo.text import counted
 
@@ -21,24 +21,35 @@ OWN = "the run's"
 
 
 def transfer_tables(studies: Sequence[OnData]) -> list[Table]:
-    """Return the table of transfer and, where there is a variant and seeds to test it with, the joint answer."""
+    """Return the table of transfer and, where there is a variant and seeds to test it with, the joint answer.
+
+    A data set on which every network is at chance has no order of them, and so no part in a joint answer.
+    """
     first, _ = studies[0]
-    is_tested = len(first.networks) > 1 and first.seeds > 1
-    return [transfer_table(studies), *([joint_table(studies)] if is_tested else [])]
+    learnt = _learnt(studies)
+    is_tested = len(first.networks) > 1 and first.seeds > 1 and len(learnt) > 1
+    return [transfer_table(studies), *([joint_table(learnt)] if is_tested else [])]
+
+
+def _learnt(studies: Sequence[OnData]) -> list[OnData]:
+    """Leave out the data sets on which every network is at chance."""
+    return [one for one in studies if not at_chance(one[0])]
 
 
 def transfer_table(studies: Sequence[OnData]) -> Table:
     """Show each network on each data set: its median, and its verdict against the baseline there."""
     first, _ = studies[0]
+    shared = _shared(studies)
     return Table(
         name="transfer",
         caption=f"The networks of {first.task} on {counted(len(studies), 'data set')}, test "
         f"{metric_name(first.primary)}.",
         columns=("data", "test images", "network", "median", "p, Holm", "verdict"),
-        rows=tuple(row for one in studies for row in _rows(one)),
+        rows=tuple(row for one in studies for row in _rows(one, _where(one[0], shared))),
         notes=(
             f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}.",
+            *([f"All but the run's own have {', '.join(shared)}."] if shared else []),
             *_agreement(studies),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
             "set, and not over data sets; the table transfer_joint has one answer over all of them.",
@@ -46,14 +57,33 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
     )
 
 
+def _shared(studies: Sequence[OnData]) -> list[str]:
+    """Return the settings in which all data sets but the run's own are alike; none where there is one."""
+    moved = [_settings(study) for study, _ in studies if study.other_data]
+    return [one for one in moved[0] if all(one in others for others in moved)] if len(moved) > 1 else []
+
+
+def _settings(study: RecordedStudy) -> list[str]:
+    return [f"{name}={value}" for name, value in study.other_data]
+
+
+def _where(study: RecordedStudy, shared: Sequence[str]) -> str:
+    """Name the data of a study by the settings that it does not share with the others."""
+    return ", ".join(one for one in _settings(study) if one not in shared) or study.where or OWN
+
+
 def _agreement(studies: Sequence[OnData]) -> list[str]:
-    """Say how far the data sets agree on the order of the networks."""
-    agreement = concordance(studies)
+    """Say how far the data sets agree on the order of the networks, and which of them know none."""
+    learnt = _learnt(studies)
+    chance = ", ".join(_where(study, _shared(studies)) for study, _ in studies if at_chance(study))
+    told = [f"At chance: every network on {chance}; so neither W nor transfer_joint has that."] if chance else []
+    agreement = concordance(learnt) if len(learnt) > 1 else None
     if agreement is None:
-        return []
+        return told
     return [
+        *told,
         f"The order of the networks by their medians agrees over the data sets with Kendall's W = {agreement:.2f}: 1 "
-        "is one order everywhere, 0 is no agreement."
+        "is one order everywhere, 0 is no agreement.",
     ]
 
 
@@ -93,9 +123,9 @@ def _fewest(study: RecordedStudy) -> str:
     return f"After Holm's first step it can show something from {counted(needed, 'data set')} on."
 
 
-def _rows(on: OnData) -> Iterator[tuple[Cell, ...]]:
+def _rows(on: OnData, where: str) -> Iterator[tuple[Cell, ...]]:
     study, comparisons = on
-    head = study.where or OWN, study.data.counts[2]
+    head = where, study.data.counts[2]
     verdicts = {one.network: (PValue(one.p_holm), one.verdict) for one in of_whole(comparisons).itertuples()}
     for network in study.networks:
         median = rounded(float(np.median(study.values(network.name, study.primary))))

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from tacevo.api.opening import open_run
 from tacevo.api.pages import pages
+from tacevo.api.replaying import extended
 from tacevo.api.runs import Run, progress
 from tacevo.api.studies import Study
+from tacevo.api.sweeps import Sweep
+from tacevo.bundles.open import opened
 from tacevo.bundles.publish import publish as publish_bundle
 from tacevo.bundles.readme import Terms
 from tacevo.config.compose import compose, compose_noise, compose_study
@@ -20,6 +23,7 @@ from tacevo.config.conf_folder import check_experiment
 from tacevo.errors import ConfigError, RunError
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
+from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise
 from tacevo.studies.study import study as run_study
 from tacevo.text import as_override, counted
@@ -46,19 +50,49 @@ def search(*overrides: str, quiet: bool = False) -> Run:
     return open_run(done.directory)
 
 
-def study(run: Run | str | os.PathLike[str], *data: str, quiet: bool = False, **settings: Any) -> Study:
+def extend(run: Run | str | os.PathLike[str], *overrides: str, quiet: bool = False) -> Run:
+    """Search on from the end of a run, in a run directory of its own, once its records were compared.
+
+    Args:
+        run: a finished run, in a directory or a bundle, or one job of a sweep.
+        overrides: as of `tacevo extend`, among them `"search.generations=30"`.
+        quiet: whether to show no progress on standard error.
+
+    Raises:
+        ConfigError: an override would make it another run, or not a longer one.
+        DivergenceError: the run is not what its stores give; nothing was asked.
+        RunError: it is a sweep; or it was made under other rules.
+    """
+    place = run.place if isinstance(run, Run) else opened(Path(run))
+    if isinstance(run, Run) and place.digest is None:
+        place = replace(place, entries=run.recorded.stores)
+    with progress(quiet) as view:
+        done = extended(place, overrides, view)
+    return open_run(done.directory)
+
+
+@overload
+def study(run: Run | str | os.PathLike[str], *data: str, quiet: bool = False, **settings: Any) -> Study: ...
+@overload
+def study(run: Sweep, *, quiet: bool = False, **settings: Any) -> Sweep: ...
+def study(run: Run | Sweep | str | os.PathLike[str], *data: str, quiet: bool = False, **settings: Any) -> Study | Sweep:
     """Train a run's best networks and the baseline fully, with several seeds each, and test them.
 
     Args:
-        run: a finished run in a directory.
-        data: settings of other data to study them on, such as `"data.split_seed=7"`.
+        run: a finished run in a directory; or an open sweep, whose finished jobs are studied and which is returned.
+        data: settings of other data to study a run's networks on, such as `"data.split_seed=7"`.
         quiet: whether to show no progress on standard error.
-        settings: as of `tacevo study`, such as `elites=2, seeds=5, epochs=40`.
+        settings: as of `tacevo study`, such as `elites=2, seeds=5, epochs=40`, and `arms=["none", "drift"]` of a sweep.
 
     Raises:
         ConfigError: a setting is wrong; or the run is a bundle, which nothing is written into.
         RunError: the run is not finished; or trainings of the study failed.
     """
+    if isinstance(run, Sweep):
+        words = [*_settings(settings, "sweep"), *data]
+        with progress(quiet) as view:
+            study_sweep(_of_sweep(run), compose_study(words), view)
+        return _again(run)
     given = compose_study(_settings(settings))
     with progress(quiet) as view:
         done = run_study(replace(given, run=str(_directory(run))), view, data)
@@ -67,11 +101,15 @@ def study(run: Run | str | os.PathLike[str], *data: str, quiet: bool = False, **
     return _study_of(done, given.store.root)
 
 
-def noise(run: Run | str | os.PathLike[str], *, quiet: bool = False, **settings: Any) -> Study:
+@overload
+def noise(run: Run | str | os.PathLike[str], *, quiet: bool = False, **settings: Any) -> Study: ...
+@overload
+def noise(run: Sweep, *, quiet: bool = False, **settings: Any) -> Sweep: ...
+def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **settings: Any) -> Study | Sweep:
     """Train a run's elites again as its search did, with other seeds, to see how much of each fitness was luck.
 
     Args:
-        run: a finished run in a directory.
+        run: a finished run in a directory; or an open sweep, as of `study`.
         quiet: whether to show no progress on standard error.
         settings: as of `tacevo noise`, such as `elites=2, seeds=12`.
 
@@ -82,6 +120,10 @@ def noise(run: Run | str | os.PathLike[str], *, quiet: bool = False, **settings:
         ConfigError: as `study`.
         RunError: as `study`.
     """
+    if isinstance(run, Sweep):
+        with progress(quiet) as view:
+            estimate_noise_of_sweep(_of_sweep(run), compose_noise(_settings(settings, "sweep")), view)
+        return _again(run)
     given = compose_noise(_settings(settings))
     with progress(quiet) as view:
         done = estimate_noise(replace(given, run=str(_directory(run))), view)
@@ -130,11 +172,23 @@ def publish(
     return done.digest
 
 
-def _settings(settings: dict[str, Any]) -> list[str]:
+def _of_sweep(sweep: Sweep) -> Path:
+    """Return the directory of a sweep; nothing is written into a bundle."""
+    if sweep.place.digest is not None:
+        raise ConfigError("a published sweep", place=sweep.name, expected="a sweep in a directory")
+    return sweep.place.folder
+
+
+def _again(sweep: Sweep) -> Sweep:
+    """Open a sweep anew, with what was added to it."""
+    return Sweep(sweep.name, sweep.place, sweep.store)
+
+
+def _settings(settings: dict[str, Any], kind: str = "run") -> list[str]:
     """Write keyword arguments as overrides; the run is named afterwards, since its path may be any text."""
     words = {name: "null" if value is None else value for name, value in settings.items()}
     texts = (as_override(name, value) if isinstance(value, str) else f"{name}={value}" for name, value in words.items())
-    return ["run=RUN", *texts]
+    return [f"{kind}=RUN", *texts]
 
 
 def _directory(run: Run | str | os.PathLike[str]) -> Path:

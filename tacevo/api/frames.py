@@ -125,6 +125,16 @@ JOBS: Columns = {
     "digest": "str",
 }
 
+#: Of the gate's verdicts on answers.
+CHECKS: Columns = {
+    "file": "str",
+    "verdict": "str",
+    "stage": "str",
+    "reason": "str",
+    "detail": "str",
+    "parameters": "Int64",
+}
+
 #: Of the table of a space; the genes are those of `tacevo.space.Space`.
 TABLE_NETWORKS: Columns = {
     "network": "Int64",

@@ -1,13 +1,21 @@
-"""A run or a sweep run again from its records, whether it is a directory or a bundle."""
+"""A run or a sweep run again from its records, whether it is a directory or a bundle; and a run continued."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tacevo.bundles.open import Opened
 from tacevo.bundles.verify import Rerun, Verified, rerun, rerun_all, rerun_published, verify
+from tacevo.reproduce.replay import replay as replay_search
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import sweep_digest
+
+if TYPE_CHECKING:
+    from tacevo.runs.session import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,3 +60,26 @@ def verified_bundle(bundle: Opened, view: Progress) -> Verified:
     from tacevo.api.pages import table_files  # what computes tables takes two seconds to import
 
     return verify(bundle, partial(table_files, say=view.say), view)
+
+
+def extended(published: Opened, overrides: Sequence[str], view: Progress) -> Result:
+    """Search on from the end of a run, once it was compared with what its stores give.
+
+    Raises:
+        TacevoError: as `tacevo.bundles.extend.extend_run`.
+    """
+    from tacevo.bundles.extend import extend_run  # imports Hydra, which a replay does not need
+
+    return extend_run(published, overrides, view, check=lambda run: _checked(run, view))
+
+
+def _checked(published: Opened, view: Progress) -> set[Path]:
+    """Replay a run, and of a bundle verify all of it; return the store entries that it needs."""
+    if published.root is not None:
+        verified_bundle(published, view)
+        return set(published.store.glob("*/*/*.json"))
+    read: set[Path] = set()
+    if published.digest is not None:  # compares its studies, too, whose entries a search does not need
+        rerun_published(published, published.folder, view)
+    replay_search(published.read(published.folder), view, seen=read.add)
+    return read

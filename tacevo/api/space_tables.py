@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from analysis.statistics.spaces import BY_EPOCHS, regret, worth_by_epochs
+from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
-from tacevo.errors import RunError
+from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.descriptors import describe
-from tacevo.records import Kind, Rejection
+from tacevo.records import Rejection
 from tacevo.results.space_table import SpaceTable as Rows
 from tacevo.results.space_table import TableNetwork, read_table
+from tacevo.results.study import LOSS
 from tacevo.training.full import FullTraining
 
 if TYPE_CHECKING:
@@ -23,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tacevo.api.runs import Run
+    from tacevo.api.sweeps import Sweep
 
 
 class Regret(NamedTuple):
@@ -57,7 +61,7 @@ class SpaceTable:
 
     @property
     def digest(self) -> str:
-        """The SHA-256 of its manifest, which stands for all of it."""
+        """The SHA-256 of its rows and what decides them; searches have it as the fingerprint of their data."""
         return self._rows.digest
 
     @property
@@ -96,23 +100,69 @@ class SpaceTable:
     def regret(self, run: Run) -> Regret:
         """Compare the fittest elite of a run with all networks, by their test loss.
 
+        Args:
+            run: one that looked its evaluations up in this table, or trained on the data set that it is of.
+
         Raises:
-            RunError: the elite is not a network of this table, or failed.
+            RunError: the run is of other data, or has no elite; or that is not a network of this table, or failed.
         """
+        self._check_of(run)
+        if run.elites.empty:
+            raise RunError("none", place=run.name, expected="at least one elite")
         best = str(run.elites["id"].iloc[0])
-        source = run.candidates.loc[best, "source"]
+        place, expected = f"{run.name}, {best}", f"a network of {self._rows.path} that trained with every seed"
+        own = self._by_hash.get(str(run.candidates.loc[best, "source"]))
+        if own is None:
+            raise RunError("a network that is not in it", place=place, expected=expected)
         rows, _, scores = self._sound()
-        own = [place for place, row in enumerate(rows) if self._rows.networks[row].sha256 == source]
-        if not own:
-            got = f"{best}, which is none or failed"
-            raise RunError(got, place=str(self._rows.path), expected="a trained network of this table")
-        loss, rank = regret(scores, own[0])
-        return Regret(network=rows[own[0]], loss=loss, rank=rank)
+        if own not in rows:
+            raise RunError(f"network {own}, which did not", place=place, expected=expected)
+        loss, rank = regret(scores, rows.index(own))
+        return Regret(network=own, loss=loss, rank=rank)
+
+    def size_and_power(self, sweep: Sweep, *, seeds: int) -> pd.DataFrame:
+        """Return how often the tests of `tacevo ablations` reject with so many seeds an arm; columns: `RATES`.
+
+        The finished searches of the sweep are divided into sweeps of `seeds` seeds. An arm compared with itself under
+        other seeds gives the size of a test, an arm compared with the sweep's reference its power.
+
+        Raises:
+            ConfigError: the sweep has too few seeds for one comparison of an arm with itself.
+            RunError: a run is not of this table.
+        """
+        few = ConfigError(
+            str(seeds),
+            place="seeds",
+            expected="at least 2, and at most half of the seeds that all arms of the sweep have",
+        )
+        if seeds < 2:
+            raise few
+        for run in sweep.runs:
+            self._check_of(run)
+        compared = sweep.collection()
+        wanted = compared.ablation.wanted
+        rates = rejection_rates(
+            compared.ablation.jobs, seeds=seeds, wanted=wanted, twins=compared.sweep.twins_of(wanted)
+        )
+        if not (rates["arm"] == rates["against"]).any():
+            raise few
+        return rates
+
+    def _check_of(self, run: Run) -> None:
+        """Check that a run looked its evaluations up in this table, or trained on its data set."""
+        data, known = run.recorded.record.data.fingerprint, (self.digest, self._rows.header.data.fingerprint)
+        if data not in known:
+            got, expected = f"one of the fingerprint {data[:12]}", f"a run on {self._rows.path}, or on its data set"
+            raise RunError(got, place=run.name, expected=expected)
+
+    @cached_property
+    def _by_hash(self) -> dict[str, int]:
+        return {network.sha256: row for row, network in enumerate(self._rows.networks)}
 
     def _sound(self) -> tuple[list[int], NDArray[np.float64], NDArray[np.float64]]:
         """Return the networks that trained with every seed, their losses (n, S, E) and test losses (n, S)."""
         header, verdicts = self._rows.header, self._rows.verdicts
-        metric = "cross_entropy" if header.data.kind is Kind.classification else "mse"
+        metric = LOSS[header.data.kind]
         seeds = range(len(header.seeds))
         trained = {
             row: full

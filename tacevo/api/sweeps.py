@@ -11,6 +11,7 @@ from analysis.report.sweep_collection import SweepCollection, collect_sweep, swe
 from analysis.sweeps.ablation import Ablation
 from analysis.sweeps.arm_metrics import TESTED, TESTS, Metric
 from analysis.table import Table as Rows
+from analysis.tables.ablation import divergence
 from tacevo.api import frames
 from tacevo.api.replaying import replay
 from tacevo.api.runs import Draw, Run, progress
@@ -109,11 +110,15 @@ class Sweep:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Which jobs have no result or no test score, and why, and which arms no row, a sentence each."""
+        """Which jobs have no result or no test score, and why, and which arms no row, a sentence each.
+
+        First, if it is so, that runs differ which must be one search.
+        """
         sweep = self.collection().sweep
+        loud = [divergence(pairs)] if (pairs := self.collection().ablation.unequal_twins) else []
         jobs = (f"left out: {one.job.name}: {one.why}" for one in sweep.missing)
         untested = (f"without a test score: {one.job.name}: {one.reason}" for one in sweep.untested)
-        return (*jobs, *self._arms_left_out(), *untested)
+        return (*loud, *jobs, *self._arms_left_out(), *untested)
 
     def _arms_left_out(self) -> tuple[str, ...]:
         """Name the arms that no job finished of."""

@@ -15,6 +15,7 @@ from tacevo.errors import BundleError, RunError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.settings import settings_of
+from tacevo.results.space_table import is_table
 from tacevo.storage.array_store import KIND
 from tacevo.storage.members import Member
 from tacevo.storage.places import check_place
@@ -88,11 +89,14 @@ def opened(path: Path) -> Opened:
 
     Raises:
         BundleError: the bundle is damaged, or holds what none should; the message names the place.
-        RunError: it is neither a run's or a sweep's directory nor a file; or the sweep has no such job.
+        RunError: it is neither a run's or a sweep's directory nor a file, or is a table; or the sweep has no such job.
     """
     check_place(path)
     if path.parent.is_file():
         return opened(path.parent).job(path.name)
+    if path.is_file() and is_table(path):
+        remedy = "`tacevo.open_table(FILE)` opens it, `tacevo replay FILE` verifies it"
+        raise RunError("the table of a space", place=str(path), expected="a run or a sweep", remedy=remedy)
     return _read(path) if path.is_file() else located(path)
 
 

@@ -206,6 +206,7 @@ def _origin(run: RecordedRun, folder: str) -> str:
     if data.source is DataSource.simulated:
         given = [f"data.{key}={_plain(getattr(data, key))}" for key in _SIMULATED]
         given += [] if data.sensor == SimulatedSensor.ViTacTip else [f"data.sensor={data.sensor}"]
+        given += [f"data.gel_mm={_plain(data.gel_mm)}"] if data.gel_mm else []
         settings = [f"task={run.record.task.name}", *given]
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"

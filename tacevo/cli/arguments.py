@@ -70,6 +70,7 @@ SETTINGS = {
     "run": "the same as RUN alone: the directory of a finished run, whose networks are studied; or",
     "sweep": "that of a sweep: a study of each finished job, with its best elite; or",
     "networks": "files of networks, directories and patterns of such; none for the baseline of task= alone",
+    "arms": "those of sweep= whose jobs are studied, as in arms=none,drift (all)",
     "elites": "how many elites of run=, best first, beside the baseline (4)",
     "choose": "best by: fitness (recorded), or reestimated (by `tacevo noise`); the first unless set",
     "seeds": "training seeds of each network (20)",
@@ -106,6 +107,7 @@ examples:
   tacevo study runs/NAME margins.regression.value=0.05
   tacevo study runs/NAME data.split_seed=7            # the same networks on other data: any setting of data
   tacevo study sweep=sweeps/NAME seeds=5              # for `tacevo ablations`, which compares arms by these test scores
+  tacevo study sweep=sweeps/NAME arms=none,drift      # of two of its arms
   tacevo study networks=library/force/published task=force data.image_size=64
   tacevo study networks=[a.py,b.py] task=grating data=tacverse data.root=DIR
   tacevo study task=hardness                          # the baseline alone

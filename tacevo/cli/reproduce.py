@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tacevo.api.replaying import Replay, replay, verified_bundle
+from tacevo.api.replaying import Replay, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
-from tacevo.bundles.verify import Rerun, rerun_published
+from tacevo.bundles.verify import Rerun
 from tacevo.cli.common import DIFFERENT, DONE, existing_store
 from tacevo.costs import in_words, total
 from tacevo.reproduce.compare import compare
-from tacevo.reproduce.replay import replay as replay_search
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import retrain_table, verify_table
 from tacevo.results.run import read_run
@@ -125,25 +124,11 @@ def _retrain(runs: Sequence[Rerun], options: argparse.Namespace, view: Progress)
 
 def run_extend(options: argparse.Namespace) -> int:
     """Search on from the end of a run."""
-    from tacevo.bundles.extend import extend_run  # imports Hydra, which a replay does not need
     from tacevo.cli.search import print_end
 
     place = opened(Path(options.run))
     with Progress() as view:
         moved = place.digest is None and options.store is not None
-        published = replace(place, entries=Path(options.store)) if moved else place
-        result = extend_run(published, options.overrides, view, check=lambda run: _checked(run, view))
+        result = extended(replace(place, entries=Path(options.store)) if moved else place, options.overrides, view)
     print_end(result)
     return DONE
-
-
-def _checked(published: Opened, view: Progress) -> set[Path]:
-    """Replay a run, and of a bundle verify all of it; return the store entries that it needs."""
-    if published.root is not None:
-        verified_bundle(published, view)
-        return set(published.store.glob("*/*/*.json"))
-    read: set[Path] = set()
-    if published.digest is not None:  # compares its studies, too, whose entries a search does not need
-        rerun_published(published, published.folder, view)
-    replay_search(published.read(published.folder), view, seen=read.add)
-    return read

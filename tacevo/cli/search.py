@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 
-from tacevo.choices import Primary, Tracking
+from tacevo.choices import DataSource, Primary, Tracking
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
@@ -107,14 +107,15 @@ def _search(options: argparse.Namespace) -> int:
 def _estimate(options: argparse.Namespace) -> int:
     """Estimate a search, its cost before its hours, which take a measurement; or every job of a sweep."""
     if options.multirun:
-        planned = plan_unasked(options.overrides, _asked(options).vary or ())
-        later = partial(describe_estimates, [(job.name, config) for job, config in planned.items()])
+        jobs = [(job.name, one) for job, one in plan_unasked(options.overrides, _asked(options).vary or ()).items()]
+        later = partial(describe_estimates, jobs)
     else:
-        config = compose_estimate(options.overrides)
+        jobs = [("", config := compose_estimate(options.overrides))]
         print(describe_cost(config), end="\n\n", flush=True)
         later = partial(describe_time, config)
     with Progress() as view:
-        view.say(MEASURING)
+        if any(one.data.source is not DataSource.table for _, one in jobs):
+            view.say(MEASURING)
         told = later()
     print(told)
     return DONE
@@ -129,7 +130,7 @@ def print_end(result: Result, remarks: Iterable[str] = ()) -> None:
     print(f"verify: {tacevo} replay {run}")
     for remark in remarks:
         print(remark)
-    if result.succeeded:
+    if result.succeeded and not result.looked_up:
         print(f"next:   {tacevo} noise {run} elites=2 seeds=12")  # the demo's sizes, see docs/log.md
     print(f"digest: {result.digest}")
 

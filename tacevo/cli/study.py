@@ -2,9 +2,8 @@
 
 import argparse
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from itertools import product
 from pathlib import Path
 from typing import TypeVar
@@ -13,25 +12,19 @@ from rich.console import Console
 
 from analysis.report.collection import outcomes, read_studies
 from analysis.studies.transfer import transfers
-from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
-from analysis.sweeps.plans import Wish, plan
 from analysis.tables.plan import plan_table
 from analysis.tables.transfer import transfer_tables
-from tacevo.bundles.open import opened
+from tacevo.api.planning import planned_from, write_plan
 from tacevo.cli.common import DIFFERENT, DONE, output_directory
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_data, compose_noise, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
-from tacevo.errors import ConfigError, RunError
+from tacevo.errors import ConfigError
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.results.study import RecordedStudy, load_study
-from tacevo.results.study_directory import StudyDirectory, studies_of
-from tacevo.results.sweep import load_sweep
+from tacevo.results.study_directory import StudyDirectory
 from tacevo.runs.progress import Progress
-from tacevo.storage.files import write_durably
-from tacevo.storage.plan_file import plan_text
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.studies.given_run import record_given
@@ -109,7 +102,8 @@ def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
         _introduce(studied, f"study of {' '.join(data)}")
         statuses.append(_end(studied, _REMEDY))
         names.add(studied.directory.name)
-    studies = read_studies(run).studies
+    # Of several studies on equal data a table takes the first: let it be the one that was asked for.
+    studies = sorted(read_studies(run).studies, key=lambda one: one.name not in names)
     own = [one.study for one in studies if one.name in names]
     for group in transfers((one.study, one.comparisons) for one in studies):
         if any(one is study for one, _ in group for study in own):
@@ -162,7 +156,8 @@ def run_noise(options: argparse.Namespace) -> int:
 
 def _introduce(studied: Studied, what: str) -> None:
     before = f", {studied.recorded} of them recorded already" if studied.recorded else ""
-    print(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before})")
+    twice = f", {studied.twice} of them made twice, as above" if studied.twice else ""
+    print(f"{what}: {studied.directory} ({counted(studied.trainings, 'training')}{before}{twice})")
 
 
 def _show(studied: Studied, store: str | None) -> RecordedRun:
@@ -189,54 +184,13 @@ def _end(studied: Studied, remedy: str) -> int:
 
 def run_plan(options: argparse.Namespace) -> int:
     """Plan a number of seeds."""
-    pilot = _pilot(options.kind, [Path(name) for name in options.runs])
-    wish = Wish(
-        effect=options.effect,
-        alpha=options.alpha,
-        power=options.power,
-        comparisons=options.comparisons or pilot.comparisons,
-    )
-    planned = plan(pilot, wish)
     directory = output_directory(options.output)
+    wish = {name: getattr(options, name) for name in ("effect", "comparisons", "power", "alpha")}
+    planned = planned_from(options.kind, [Path(name) for name in options.runs], **wish)
     print_table(plan_table(planned), Console())
-    if planned.plan is None:
-        (directory / "plan.json").unlink(missing_ok=True)  # else a study would follow another wish than the last
+    made = write_plan(planned, directory)
+    if made is None:
         print("no plan: wish for a larger effect or a lower power, or compare fewer")
         return DIFFERENT
-    made = replace(planned.plan, made=datetime.now(UTC).date().isoformat())
-    write_durably(directory / "plan.json", plan_text(made))
     print(f"plan: {directory / 'plan.json'}, {made.dated}")
     return DONE
-
-
-def _pilot(kind: str, paths: Sequence[Path]) -> Pilot:
-    if kind == "study":
-        return study_pilot([pair for path in paths for pair in _finished_studies(path)])
-    return sweep_pilot([load_sweep(_located_sweep(path)) for path in paths])
-
-
-def _located_sweep(path: Path) -> Path:
-    """Return the directory of a sweep, which need not be finished, or of a bundle's."""
-    folder = path if path.is_dir() else opened(path).folder
-    if not SweepDirectory(folder).is_one:
-        got = "a directory without sweep.json" if path.is_dir() else "the bundle of a run"
-        raise RunError(got, place=str(path), expected="the directory or bundle of a sweep")
-    return folder
-
-
-def _finished_studies(path: Path) -> Iterator[tuple[RecordedRun, RecordedStudy]]:
-    """Read the finished studies of a pilot, each with its run."""
-    if (path / "study.json").exists():
-        yield read_run(path.resolve().parents[1]), load_study(path)
-        return
-    number = 0
-    for folder in opened(path).runs:
-        run = read_run(folder)
-        for directory in studies_of(folder):
-            record = directory.read()
-            if record.terms is not None and record.digest is not None:
-                number += 1
-                yield run, load_study(directory.path)
-    if not number:
-        remedy = f"`tacevo study {shlex.quote(str(path))}` makes one; a few seeds will do for a pilot"
-        raise RunError("none", place=str(path), expected="at least one finished study", remedy=remedy)

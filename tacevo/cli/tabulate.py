@@ -4,10 +4,11 @@ import argparse
 import shlex
 from pathlib import Path
 
-from tacevo.cli.common import DIFFERENT, DONE
+from tacevo.cli.common import DIFFERENT, DONE, output_directory
 from tacevo.config.compose import compose
 from tacevo.config.conf_folder import check_experiment
 from tacevo.environment import as_typed
+from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
 from tacevo.studies.tabulate import tabulate
 
@@ -16,8 +17,12 @@ def run_tabulate(options: argparse.Namespace) -> int:
     """Make the table of a space; the status is 1 if a network was refused or failed to train."""
     config = compose(options.overrides)
     check_experiment(options.overrides)
+    target = Path(options.output)
+    output_directory(target.parent)
+    if target.is_dir():
+        raise ConfigError(f"the directory {target}", place="-o", expected="the file to write")
     with Progress() as view:
-        table = tabulate(config, Path(options.output), view)
+        table = tabulate(config, target, view)
     print(f"table:  {options.output} ({table.name})")
     for line in table.failures:
         print(f"failed: {line}")

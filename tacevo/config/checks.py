@@ -59,6 +59,8 @@ def check_together(config: RunConfig) -> None:
 def doubts_of_settings(config: RunConfig) -> list[str]:
     """Say, a sentence each, what settings that are permitted together will not do."""
     search, proposals = config.search, config.proposals
+    if search.generations == 0:
+        return []
     pool = 1 + search.initial + search.candidates * (search.generations - 1)  # that the last generation draws from
     if proposals.parents is not ParentPolicy.tournament or proposals.population < pool:
         return []

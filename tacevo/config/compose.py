@@ -24,7 +24,7 @@ from tacevo.config.sources import check_used, unused
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
-from tacevo.text import as_override
+from tacevo.text import as_override, listed
 
 T = TypeVar("T")
 
@@ -80,9 +80,10 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
     has one elite of each unless it says more.
 
     Raises:
-        ConfigError: as `compose`; or not exactly one of run, sweep and networks is named; or a plan beside a sweep.
+        ConfigError: as `compose`; or not exactly one of run, sweep and networks is named; or a plan beside a sweep, or
+            arms without one.
     """
-    config = _compose_command("study", StudyConfig, overrides)
+    config = _compose_command("study", StudyConfig, [*map(_as_list, overrides)])
     named = {"run": config.run, "sweep": config.sweep, "networks": ", ".join(config.networks)}
     several = [name for name, value in named.items() if value]
     if len(several) > 1 or not (several or given):
@@ -91,6 +92,8 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
         remedy = "for a baseline alone, name a task, as in task=hardness"
         raise ConfigError(got, place="run", expected=expected, remedy=remedy)
     if config.sweep is None:
+        if config.arms:
+            raise ConfigError(listed(config.arms), place="arms", expected="no value without sweep=")
         return config
     if config.plan is not None:
         remedy = "a sweep states its plan when it begins: `tacevo search -m ... --plan FILE`"
@@ -178,6 +181,14 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     with _hydra([], overrides):
         parser = overrides_parser.OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
         return tuple(_values(override) for override in parser.parse_overrides(list(overrides)))
+
+
+def _as_list(override: str) -> str:
+    """Write the arms of a study, which a user separates by commas, as Hydra writes a list."""
+    if not override.startswith("arms="):
+        return override
+    (values,) = spread([override])
+    return override if len(values) == 1 else f"arms=[{','.join(value.removeprefix('arms=') for value in values)}]"
 
 
 def _names_any(override: str, settings: Collection[str]) -> bool:

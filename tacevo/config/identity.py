@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 
 from tacevo.choices import OPTIONAL_SAMPLING, ArchiveKind, ParentPolicy, PromptPolicy
 from tacevo.config.schema import LLMConfig, RunConfig
@@ -70,14 +71,19 @@ def decisive(config: RunConfig) -> dict[str, Json]:
     return {**settings, "data": written(config.data), "task": to_json(config.task)}
 
 
-def is_equal_by_construction(one: Mapping[int, RunConfig], other: Mapping[int, RunConfig]) -> bool:
-    """Return whether the searches of two arms, by seed, must find the same networks.
+def twins(arms: Mapping[str, Mapping[int, RunConfig]]) -> list[tuple[str, str]]:
+    """Return the pairs of arms, each with its configurations by seed, whose searches must find the same networks.
 
     So it is where those of every shared seed, at least one, differ only in whether uniformly drawn prompts are
     recorded: nothing is then drawn by that record.
     """
-    shared = one.keys() & other.keys()
-    return bool(shared) and all(_recording(one[seed]) == _recording(other[seed]) for seed in shared)
+    hashes = {arm: {seed: _recording(config) for seed, config in configs.items()} for arm, configs in arms.items()}
+    return [
+        (one, other)
+        for one, other in combinations(arms, 2)
+        if (shared := hashes[one].keys() & hashes[other].keys())
+        and all(hashes[one][seed] == hashes[other][seed] for seed in shared)
+    ]
 
 
 def _recording(config: RunConfig) -> str:

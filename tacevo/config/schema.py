@@ -165,6 +165,8 @@ class DataConfig(Record):
     test_sensor: Text | None = None
     #: How much of its training part trains, too: presses of each grating, images of each shape or with forces.
     shots: AtLeast0 = 0
+    #: Simulated: thickness of the clear gel on the sensor's skin.
+    gel_mm: Annotated[float, Ge(0), Le(4)] = 0.0
 
     @property
     def held_out(self) -> tuple[float, float]:

@@ -13,7 +13,7 @@ _COMMON = frozenset({"source", "image_size", "split", "split_seed", "validation_
 
 #: The settings that a source uses, where `_NEEDS` holds.
 USED: Mapping[DataSource, frozenset[str]] = {
-    DataSource.simulated: _COMMON | {"images", "seed", "sensor", "sensor_seed", "light", "spacings_mm"},
+    DataSource.simulated: _COMMON | {"images", "seed", "sensor", "sensor_seed", "light", "gel_mm", "spacings_mm"},
     DataSource.csv: _COMMON
     | {"root", "table", "image_column", "target_columns", "skip_missing"}
     | {"white_point", "group_column", "group_pattern"},
@@ -30,44 +30,52 @@ USED: Mapping[DataSource, frozenset[str]] = {
 _PRESSED = (RecordedTask.grating, RecordedTask.shape)
 
 
-def _has_gratings(config: RunConfig) -> bool:
-    return config.task.name == RecordedTask.grating
-
-
 def _is_random(config: RunConfig) -> bool:
     return config.data.split is SplitRule.random
 
 
-def _selects(config: RunConfig) -> bool:
-    return config.data.source is not DataSource.tacverse or config.data.select
+def _is_recorded(config: RunConfig) -> bool:
+    return config.data.source is DataSource.tacverse
 
 
-#: What else a setting needs, in words and as a rule.
-_NEEDS: Mapping[str, tuple[str, Callable[[RunConfig], bool]]] = {
-    "images": ("data.select=true", _selects),
-    "spacings_mm": ("task=grating and data.select=true", lambda config: _has_gratings(config) and _selects(config)),
-    "pattern": ("task=grating", _has_gratings),
-    "classes": ("task=grating", _has_gratings),
-    "skip_missing": (
-        "a table",
-        lambda config: config.data.source is DataSource.csv or config.task.name not in _PRESSED,
-    ),
-    "group_pattern": (
-        "data.split=random, and a task whose presses the release does not name",
-        lambda config: (
-            _is_random(config) and (config.data.source is not DataSource.tacverse or not _has_gratings(config))
-        ),
-    ),
-    "test_sensor": ("data.split=release", lambda config: not _is_random(config)),
-    "shots": ("data.test_sensor", lambda config: config.data.test_sensor is not None),
-    "split_seed": ("data.split=random or data.shots", lambda config: _is_random(config) or config.data.shots > 0),
-    **dict.fromkeys(("validation_part", "test_part"), ("data.split=random", _is_random)),
+#: What a setting may need beside its source, in words and as a rule.
+_Need = tuple[str, Callable[[RunConfig], bool]]
+
+_GRATING: _Need = ("task=grating", lambda config: config.task.name == RecordedTask.grating)
+_SELECTS: _Need = ("data.select=true", lambda config: config.data.select or not _is_recorded(config))
+_RANDOM: _Need = ("data.split=random", _is_random)
+_UNNAMED: _Need = (
+    "a task whose presses TacVerse does not name",
+    lambda config: config.task.name != RecordedTask.grating or not _is_recorded(config),
+)
+_TABLE: _Need = (
+    "a task that TacVerse lists in a table",
+    lambda config: config.task.name not in _PRESSED or not _is_recorded(config),
+)
+
+#: What each setting needs that does not always have an effect.
+_NEEDS: Mapping[str, tuple[_Need, ...]] = {
+    "images": (_SELECTS,),
+    "spacings_mm": (_GRATING, _SELECTS),
+    "pattern": (_GRATING,),
+    "classes": (_GRATING,),
+    "skip_missing": (_TABLE,),
+    "group_pattern": (_RANDOM, _UNNAMED),
+    "test_sensor": (("data.split=release", lambda config: not _is_random(config)),),
+    "shots": (("data.test_sensor", lambda config: config.data.test_sensor is not None),),
+    "split_seed": (("data.split=random or data.shots", lambda config: _is_random(config) or config.data.shots > 0),),
+    **dict.fromkeys(("validation_part", "test_part"), (_RANDOM,)),
 }
+
+
+def _lacking(name: str, config: RunConfig) -> list[str]:
+    """Return what a setting needs that a configuration does not have."""
+    return [words for words, holds in _NEEDS.get(name, ()) if not holds(config)]
 
 
 def unused(config: RunConfig) -> frozenset[str]:
     """Return the settings of `data` without effect in a configuration, by their names there."""
-    used = {name for name in USED[config.data.source] if name not in _NEEDS or _NEEDS[name][1](config)}
+    used = {name for name in USED[config.data.source] if not _lacking(name, config)}
     return frozenset(field.name for field in fields(DataConfig)) - used
 
 
@@ -81,11 +89,10 @@ def check_used(config: RunConfig, composed: Mapping[str, Json], usual: Mapping[s
         if composed[name] == usual[name]:
             continue
         sources = " or ".join(f"data={source}" for source in DataSource if name in USED[source])
-        needs = f" with {_NEEDS[name][0]}" if name in _NEEDS else ""
-        lacking = _NEEDS[name][0] if name in USED[data.source] else f"{sources}{needs}"
+        lacking = " and ".join([*([] if name in USED[data.source] else [sources]), *_lacking(name, config)])
         raise ConfigError(
             canonical(composed[name]),
             place=f"data.{name}",
-            expected=f"no value without {lacking}: data={data.source} does not use it",
+            expected=f"no value without {lacking}: here it has no effect",
             remedy="remove it",
         )

@@ -13,7 +13,7 @@ from tacevo.rounding import rounded
 
 
 def _as_tuple(value: Any) -> Any:
-    """Take one path for a list of one."""
+    """Take one path or name for a list of one."""
     return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
 
 
@@ -82,6 +82,8 @@ class StudyConfig(_TrainedAgain):
 
     #: Files of given networks, directories and patterns of such; () where a run has them, or for the baseline alone.
     networks: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
+    #: Of a sweep, those whose jobs are studied; () for all.
+    arms: Annotated[tuple[Text, ...], BeforeValidator(_as_tuple)]
     #: k, how many elites of the network archive, best validation fitness first; the baseline comes on top.
     elites: OneToMillion
     #: What `best` means.

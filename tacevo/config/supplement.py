@@ -11,10 +11,11 @@ import yaml
 
 from tacevo.errors import ConfigError
 
-#: Where the page has the instructions and the system prompt of a task, by the ids of its headings.
+#: Where the page has the instructions and the system prompt of a task, by the ids of its headings, and how many
+#: instructions there are.
 _SECTIONS = {
-    "force": ("sec-force-prompts", "sec-force-sys"),
-    "grating": ("sec-grating-prompts", "sec-grating-sys"),
+    "force": ("sec-force-prompts", "sec-force-sys", 20),
+    "grating": ("sec-grating-prompts", "sec-grating-sys", 17),
 }
 
 #: The marks that the authors' prompt has for what we send in the user's turn, and what we write there.
@@ -24,17 +25,26 @@ _ELSEWHERE = {
 }
 
 
+#: Tags within a text that stand on lines of their own.
+_LINES = frozenset({"br", "div", "li", "ol", "p", "ul"})
+
+
 class _Page(HTMLParser):
-    """Collects the texts of list items and of listings under each heading that has an id."""
+    """Collects the texts of list items and of listings, whole, under each heading that has an id."""
 
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)
         self.texts: dict[tuple[str, str], list[str]] = {}
         self._section = ""
         self._open = ""
+        self._depth = 0  # of tags of its kind within the text that is open
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note headings, and begin a text."""
+        """Note headings, and begin a text, or a line of one."""
+        if self._open:
+            self._depth += tag == self._open
+            self.handle_data("\n" if tag in _LINES else "")
+            return
         known = {name: value or "" for name, value in attrs}
         if tag in {"h1", "h2", "h3"}:
             self._section = known.get("id", self._section)
@@ -43,9 +53,11 @@ class _Page(HTMLParser):
             self.texts.setdefault((self._section, tag), []).append("")
 
     def handle_endtag(self, tag: str) -> None:
-        """End a text."""
-        if tag == self._open:
+        """End a text, or a line of one."""
+        self.handle_data("\n" if tag in _LINES else "")
+        if tag == self._open and self._depth == 0:
             self._open = ""
+        self._depth -= tag == self._open
 
     def handle_data(self, data: str) -> None:
         """Add to the text that is open."""
@@ -66,7 +78,7 @@ def read_supplement(path: Path, task: str, crossover: str) -> dict[str, str]:
         ConfigError: the file cannot be read, or is not that page.
     """
     place = f"--from-supplement {path}"
-    page, (prompts, system) = _Page(), _SECTIONS[task]
+    page, (prompts, system, count) = _Page(), _SECTIONS[task]
     try:
         page.feed(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -74,9 +86,9 @@ def read_supplement(path: Path, task: str, crossover: str) -> dict[str, str]:
     instructions = [" ".join(text.split()) for text in page.texts.get((prompts, "li"), []) if text.strip()]
     listings = page.texts.get((system, "div"), [])
     lacking = [mark for mark in _ELSEWHERE if len(listings) != 1 or listings[0].count(mark) != 1]
-    if not instructions or lacking:
+    if len(instructions) != count or lacking:
         got = f"{len(instructions)} instructions under #{prompts} and {len(listings)} prompts under #{system}"
-        expected = f"instructions, and one prompt with {' and '.join(_ELSEWHERE)}"
+        expected = f"{count} instructions, and one prompt with {' and '.join(_ELSEWHERE)}"
         remedy = "save the page itself (index.html of the authors' repository), and not what a browser shows of it"
         raise ConfigError(got, place=place, expected=expected, remedy=remedy)
     prompt = listings[0].strip().replace("$", "$$") + "\n"

@@ -9,6 +9,7 @@ from tacevo.errors import BundleError, DivergenceError
 from tacevo.records import Mode, to_json
 from tacevo.reproduce.retrain import doubts_of, sampled
 from tacevo.results.space_table import SpaceTable
+from tacevo.rules import TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.datasets import load_same, trivial_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, check_means
@@ -49,6 +50,7 @@ def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | 
 
     Raises:
         BundleError: it is made up; or its networks would run without walls.
+        RunError: this release cannot train as it was trained.
         DivergenceError: the first difference.
         DataError: the data set is missing, or is another one.
     """
@@ -56,6 +58,7 @@ def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | 
     if header.made_up:
         expected = "one whose networks were trained"
         raise BundleError("a made-up table", place=str(table.path), expected=expected)
+    check_known("study", header.study, TRAININGS_OF_STUDIES, table.path)
     if config.sandbox.require is Confinement.none:
         got = "sandbox.require=none, with which its networks would run here without walls"
         raise BundleError(got, place=str(table.path), expected="a table whose networks can be confined")

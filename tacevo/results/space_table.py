@@ -5,14 +5,11 @@ its hash, and finds each network trained with each seed once. What it does not: 
 (`tacevo.reproduce.space_table`).
 """
 
-import contextlib
 import hashlib
 import re
-import struct
-import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -20,16 +17,17 @@ from annotated_types import Ge, MinLen
 
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
-from tacevo.errors import BundleError, TacevoError
+from tacevo.errors import BundleError, ConfigError, TacevoError
 from tacevo.profile import Profile
-from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json
+from tacevo.records import DataFacts, Json, Record, Rejection, Task, Training, to_json
 from tacevo.rules import Rules
 from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
-from tacevo.storage.zipfiles import packed, read_members
+from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, names_in, packed, read_members
 from tacevo.text import counted
-from tacevo.training.full import FullTraining
+from tacevo.training.full import FullTraining, Kept
+from tacevo.training.metrics import metric_names
 from tacevo.typed import FreeJson, parse
 
 T = TypeVar("T")
@@ -40,6 +38,27 @@ HEADER, NETWORKS, TRAININGS, CARD, MANIFEST = (
     "trainings.jsonl",
     "README.md",
     "manifest.sha256",
+)
+
+#: What decides the rows, beside the data, the seeds and the rules; as keys of the configuration.
+DECISIVE = (
+    "data.image_size",
+    "gate.max_modules",
+    "gate.max_flops",
+    "gate.max_parameters",
+    "llm.space",
+    "numerics.kind",
+    "task.class_name",
+    "task.kind",
+    "task.loss",
+    "task.output_argument",
+    "task.outputs",
+    "task.target_scaling",
+    "training.batch_size",
+    "training.device",
+    "training.gpu",
+    "training.learning_rate",
+    "training.precision",
 )
 
 _MEMBERS = {HEADER, NETWORKS, TRAININGS, CARD, MANIFEST}
@@ -117,7 +136,7 @@ class SpaceTable:
     """A table that was read; each network that the gate admitted has a training with each seed."""
 
     path: Path
-    #: Of the rows and what decides them, and not of who made them, so that equal rows are equal data of a search.
+    #: Of the rows and what decides them, so that equal rows are equal data of a search.
     digest: str
     header: Header
     networks: tuple[TableNetwork, ...]
@@ -158,18 +177,62 @@ class SpaceTable:
         return refused + failed
 
 
+def setting(config: RunConfig, key: str) -> object:
+    """Return the value of one of `DECISIVE`."""
+    group, _, name = key.partition(".")
+    return getattr(getattr(config, group), name)
+
+
 def is_table(path: Path) -> bool:
     """Answer whether a file is a zip file with the header of a table; it is not verified."""
-    unreadable = (zipfile.BadZipFile, NotImplementedError, OSError, ValueError, struct.error)
-    with contextlib.suppress(*unreadable), zipfile.ZipFile(path) as archive:
-        return HEADER in archive.namelist()
-    return False
+    return HEADER in (names_in(path) or ())
+
+
+def check_size(header: Header, networks: int) -> None:
+    """Check that a table of so many networks can be read again, however long its numbers are.
+
+    Raises:
+        ConfigError: it could pass what a reader takes.
+    """
+    epochs, classes = header.settings.training.epochs, header.task.contract.outputs
+    long, digest = 1 / 3 * 1e-100, "0" * 64
+    training = Training(
+        train_losses=(long,) * epochs,
+        validation_losses=(long,) * epochs,
+        predictions_sha256=digest,
+        weights_sha256=digest,
+    )
+    most = sum(header.data.counts)
+    longest = TableTraining(
+        network=networks,
+        seed=len(header.seeds),
+        full=FullTraining(
+            training=training,
+            epoch=epochs,
+            metrics=dict.fromkeys(metric_names(header.data.kind, header.data.names), long),
+            confusion=((most,) * classes,) * classes,
+            kept=Kept(predictions=digest, labels=digest),
+        ),
+    )
+    trainings = MOST_OF_A_MEMBER // len(_lines([longest]))
+    if networks * len(header.seeds) > trainings:
+        raise ConfigError(
+            f"training.seeds={len(header.seeds)} of {counted(networks, 'network')}",
+            place="training.seeds",
+            expected=f"at most {counted(trainings, 'training')} of {counted(epochs, 'epoch')}, which a file can hold",
+            remedy="lower training.seeds or training.epochs",
+        )
 
 
 def write_table(
     path: Path, header: Header, networks: Sequence[TableNetwork], trainings: Sequence[TableTraining]
 ) -> SpaceTable:
-    """Write a table, and read it again; equal rows give equal bytes. Trainings are by network, then by seed."""
+    """Write a table, and read it again; equal rows give equal bytes. Trainings are by network, then by seed.
+
+    Raises:
+        StoreError: nothing can be written there.
+        BundleError: there are more than a file can hold, or they do not suit each other.
+    """
     members = {
         HEADER: readable(to_json(header)).encode(),
         NETWORKS: _lines(networks),
@@ -177,6 +240,10 @@ def write_table(
         CARD: card(header, networks).encode(),
     }
     manifest = "".join(f"{_sha256(data)}  {name}\n" for name, data in sorted(members.items()))
+    for name, data in members.items():
+        if len(data) > MOST_OF_A_MEMBER:  # refused here, so that what stands at the path stays
+            expected = f"at most {MOST_OF_A_MEMBER} bytes of {name}, which a file can hold"
+            raise BundleError(str(len(data)), place=str(path), expected=expected)
     write_durably(path, packed({**members, MANIFEST: manifest.encode()}))
     return read_table(path)
 
@@ -193,32 +260,52 @@ def read_table(path: Path) -> SpaceTable:
         remedy = "`tacevo tabulate` makes one"
         got = error.strerror or "nothing"
         raise BundleError(got, place=str(path), expected="the table of a space", remedy=remedy) from error
-    return _read(path, status.st_mtime_ns, status.st_size)
+    return _read(path.resolve(), status.st_mtime_ns, status.st_size)
 
 
-@cache
+@lru_cache(maxsize=2)
 def _read(path: Path, _: int, size: int) -> SpaceTable:
     try:
         members = read_members(path, _PLACES, ReadBudget(path, size))
     except TacevoError as error:
-        error.expected = "the table of a space, as `tacevo tabulate` writes it"
-        raise
+        expected = "the table of a space, as `tacevo tabulate` writes it"
+        raise BundleError(error.got, place=error.place, expected=expected, remedy=error.remedy) from error
     if missing := sorted(_MEMBERS - members.keys()):
         raise BundleError(f"a file without {', '.join(missing)}", place=str(path), expected="the table of a space")
     manifest = members.pop(MANIFEST)
     if manifest.decode(errors="replace") != "".join(f"{_sha256(members[n])}  {n}\n" for n in sorted(members)):
         raise _damaged(path, MANIFEST, "the checksums of the other members", "others")
     header = parse(Header, members[HEADER], place=f"{path}, {HEADER}", error=BundleError)
-    decisive = to_json(replace(header, versions={}, machine={}))
+    try:
+        settings = header.settings
+    except ConfigError as error:
+        place, remedy = f"{path}, {HEADER}, config.{error.place}", "another version made it: update tacevo"
+        raise BundleError(error.got, place=place, expected=error.expected, remedy=remedy) from error
     table = SpaceTable(
         path=path,
-        digest=content_hash([decisive, _sha256(members[NETWORKS]), _sha256(members[TRAININGS])]),
+        digest=_digest(header, settings, members),
         header=header,
         networks=tuple(_rows(TableNetwork, members, NETWORKS, path)),
         trainings=tuple(_rows(TableTraining, members, TRAININGS, path)),
     )
     _check_rows(table)
     return table
+
+
+def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -> str:
+    """Hash the rows and what decides them; not who made them, nor settings of searches."""
+    return content_hash(
+        {
+            "made_up": header.made_up,
+            "settings": {key: to_json(setting(settings, key)) for key in DECISIVE},
+            "data": to_json(header.data),
+            "seeds": header.seeds,
+            "rules": to_json(replace(header.rules, core=0)),  # the core trains nothing
+            "study": header.study,
+            "trivial": header.trivial,
+            **{name: _sha256(members[name]) for name in (NETWORKS, TRAININGS)},
+        }
+    )
 
 
 def _check_rows(table: SpaceTable) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
-from tacevo.config.identity import config_hash, is_equal_by_construction
+from tacevo.config.identity import config_hash, twins
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.evolution.run_files import finished_digest
@@ -78,13 +78,25 @@ class RecordedSweep:
         """Jobs whose search failed, or the test of what they found."""
         return tuple(one.job for one in (*self.missing, *self.untested) if one.has_failed)
 
-    def twins_of(self, reference: str) -> list[str]:
-        """Name the arms whose finished searches must equal those of a reference, whatever they find."""
+    @property
+    def twins(self) -> list[tuple[str, str]]:
+        """The pairs of arms whose finished searches must be equal, whatever they find."""
         arms: dict[str, dict[int, RunConfig]] = {}
         for one in self.finished:
             arms.setdefault(one.job.arm, {})[one.job.seed] = one.run.config
-        own = arms.pop(reference, {})
-        return [arm for arm, configs in arms.items() if is_equal_by_construction(own, configs)]
+        return twins(arms)
+
+    def twins_of(self, reference: str) -> list[str]:
+        """Name the arms whose finished searches must equal those of a reference."""
+        return [arm for pair in self.twins if reference in pair for arm in pair if arm != reference]
+
+    @property
+    def not_tested(self) -> list[str]:
+        """The arms whose jobs the sweep states to leave untested."""
+        stated = self.terms.retraining
+        jobs = [*(one.job for one in self.finished), *(one.job for one in self.missing)]
+        arms = dict.fromkeys(job.arm for job in jobs)
+        return [] if stated is None else [arm for arm in arms if not stated.tests(arm)]
 
     @property
     def task(self) -> str:
@@ -131,6 +143,9 @@ def _with_tests(sweep: RecordedSweep, stated: Retraining) -> RecordedSweep:
     """Read the test scores of the finished jobs, and why others have none."""
     finished, untested = [], []
     for one in sweep.finished:
+        if not stated.tests(one.job.arm):
+            finished.append(one)
+            continue
         try:
             finished.append(replace(one, tested=job_score(one.run, stated)))
         except RunError as error:

@@ -19,7 +19,7 @@ from tacevo.results.study_lines import Design, FailedLine, Row, ScoreLine, is_la
 from tacevo.results.trivial import metrics_from
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.text import listed
+from tacevo.text import counted, listed
 
 #: A metric of each network, by training seed.
 _Scores = tuple[tuple[float, ...], ...]
@@ -31,7 +31,8 @@ class JobScore:
 
     #: Of its task: `mse` or `accuracy`.
     metric: str
-    #: The ids of the networks, best first; the baseline's is one where no more others are better.
+    #: The ids of the networks, best first, as many as stated: the baseline's is one where no more others are better,
+    #: and has each place that no other takes.
     networks: tuple[str, ...]
     #: That metric of the test images, by network, then training seed.
     values: _Scores
@@ -39,6 +40,8 @@ class JobScore:
     losses: _Scores
     #: Trainings whose best epoch lies in the last tenth.
     late: int
+    #: Places among the networks that the baseline has because no other is there.
+    lacking: int = 0
     #: What a predictor scores that looks at no image, by metric; empty where the study's scores do not tell, and equal
     #: but for the last digits in all studies on the same data.
     trivial: Mapping[str, float] = field(default_factory=dict, compare=False)
@@ -62,9 +65,10 @@ class FailedTestError(RunError):
 def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
     """Return the test scores of the networks that a run found.
 
-    They are the best of its archive, by the fitness that the study chose by; as many as are stated, or all that have a
-    source of their own. The baseline counts as found, or a search that came to nothing better would be judged by
-    something worse.
+    They are the best of its archive, by the fitness that the study chose by. The baseline counts as found, or a search
+    that came to nothing better would be judged by something worse. Where fewer than are stated have a source of their
+    own, the baseline takes the places that are left: the mean of fewer networks is that of better ranks, so a search
+    would gain by finding few.
 
     Raises:
         FailedTestError: a training of these networks failed.
@@ -92,15 +96,16 @@ def job_score(run: RecordedRun, stated: Retraining) -> JobScore:
     return sound[0]
 
 
-def _score(run: RecordedRun, study: Design, rows: Sequence[Row], most: int = 1) -> JobScore:
-    """Return the scores of the best networks of a study, at most so many; what became of the others does not matter."""
+def _score(run: RecordedRun, study: Design, rows: Sequence[Row], count: int) -> JobScore:
+    """Return the scores of so many networks of a study, the best; what became of the others does not matter."""
     fitness = _fitness(run, study)
     # The baseline and the best elites, in their order; the earlier one wins a tie, as everywhere.
-    offered = study.networks[: most + 1]
-    best = sorted((one for one in offered if one.id in fitness), key=lambda one: (fitness[one.id], one.id))[:most]
-    if not best:
-        got = f"{listed(one.id for one in offered)} without a fitness"
-        raise RunError(got, place=str(run.path), expected="a network that trained with every seed of the search")
+    baseline, offered = study.networks[0], [one for one in study.networks[: count + 1] if one.id in fitness]
+    best = sorted(offered, key=lambda one: (fitness[one.id], one.id))[:count]
+    if len(best) < count and baseline not in best:
+        got = f"{len(best)}, and {baseline.id} without a fitness"
+        expected = f"{counted(count, 'network')} that trained with every seed of the search"
+        raise RunError(got, place=str(run.path), expected=expected)
     told = [row for row in rows if isinstance(row, ScoreLine)]
     networks = []
     for network in best:
@@ -116,6 +121,10 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row], most: int = 1) 
         networks.append([row for row in told if row.network == network.name])
         if len(networks[-1]) != study.seeds:
             raise RunError(f"{len(networks[-1])}", place=place, expected=f"{study.seeds} scores")
+    late = sum(is_late(row, study.recipe.epochs) for own in networks for row in own)
+    left = count - len(best)
+    networks += [networks[best.index(baseline)] for _ in range(left)]
+    best += [baseline] * left
     kind = study.data.kind
     values, losses = (
         tuple(tuple(row.metrics[metric] for row in own) for own in networks) for metric in (PRIMARY[kind], LOSS[kind])
@@ -125,7 +134,8 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row], most: int = 1) 
         networks=tuple(network.id for network in best),
         values=values,
         losses=losses,
-        late=sum(is_late(row, study.recipe.epochs) for own in networks for row in own),
+        late=late,
+        lacking=max(0, count - sum(one is not baseline for one in offered)),
         trivial=metrics_from(told, study.data.names),
     )
 

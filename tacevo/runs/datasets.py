@@ -93,6 +93,7 @@ def source_of(config: RunConfig) -> Source:
                 sensor_seed=data.sensor_seed,
                 light=data.light,
                 sensor=SimulatedSensor(data.sensor),  # which `check_together` has looked at
+                gel_mm=data.gel_mm,
             )
         case DataSource.csv:
             return TableSource(

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tacevo.choices import ExecutorKind
+from tacevo.choices import DataSource, ExecutorKind
 from tacevo.config.schema import UNCHOSEN, RunConfig, deliveries
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.costs import dollars, spending_on
@@ -19,6 +19,7 @@ from tacevo.evolution.proposals import plan_initial
 from tacevo.llm.prices import likely_tokens
 from tacevo.records import Completion, DataFacts, Delivery, Mode, Task, to_json
 from tacevo.runs.datasets import source_of
+from tacevo.runs.looked_up import table_of
 from tacevo.runs.pace import Measure, Pace, Saving, growth, measure, part_saved, training_images, trainings
 from tacevo.runs.progress import LONG, told_saving
 from tacevo.runs.providers import prices_of
@@ -88,6 +89,8 @@ def estimate(config: RunConfig) -> Estimate:
 
 def _facts(config: RunConfig) -> DataFacts:
     """Describe the data set as the requests name it; that the classes of a simulation have names needs no image."""
+    if config.data.source is DataSource.table:
+        return table_of(config).header.data
     source, facts = source_of(config), facts_without_data(config)
     return replace(facts, names=source.names) if isinstance(source, Simulated) else facts
 
@@ -157,6 +160,8 @@ def _costs(config: RunConfig, estimated: Estimate, delivered: Sequence[Delivery]
 
 def _seconds(config: RunConfig, measure: Measure, paces: dict[str, Pace | None]) -> float | None:
     """Return the seconds of a job's trainings, None where they are not known; a pace is measured once."""
+    if config.data.source is DataSource.table:
+        return 0.0
     alike = (config.task, config.data, config.training, config.executor, config.numerics, config.gate, config.sandbox)
     key = content_hash([to_json(each) for each in alike])
     try:
@@ -182,6 +187,8 @@ def _dollars(amount: float | None) -> str:
 
 def describe_time(config: RunConfig, measure: Measure = measure, saving: Saving = part_saved) -> str:
     """Measure how long the trainings take on this machine, and say what that assumes; or why it is not known."""
+    if config.data.source is DataSource.table:
+        return "hours: none, because nothing is trained: evaluations are looked up in the table."
     try:
         images, pace = training_images(config), measure(config)
     except TacevoError as error:

@@ -6,29 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
+from tacevo.choices import ArchiveKind
 from tacevo.config.schema import RunConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, ConfigError
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, Rejection, Training, to_json
-from tacevo.results.space_table import SpaceTable, read_table
+from tacevo.results.space_table import DECISIVE, SpaceTable, read_table, setting
+from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Finished, Frame, Score
+from tacevo.storage.canonical import canonical
 from tacevo.storage.store import Store
 from tacevo.training.evaluation import Evaluator, Examples, Setting
-
-#: What a run's trainings must have in common with those of its table, as keys of the configuration.
-_SHARED = (
-    "data.image_size",
-    "llm.space",
-    "training.batch_size",
-    "training.learning_rate",
-    "training.device",
-    "training.precision",
-    "numerics.kind",
-    "gate.max_parameters",
-    "gate.max_flops",
-    "gate.max_modules",
-)
 
 
 def table_of(config: RunConfig) -> SpaceTable:
@@ -36,24 +25,46 @@ def table_of(config: RunConfig) -> SpaceTable:
 
     Raises:
         BundleError: as `read_table`.
-        ConfigError: the table is of other settings, or of fewer epochs.
+        ConfigError: the table is of other settings or rules, or of fewer epochs or seeds.
     """
     table = read_table(Path(config.data.root or ""))
-    made = table.header.settings
-    for key in _SHARED:
-        ours, theirs = (_value(each, key) for each in (config, made))
+    header, made = table.header, table.header.settings
+    for key in DECISIVE:
+        ours, theirs = (setting(each, key) for each in (config, made))
         if ours != theirs:
-            expected = f"{to_json(theirs)}, as in the table {table.path}"
-            raise ConfigError(str(to_json(ours)), place=key, expected=expected)
-    if config.training.epochs > made.training.epochs:
-        expected = f"at most {made.training.epochs}, the epochs of the table {table.path}"
-        raise ConfigError(str(config.training.epochs), place="training.epochs", expected=expected)
+            expected = f"{canonical(to_json(theirs))}, as in the table {table.path}"
+            raise ConfigError(canonical(to_json(ours)), place=key, expected=expected)
+    for part in ("static", "probe", "training"):
+        ours, theirs = (getattr(rules, part) for rules in (CURRENT, header.rules))
+        if ours != theirs:
+            place, remedy = f"{table.path}, rules.{part}", "`tacevo tabulate` makes a table under the rules of today"
+            raise ConfigError(str(theirs), place=place, expected=f"{ours}, the number of this version", remedy=remedy)
+    _check_most("training.epochs", config.training.epochs, made.training.epochs, f"the epochs of {table.path}")
+    _check_most("training.seeds", config.training.seeds, len(header.seeds), f"the seeds of {table.path}")
+    if config.llm.slip_rate:
+        expected = "0 with data=table, which has no networks with mistakes"
+        raise ConfigError(str(config.llm.slip_rate), place="llm.slip_rate", expected=expected)
+    if config.archive.kind is ArchiveKind.extract:
+        expected = "another one with data=table, whose few seeds re-evaluations would use up"
+        raise ConfigError(config.archive.kind, place="archive.kind", expected=expected)
     return table
 
 
-def _value(config: RunConfig, key: str) -> object:
-    group, _, name = key.partition(".")
-    return getattr(getattr(config, group), name)
+def check_fresh(config: RunConfig, seeds: int) -> None:
+    """Check that a table has so many seeds for a noise run, beside those that the search has seen.
+
+    Raises:
+        ConfigError: it has fewer; or as `table_of`.
+    """
+    table = table_of(config)
+    left = len(table.header.seeds) - config.training.seeds
+    what = f"those of the {len(table.header.seeds)} of {table.path} that the search has not seen"
+    _check_most("seeds", seeds, left, what)
+
+
+def _check_most(key: str, value: int, most: int, what: str) -> None:
+    if value > most:
+        raise ConfigError(str(value), place=key, expected=f"at most {most}, {what}")
 
 
 def data_of(table: SpaceTable) -> Dataset:
@@ -94,8 +105,9 @@ class LookedUp(Evaluator):
     """The trainings of a search, each the beginning of a recorded one.
 
     Which recorded seed stands for a training seed is drawn for each source: noise is independent between networks, and
-    equal sources share one. `numbered` are the run's training seeds of the first numbers, as many as the table has:
-    those of one candidate are different recorded ones. The digests are those of the whole recorded training.
+    equal sources share one. `numbered` are as many seeds as the table has: those of the run's trainings, and then of
+    its noise runs. They are drawn without replacement, so a re-estimate is never of a training that the search has
+    seen. The digests are those of the whole recorded training.
     """
 
     def __init__(
@@ -121,11 +133,9 @@ class LookedUp(Evaluator):
 
     def _drawn(self, source: str, seed: int) -> int:
         """Draw the row of the recorded seed."""
-        count, sha256 = len(self._numbered), self._table.networks[_row(self._table, source)].sha256
-        if seed in self._numbered:
-            order = stream(self._numbered[0], "table", sha256).permutation(count)
-            return int(order[self._numbered.index(seed)])
-        return int(stream(seed, "table", sha256).integers(count))
+        sha256 = self._table.networks[_row(self._table, source)].sha256
+        order = stream(self._numbered[0], "table", sha256).permutation(len(self._numbered))
+        return int(order[self._numbered.index(seed)])
 
 
 def _row(table: SpaceTable, source: str) -> int:

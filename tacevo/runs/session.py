@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from tacevo.choices import ExecutorKind, Tracking
+from tacevo.choices import DataSource, ExecutorKind, Tracking
 from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import length
 from tacevo.config.plain import to_plain
@@ -60,6 +60,8 @@ class Result:
     best: str
     #: Whether it found a network that is better than the baseline and than chance.
     succeeded: bool
+    #: Whether its evaluations are those of a table, which has few other seeds.
+    looked_up: bool
 
 
 def search(config: RunConfig, view: Progress) -> Result:
@@ -156,7 +158,14 @@ def record(
             summary, succeeded = _finish(directory, config, elites, ledger.digest, elsewhere=observer.elsewhere)
         best = max(state.networks.archive.elites.values(), key=lambda elite: elite.objective, default=None)
         name = next(iter(state.candidates)) if best is None else best.name
-        return Result(directory=directory.path, digest=ledger.digest, summary=summary, best=name, succeeded=succeeded)
+        return Result(
+            directory=directory.path,
+            digest=ledger.digest,
+            summary=summary,
+            best=name,
+            succeeded=succeeded,
+            looked_up=config.data.source is DataSource.table,
+        )
 
 
 def _opened(directory: RunDirectory, begun: Sealed[Line] | None) -> Ledger:

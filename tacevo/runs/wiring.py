@@ -156,9 +156,11 @@ def check_means(config: RunConfig) -> None:
 
     Raises:
         SandboxError: they cannot be confined so here.
-        ConfigError: this machine cannot compute so; or Ray is asked for and not installed, or not at its address.
+        ConfigError: this machine cannot compute so; or Ray is asked for and not installed, or not at its address; or
+            as `table_of`.
     """
     if config.data.source is DataSource.table:
+        table_of(config)
         return  # nothing runs
     match config.executor.kind:
         case ExecutorKind.local:
@@ -254,7 +256,9 @@ class Workbench:
         examples = None if self.data is None else examples_of(self.data)
         if examples is not None and self.config.data.source is DataSource.table:
             table = table_of(self.config)
-            numbered = [training_seed(self.config.seed, number) for number in range(len(table.header.seeds))]
+            seed, own = self.config.seed, self.config.training.seeds
+            numbered = [training_seed(seed, number) for number in range(own)]
+            numbered += [derived_seed(seed, "noise", number) for number in range(len(table.header.seeds) - own)]
             return LookedUp(table, numbered, store=store, setting=setting, examples=examples, rules=rules.training)
         return Evaluator(
             run=self._sandbox(self.mode),

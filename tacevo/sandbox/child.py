@@ -32,7 +32,7 @@ Entry = Callable[[Header, bytes, Arrays, Send], object]
 Equip = Callable[[Header, bytes, Arrays], Arrays]
 #: What a child is told of a frame.
 NOT_LOWEST, LOWEST = 1, 2
-_PAUSE = 0.0005  # seconds between two looks at what it was told
+_PAUSE, _LONGEST_PAUSE = 0.0005, 0.05  # seconds between two looks at what it was told
 
 
 def run(
@@ -74,9 +74,10 @@ def run(
         say(Sort.frame, header, data)
         if told is None:
             return None
-        number = next(frames)
+        number, pause = next(frames), _PAUSE
         while not told[number]:
-            time.sleep(_PAUSE)
+            time.sleep(pause)
+            pause = min(2 * pause, _LONGEST_PAUSE)  # who waits for long must not pay much processor time for it
         return told[number] == LOWEST
 
     def lack(*_: object) -> NoReturn:

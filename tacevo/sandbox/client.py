@@ -171,7 +171,7 @@ class Sandbox:
 
         A job that was killed, or lost its supervisor, runs once more; the second time counts as the candidate's doing.
         With `score` each frame is scored here as it comes, and the job is told whether its score is the lowest so far,
-        and nothing else. The time that this takes is not the candidate's.
+        and nothing else. The time that this takes is not the candidate's, but for what it computes meanwhile.
 
         Raises:
             SandboxError: the sandbox itself failed; this says nothing about the candidate.
@@ -360,7 +360,8 @@ def _await_answer(
             frames.append(message)
             if score is not None:
                 value = score(len(frames) - 1, message.payload)
-                channel.send(Message.of(Sort.scored, value < lowest))
+                with contextlib.suppress(OSError):  # the candidate has ended meanwhile; how is still to be read
+                    channel.send(Message.of(Sort.scored, value < lowest))
                 lowest = min(lowest, value)
                 deadline = time.monotonic() + longest  # the candidate goes on
             message = channel.receive(deadline)

@@ -11,6 +11,7 @@ import select
 import signal
 import socket
 import time
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -41,17 +42,17 @@ def supervise(
     except EOFError:
         return  # the search no longer waits
     except Exception as error:
-        answer = [Message.of(Sort.verdict, {"ended": "broken", "detail": describe(error)})]
+        answer = [Message.of(Sort.verdict, {"ended": "broken", "detail": describe(error)}).to_bytes()]
     finally:
         end_own_descendants()
-    for message in answer:
-        channel.send(message)
+    for part in answer:
+        search.sendall(part)
 
 
 def _serve(
     channel: Channel, entries: Mapping[str, child.Entry], arrays: child.Arrays, equip: child.Equip | None
-) -> list[Message]:
-    """Start the candidate and watch it until it ends; return its frames and the verdict.
+) -> list[bytes]:
+    """Start the candidate and watch it until it ends; return what is left to be sent: its frames and the verdict.
 
     Raises:
         EOFError: the search has given the job up, or is gone.
@@ -73,7 +74,8 @@ def _serve(
     verdict = watch.until_the_end()
     # Measured here, where the candidate cannot reach. What is reaped already counts as this process's children.
     cpu = sum(map(cpu_seconds, (supervisor, *descendants(supervisor))))
-    return [*watch.frames, Message.of(Sort.verdict, {**verdict, "measures": watch.measures, "cpu": cpu})]
+    last = Message.of(Sort.verdict, {**verdict, "measures": watch.measures, "cpu": cpu})
+    return [watch.unsent, *(message.to_bytes() for message in (*watch.frames, last))]
 
 
 class _Watch:
@@ -97,10 +99,14 @@ class _Watch:
         told: mmap.mmap | None,
     ) -> None:
         self.frames: list[Message] = []
+        #: What is left to be sent of the frame that the search is to score.
+        self.unsent = b""
         #: What `confine` put in force; None before, when no code of the candidate has run.
         self.measures: Json = None
         self._pid, self._pipe, self._channel, self._limits = pid, pipe, channel, limits
         self._told, self._scored = told, 0
+        self._unscored: deque[Message] = deque()  # the search has the first of them, or a part of it
+        self._asked = 0.0, 0.0  # when there was none before, by clock and processor time
         self._prepared, self._equips = prepared, equips
         self._search = channel.stream.fileno()
         self._end = os.pidfd_open(pid)
@@ -114,20 +120,23 @@ class _Watch:
 
     def until_the_end(self) -> dict[str, Json]:
         """Wait until the candidate is done, dead or over a limit; return the verdict."""
-        while True:
-            if time.monotonic() >= self._deadline:
+        ended: dict[str, Json] | None = None
+        while ended is None or (ended["ended"] == "finished" and self._unscored):
+            if time.monotonic() >= self._deadline + self._paused():
                 return self._over(Reason.out_of_time, f"ran for more than {self._limits.seconds:g} s")
             if self._has_too_much_memory():
                 return self._out_of_memory()
-            happened = {descriptor for descriptor, _ in self._poll.poll(_TICK * 1000)}
+            happened = dict(self._poll.poll(_TICK * 1000))
             if self._search in happened:
-                raise EOFError("the search has given the job up")
-            verdict = self._read()
-            if verdict is None and self._end in happened:
-                verdict = self._read() or self._lost()  # what it wrote before it died still counts
-            if verdict is not None:
-                finished = verdict["ended"] == "finished"
-                return self._out_of_memory() if finished and self._has_too_much_memory() else verdict
+                self._converse(happened[self._search])
+            if ended is None:
+                ended = self._read()
+                if ended is None and self._end in happened:
+                    ended = self._read() or self._lost()  # what it wrote before it died still counts
+                if ended is not None:
+                    self._ignore(self._pipe, self._end)
+        is_over = ended["ended"] == "finished" and self._has_too_much_memory()
+        return self._out_of_memory() if is_over else ended
 
     def _read(self) -> dict[str, Json] | None:
         """Read what is in the pipe; return the verdict if it ends the job."""
@@ -176,13 +185,56 @@ class _Watch:
         return None
 
     def _have_scored(self, frame: Message) -> None:
-        """Pass a frame on and tell the child what the search says of it; meanwhile its time stands still."""
-        asked = time.monotonic()
-        self._channel.send(frame)
+        """Have the search score a frame, after those that came before; nothing here waits for it."""
+        self._unscored.append(frame)
+        if len(self._unscored) == 1:
+            self._asked = time.monotonic(), self._cpu_seconds()
+            self._ask()
+
+    def _ask(self) -> None:
+        """Begin to send the next frame to the search, which reads when it can."""
+        self.unsent = self._unscored[0].to_bytes()
+        self._poll.modify(self._search, select.POLLRDHUP | select.POLLOUT)
+
+    def _converse(self, events: int) -> None:
+        """Send the search as much of a frame as it takes now, or tell the child what it says of one.
+
+        Raises:
+            EOFError: the search is gone.
+        """
+        if events & ~(select.POLLIN | select.POLLOUT):
+            raise EOFError("the search has given the job up")
+        if events & select.POLLOUT:
+            self.unsent = self.unsent[self._channel.stream.send(self.unsent, socket.MSG_DONTWAIT) :]
+            if not self.unsent:
+                self._poll.modify(self._search, select.POLLRDHUP | select.POLLIN)
+            return
         assert self._told is not None
         self._told[self._scored] = child.LOWEST if self._channel.receive().read_header() else child.NOT_LOWEST
         self._scored += 1
-        self._deadline += time.monotonic() - asked
+        paused = self._paused()
+        self._unscored.popleft()
+        if self._unscored:
+            self._ask()
+        else:
+            self._deadline += paused
+            self._poll.modify(self._search, select.POLLRDHUP)
+
+    def _paused(self) -> float:
+        """Return for how long its time has stood still: since frames are scored, but for its processor time since."""
+        if not self._unscored:
+            return 0.0
+        since, before = self._asked
+        return max(0.0, time.monotonic() - since - (self._cpu_seconds() - before))
+
+    def _cpu_seconds(self) -> float:
+        return sum(map(cpu_seconds, descendants(os.getpid())))
+
+    def _ignore(self, *descriptors: int) -> None:
+        """Look at files no longer, which would wake the poll at once, again and again."""
+        for descriptor in descriptors:
+            with contextlib.suppress(KeyError):  # it was done before
+                self._poll.unregister(descriptor)
 
     def _failed(self, message: Message) -> dict[str, Json]:
         """Return the verdict on a child that raised, or was refused memory."""
@@ -196,8 +248,7 @@ class _Watch:
         end = os.waitid(os.P_PID, self._pid, os.WEXITED | os.WNOHANG)
         # A process closes its files before it can be waited for, sometimes long before.
         if end is None and is_ending(self._pid):
-            with contextlib.suppress(KeyError):  # an earlier check did it already
-                self._poll.unregister(self._pipe)  # a closed pipe would wake the poll at once, again and again
+            self._ignore(self._pipe)
             return None
         if end is None or end.si_code == os.CLD_TRAPPED:  # it is alive, and made this process its tracer
             how = "it closed its result pipe"

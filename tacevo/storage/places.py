@@ -3,15 +3,13 @@
 This imports nothing that takes long, and verifies no bundle: a mistyped name is answered at once.
 """
 
-import contextlib
 import difflib
 import re
 import shlex
-import struct
-import zipfile
 from pathlib import Path
 
 from tacevo.errors import RunError
+from tacevo.storage.zipfiles import names_in
 from tacevo.text import counted, listed
 
 #: Exactly one member of each job's.
@@ -28,8 +26,11 @@ def check_place(path: Path) -> None:
         return
     sweep = path.parent
     if sweep.is_file():
-        jobs = _jobs_of_bundle(sweep)
-        if jobs is None or path.name in jobs:
+        names = names_in(sweep)
+        if names is None:  # its reader says why
+            return
+        jobs = [match[1] for name in names if (match := _OF_A_JOB.fullmatch(name))]
+        if path.name in jobs:
             return
         if not jobs:
             raise RunError("one run", place=str(sweep), expected="the bundle of a sweep", remedy="name the file alone")
@@ -46,11 +47,3 @@ def check_place(path: Path) -> None:
     expected = f"one of its {counted(len(jobs), 'job')}, such as {listed(near)}" if jobs else "a job that has begun"
     remedy = f"`tacevo show {shlex.quote(str(sweep))}` lists them"
     raise RunError(repr(path.name), place=str(sweep), expected=expected, remedy=remedy)
-
-
-def _jobs_of_bundle(bundle: Path) -> list[str] | None:
-    """List the jobs of a bundle that is not verified; None where it cannot be read: its reader says why."""
-    unreadable = (zipfile.BadZipFile, NotImplementedError, OSError, ValueError, struct.error)
-    with contextlib.suppress(*unreadable), zipfile.ZipFile(bundle) as archive:
-        return [match[1] for name in archive.namelist() if (match := _OF_A_JOB.fullmatch(name))]
-    return None

@@ -53,12 +53,19 @@ class Retraining(Record):
     epochs: Annotated[int, Ge(1)]
     #: What `best` means.
     choose: ChosenBy
+    #: Those whose jobs are tested, in the order of the sweep; () for all, also for those that are added later.
+    arms: tuple[str, ...] = ()
 
     @property
     def settings(self) -> str:
         """The settings of `tacevo study sweep=` that state it."""
         several = f"elites={self.elites} " if self.elites > 1 else ""
-        return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}"
+        arms = f" arms={','.join(self.arms)}" if self.arms else ""
+        return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}{arms}"
+
+    def tests(self, arm: str) -> bool:
+        """Return whether the jobs of an arm are tested."""
+        return not self.arms or arm in self.arms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

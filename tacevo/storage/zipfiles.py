@@ -5,6 +5,9 @@ lists is a plain file of a known place, once, of the size and checksum that stan
 member has, before or between them, are not looked at, and nothing reads them.
 """
 
+from __future__ import annotations
+
+import contextlib
 import io
 import re
 import stat
@@ -13,9 +16,12 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tacevo.errors import BundleError
-from tacevo.storage.entries import ReadBudget
+
+if TYPE_CHECKING:
+    from tacevo.storage.entries import ReadBudget
 
 #: A run of 10,000 candidates has some 10,100 members; without zip64, no zip file has more than 65,535.
 MOST_MEMBERS = 50_000
@@ -31,17 +37,20 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*(/[A-Za-z0-9][A-Za-z0-9._-]*)*")
 
 _MODE = stat.S_IFREG | 0o644
 
+#: What reading a file that is not a sound zip file may raise.
+_UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError, struct.error)
+
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 #: The earliest that a zip file knows.
 _TIME = (1980, 1, 1, 0, 0, 0)
 
 #: What to do about a file that somebody unpacked and packed again: its members may be the same, and its bytes are not.
-_SEND = "send the file that `tacevo publish` wrote"
+_SEND = "send the file as tacevo wrote it"
 
 _PACKED_AGAIN = f"fetch the file again; if another program packed it again, {_SEND}"
 
-_PUBLISHED = "a published run, as `tacevo publish` writes it"
+_WRITTEN = "a file that tacevo wrote, such as a published run"
 
 
 def packed(members: Mapping[str, bytes]) -> bytes:
@@ -55,6 +64,13 @@ def packed(members: Mapping[str, bytes]) -> bytes:
             info.compress_type = zipfile.ZIP_STORED if name.endswith(".xz") else zipfile.ZIP_DEFLATED
             archive.writestr(info, data, compresslevel=9)
     return buffer.getvalue()
+
+
+def names_in(source: Path) -> list[str] | None:
+    """List the members that a zip file names, unverified; None where it cannot be read: `read_members` says why."""
+    with contextlib.suppress(OSError, *_UNREADABLE), zipfile.ZipFile(source) as archive:
+        return archive.namelist()
+    return None
 
 
 def read_members(source: Path, places: re.Pattern[str], budget: ReadBudget) -> dict[str, bytes]:
@@ -71,11 +87,11 @@ def read_members(source: Path, places: re.Pattern[str], budget: ReadBudget) -> d
             for info in _listed(source, archive):
                 name = _checked_name(source, info)
                 if places.fullmatch(name) is None or name.casefold() in seen:
-                    raise _refusal(source, "only files of a published run, each once", repr(name), _PACKED_AGAIN)
+                    raise _refusal(source, "only files of its kind, each once", repr(name), _PACKED_AGAIN)
                 seen.add(name.casefold())
                 members[name] = _content(source, archive, info)
                 budget.spend(info.file_size, repr(name))
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError, struct.error) as error:
+    except _UNREADABLE as error:
         raise _unreadable(source) from error
     return members
 
@@ -88,13 +104,13 @@ def _listed(source: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     if len(infos) > MOST_MEMBERS:
         raise _refusal(source, f"at most {MOST_MEMBERS} members", "more")
     if archive.comment:
-        raise _refusal(source, _PUBLISHED, "another or a damaged file", _PACKED_AGAIN)
+        raise _refusal(source, _WRITTEN, "another or a damaged file", _PACKED_AGAIN)
     return infos
 
 
 def _unreadable(source: Path) -> BundleError:
     remedy = f"name one, or fetch it again; if another program packed it, {_SEND}"
-    return _refusal(source, _PUBLISHED, "another file, or one that is damaged or ends early", remedy)
+    return _refusal(source, _WRITTEN, "another file, or one that is damaged or ends early", remedy)
 
 
 def _refusal(source: Path, expected: str, got: str, remedy: str = "fetch the file again") -> BundleError:
@@ -108,7 +124,7 @@ def _checked_name(source: Path, info: zipfile.ZipInfo) -> str:
         expected = "plain members, stored or deflated, without times, modes, flags and extra fields"
         raise _refusal(source, expected, "a file that another program packed again, or a damaged one", _SEND)
     if len(name) > LONGEST_NAME or _NAME.fullmatch(name) is None:
-        raise _refusal(source, "names of files inside a published run", repr(name), _PACKED_AGAIN)
+        raise _refusal(source, "names of files inside such a file", repr(name), _PACKED_AGAIN)
     is_large = info.file_size > MOST_OF_A_MEMBER or info.compress_size > 2 * MOST_OF_A_MEMBER
     if info.compress_type not in _METHODS or is_large:
         expected = f"plain members of at most {MOST_OF_A_MEMBER} bytes, stored or deflated"

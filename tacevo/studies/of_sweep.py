@@ -12,38 +12,74 @@ from dataclasses import replace
 from pathlib import Path
 
 from tacevo.config.study import NoiseConfig, StudyConfig
-from tacevo.errors import RunError
+from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.study_directory import is_stated, studies_of
+from tacevo.results.sweep import REFERENCE
 from tacevo.runs.progress import Progress
-from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, naming
+from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, SweepRecord, naming
 from tacevo.studies.study import Studied, estimate_noise, study
+from tacevo.text import counted, listed
 
 
 def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[Studied], list[str]]:
     """Study the best elites of each finished job of a sweep in a directory, or resume such studies.
 
     Returns:
-        The studies of the finished jobs, in the order of these, at least one; and the names of the unfinished jobs.
+        The studies of the finished jobs, in the order of these, at least one; and the names of the unfinished jobs;
+        both of the arms that are studied.
 
     Raises:
+        ConfigError: the sweep does not have the arms that are to be studied, or its reference is not among them.
         TacevoError: see its subclasses, with the job named; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     directory = SweepDirectory(path)
     sweep = directory.read()
-    finished = _finished(directory, sweep.jobs)
-    retraining = Retraining(elites=config.elites, seeds=config.seeds, epochs=config.epochs, choose=config.choose)
+    retraining = Retraining(
+        elites=config.elites,
+        seeds=config.seeds,
+        epochs=config.epochs,
+        choose=config.choose,
+        arms=_arms(sweep, config.arms),
+    )
+    finished = _finished(directory, [job for job in sweep.jobs if retraining.tests(job.arm)])
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
-    return _each(directory, finished, lambda run: study(replace(config, run=run, sweep=None), view), view)
+
+    def train(run: str) -> Studied:
+        studied = study(replace(config, run=run, sweep=None, arms=()), view)
+        if (lacking := config.elites + 1 - studied.trainings // config.seeds) > 0:
+            places = f"{lacking} of {counted(config.elites, 'place')}"
+            view.say(f"no elite for {places}: the baseline counts there, so each job's score is of as many networks")
+        return studied
+
+    studies, unfinished = _each(directory, finished, train, view)
+    return studies, [job.name for job in unfinished if retraining.tests(job.arm)]
+
+
+def _arms(sweep: SweepRecord, named: Sequence[str]) -> tuple[str, ...]:
+    """Return the arms whose jobs are to be studied, in the order of the sweep; () for all."""
+    known = [*dict.fromkeys(job.arm for job in sweep.jobs)]
+    reference = sweep.terms.reference or REFERENCE
+    for arm in named:
+        if arm not in known:
+            raise ConfigError(repr(arm), place="arms", expected=f"arms of the sweep: {listed(known)}")
+    if named and reference in known and reference not in named:
+        raise ConfigError(
+            listed(named), place="arms", expected=f"{reference} among them, which others are compared with"
+        )
+    return tuple(arm for arm in known if arm in named)
 
 
 def estimate_noise_of_sweep(path: Path, config: NoiseConfig, view: Progress) -> tuple[list[Studied], list[str]]:
     """Train the elites of each finished job again, or resume such noise runs; as `study_sweep`."""
     directory = SweepDirectory(path)
     finished = _finished(directory, directory.read().jobs)
-    return _each(directory, finished, lambda run: estimate_noise(replace(config, run=run, sweep=None), view), view)
+    studies, unfinished = _each(
+        directory, finished, lambda run: estimate_noise(replace(config, run=run, sweep=None), view), view
+    )
+    return studies, [job.name for job in unfinished]
 
 
 def _finished(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
@@ -57,8 +93,8 @@ def _finished(directory: SweepDirectory, jobs: Sequence[Job]) -> list[Job]:
 
 def _each(
     directory: SweepDirectory, finished: Sequence[Job], train: Callable[[str], Studied], view: Progress
-) -> tuple[list[Studied], list[str]]:
-    """Do the same for the run of each job, one after another; an error names the job."""
+) -> tuple[list[Studied], list[Job]]:
+    """Do the same for the run of each job, one after another; an error names the job; also return the other jobs."""
     studies = []
     for number, job in enumerate(finished, start=1):
         view.say(f"job {job.name} ({number} of {len(finished)})")
@@ -66,7 +102,7 @@ def _each(
             studies.append(train(str(directory.run(job).path)))
         view.advance("jobs", number, len(finished))
     jobs = directory.read().jobs  # with those that were added meanwhile
-    return studies, [job.name for job in jobs if job not in finished]
+    return studies, [job for job in jobs if job not in finished]
 
 
 def _state(directory: SweepDirectory, retraining: Retraining) -> None:

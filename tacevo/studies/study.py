@@ -37,6 +37,7 @@ from tacevo.results.study_lines import (
 )
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, load_same, source_of
+from tacevo.runs.looked_up import check_fresh
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
 from tacevo.runs.wiring import Workbench, check_means, recipe_of
@@ -61,6 +62,8 @@ class Studied:
     trainings: int
     #: Those that were in the store before.
     recorded: int
+    #: Those that were made now and took two, because the network learns outside its weights.
+    twice: int
     #: Those that came to no end, as `variant 2, seed 3: out_of_time`.
     failed: tuple[str, ...]
 
@@ -154,10 +157,13 @@ def _carry_out(
 ) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
     run = replace(plan.config, executor=executor, data=elsewhere or plan.config.data)
-    check_means(run)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
     is_looked_up = run.data.source is DataSource.table and plan.header.terms is None
-    catalogue = None if is_looked_up else source_of(run).catalogue()
+    source = None if is_looked_up else source_of(run)
+    check_means(run)
+    if is_looked_up:
+        check_fresh(run, plan.header.seeds)
+    catalogue = None if source is None else source.catalogue()
     if elsewhere is None:
         data = load_same(run, plan.header.data, view, catalogue=catalogue)
     else:
@@ -179,7 +185,12 @@ def _carry_out(
     rows = zip(plan.jobs, verdicts, strict=True)
     failed = tuple(f"{job.row}: {verdict.reason}" for job, verdict in rows if isinstance(verdict, Rejection))
     return Studied(
-        directory=directory.path, digest=digest, trainings=len(plan.jobs), recorded=len(recorded), failed=failed
+        directory=directory.path,
+        digest=digest,
+        trainings=len(plan.jobs),
+        recorded=len(recorded),
+        twice=len(evaluator.twice),
+        failed=failed,
     )
 
 
@@ -347,6 +358,7 @@ def _train(
     random.SystemRandom().shuffle(order)
     futures = {executor.submit(evaluator.evaluate, jobs[place].source, jobs[place].seed): place for place in order}
     verdicts: dict[int, _Verdict] = {}
+    twice: set[str] = set()
     done = len(recorded)
     view.advance("trainings", done, len(jobs))
     for future in as_completed(futures):
@@ -354,6 +366,10 @@ def _train(
         verdict = verdicts[place] = future.result()
         if isinstance(verdict, Rejection):
             view.say(f"{jobs[place].row}: {verdict.reason}: {verdict.detail}")
+        name = jobs[place].network.name
+        if (jobs[place].source, jobs[place].seed) in evaluator.twice and name not in twice:
+            twice.add(name)
+            view.say(f"{name} learns outside its weights and buffers, so each of its trainings is made twice")
         if jobs[place].row not in recorded:
             done += 1
             view.advance("trainings", done, len(jobs))

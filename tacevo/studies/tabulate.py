@@ -24,7 +24,7 @@ from tacevo.llm.grammar.space import Genome, genomes, member
 from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Mode, Rejection, Task
 from tacevo.results.publishable import published_config
-from tacevo.results.space_table import Header, SpaceTable, TableNetwork, TableTraining, write_table
+from tacevo.results.space_table import Header, SpaceTable, TableNetwork, TableTraining, check_size, write_table
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.progress import Progress
@@ -39,7 +39,7 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
     """Train every network of `llm.space` as `training` says, with `training.seeds` seeds, and write their table.
 
     Raises:
-        ConfigError: the configuration has no space, or its data are a table.
+        ConfigError: the configuration has no space, its data are a table, or its trainings are too many for a file.
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
@@ -53,8 +53,10 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
         task = load_task(config, data.facts)
         with Workbench(config, task, data.facts, Mode.record, data=data, say=view.say, zygote=zygote) as bench:
             header = header_of(config, task, data.facts, trivial_of(config, task, data))
+            every = members(config, task)
+            check_size(header, len(every))
             with telling(lambda: True):  # whatever has ended is in the stores
-                networks = _probed(bench, members(config, task), view)
+                networks = _probed(bench, every, view)
                 trainings = _trained(bench, header.seeds, networks, data, view)
     return write_table(target, header, networks, trainings)
 

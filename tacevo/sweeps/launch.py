@@ -15,8 +15,8 @@ from pathlib import Path
 
 import yaml
 
-from tacevo.choices import ExecutorKind
-from tacevo.config.schema import ExecutorConfig
+from tacevo.choices import DataSource, ExecutorKind
+from tacevo.config.schema import RunConfig
 from tacevo.config.strict_yaml import read_yaml
 from tacevo.environment import install
 from tacevo.errors import ConfigError
@@ -74,8 +74,11 @@ def split_launcher(overrides: Sequence[str]) -> tuple[Launcher, tuple[str, ...]]
     return Launcher(cluster=launchers[0] if launchers else "", options=options), tuple(rest)
 
 
-def needed_cores(executor: ExecutorConfig) -> float:
-    """Return how many cores a job needs where it runs; where its candidates run on a given Ray cluster, hardly one."""
+def needed_cores(config: RunConfig) -> float:
+    """Return how many cores a job needs where it runs: hardly one where its candidates run on a given Ray cluster."""
+    executor = config.executor
+    if config.data.source is DataSource.table:  # nothing is trained
+        return 1
     return _DRIVER if executor.kind is ExecutorKind.ray and executor.address else executor.workers
 
 

@@ -1,10 +1,9 @@
 """What a sweep cannot show, known before it runs: arms that are equal by construction, seeds that are too few."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 
 from tacevo.config.checks import doubts_of_settings
-from tacevo.config.identity import is_equal_by_construction
+from tacevo.config.identity import twins
 from tacevo.config.schema import RunConfig
 from tacevo.results.study_lines import fewest_seeds
 from tacevo.results.sweep import ALPHA
@@ -20,28 +19,23 @@ def shortcomings(planned: Mapping[Job, RunConfig], jobs: Sequence[Job], referenc
         jobs: these, and those that the sweep had before.
         reference: the arm that others are compared with; None where nothing is compared.
     """
-    twins = _twins(planned)
+    arms: dict[str, dict[int, RunConfig]] = {}
+    for job, config in planned.items():
+        arms.setdefault(job.arm, {})[job.seed] = config
+    pairs = twins(arms)
     told = [
         f"{one} and {other} will find equal networks: with prompts=uniform nothing is drawn by the record of prompts, "
         "which one of them lacks; prompts=curiosity uses it"
-        for one, other in twins
+        for one, other in pairs
     ]
-    arms = {job.arm: config for job, config in planned.items()}
-    told += [f"{arm}: {doubt}" for arm, config in arms.items() for doubt in doubts_of_settings(config)]
-    seeds = {arm: len({job.seed for job in jobs if job.arm == arm}) for arm in (job.arm for job in jobs)}
-    others = len(seeds) - 1 - sum(reference in pair for pair in twins)  # such an arm is not tested
+    told += [f"{arm}: {doubt}" for arm, own in arms.items() for doubt in doubts_of_settings([*own.values()][-1])]
+    untested = {arm for pair in pairs if reference in pair for arm in pair} - {reference}
+    tested = dict.fromkeys(job.arm for job in jobs if job.arm not in untested)
+    seeds = {arm: len({job.seed for job in jobs if job.arm == arm}) for arm in tested}
+    others = len(seeds) - 1
     if reference in seeds and others and (least := min(seeds.values())) < (needed := fewest_seeds(ALPHA / others)):
         told.append(
             f"{counted(least, 'seed')} of an arm can show nothing: to test {counted(others, 'arm')} against "
             f"{reference} at {ALPHA} after Holm takes {needed} or more, as in 'seed=range(0,{needed})'"
         )
     return told
-
-
-def _twins(planned: Mapping[Job, RunConfig]) -> list[tuple[str, str]]:
-    """Find the pairs of arms that are equal by construction."""
-    arms: dict[str, dict[int, RunConfig]] = {}
-    for job, config in planned.items():
-        arms.setdefault(job.arm, {})[job.seed] = config
-    pairs = itertools.combinations(arms.items(), 2)
-    return [(one, other) for (one, these), (other, those) in pairs if is_equal_by_construction(these, those)]

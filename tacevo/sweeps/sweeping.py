@@ -96,7 +96,7 @@ def sweep(
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
         for shortcoming in shortcomings(planned, every, terms.reference):
             view.say(f"warning: {shortcoming}")
-        needed = max(needed_cores(config.executor) for config in planned.values())
+        needed = max(needed_cores(config) for config in planned.values())
         _run(directory, statuses, needed, launcher=launcher, view=view, run=run)
         return directory.path, [status_of(directory, job) for job in jobs]
 

@@ -163,6 +163,8 @@ class TrainingStore(ABC, Generic[Data, Result]):
     def __init__(self, *, run: RunJob, store: Store, setting: Setting, examples: Data | None, rules: int) -> None:
         self._run, self._store, self._setting, self._examples = run, store, setting, examples
         self._rules = rules
+        #: Source and seed of each training that was made here and took two.
+        self.twice: set[tuple[str, int]] = set()
 
     def key(self, source: str, seed: int) -> str:
         """Return the key of a training in the store."""

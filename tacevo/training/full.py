@@ -135,6 +135,8 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
             outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted, last=True)
             verdict = assess_chosen(outcome, self._setting, examples, held_out)
         if verdict is None:
+            if is_chosen:
+                self.twice.add((source, seed))
             outcome = self._setting.train(self._run, source, seed, examples=examples, predicted=predicted)
             verdict = assess(outcome, self._setting, examples, held_out, hashes_tests=not is_chosen)
         if isinstance(verdict, Rejection):

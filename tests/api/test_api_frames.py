@@ -9,6 +9,7 @@ from analysis.runs.dynamics import GENERATIONS
 from analysis.runs.pareto import PARETO
 from analysis.statistics.spaces import BY_EPOCHS
 from analysis.sweeps.ablation import ARMS
+from analysis.sweeps.rejections import RATES
 from tacevo.api import frames
 from tacevo.api.frames import Columns, frame
 
@@ -24,10 +25,12 @@ LISTED: dict[str, Columns] = {
     "study.reestimates": frames.REESTIMATES,
     "sweep.jobs": frames.JOBS,
     "sweep.contrasts(METRIC)": {"arm": "str", **ARMS},
+    "tacevo.check": frames.CHECKS,
     "table.networks": frames.TABLE_NETWORKS,
     "table.trainings": frames.TABLE_TRAININGS,
     "table.scores": frames.TABLE_SCORES,
     "table.worth": BY_EPOCHS,
+    "table.size_and_power(SWEEP, seeds=N)": RATES,
 }
 
 
@@ -47,7 +50,7 @@ def test_every_column_is_listed() -> None:
 
 
 #: Frames that `frame` makes; the others are the analysis's.
-OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)", "table.worth"}
+OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)", *list(LISTED)[-2:]}
 
 MADE = {name: columns for name, columns in LISTED.items() if name not in OTHERS}
 

@@ -8,7 +8,7 @@ import torch
 
 from benchmarks.gpu import Limits, Work, main, networks, one_process, whole_sandbox, work_of
 from tacevo.choices import Precision
-from tacevo.cli.inspect import task_without_data
+from tacevo.runs.answers import task_without_data
 
 
 @pytest.fixture(autouse=True)

@@ -9,6 +9,7 @@ import pytest
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED
 
+import tacevo
 from tacevo.bundles.extend import continued
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
@@ -34,7 +35,10 @@ def test_continued_run_equals_one_that_was_never_stopped(published: Path, place:
     old, new = ((path / "ledger.jsonl").read_bytes() for path in (published / "run", place / "mine"))
     assert new.startswith(old)
     assert len(new) > len(old)
-    assert main(command) == 0  # the same command again finds it finished
+    opened = tacevo.open(published / "run", store=published / "cache")
+    assert isinstance(opened, tacevo.Run)
+    again = tacevo.extend(opened, *MORE, quiet=True)
+    assert again.digest == json.loads((place / "mine" / "run.json").read_text())["digest"]  # it was finished
     assert main(["search", *TINY, "search.generations=2", "run.dir=whole"]) == 0
     for run in ("mine", "whole"):
         assert (place / run / "ledger.jsonl").read_bytes() == new
@@ -66,6 +70,8 @@ def test_what_cannot_be_continued_leaves_nothing(
     command = ["extend", str(run), "--store", str(published / "cache"), *MORE]
     assert main([*command, f"run.dir={run}/../run"]) == 2
     assert "run.dir: expected another directory than that of the published run" in capsys.readouterr().err
+    with refused(ConfigError, place="search.generations", expected="more than"):
+        tacevo.extend("run", *MORE[1:], "search.generations=1", quiet=True)
     assert main([*command, "data.seed=5"]) == 2
     assert "the run's data set" in capsys.readouterr().err
     edited = run / "candidates" / "g00s00.py"

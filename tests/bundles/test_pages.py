@@ -42,6 +42,9 @@ def test_page_says_what_answered_and_where_the_images_come_from() -> None:
         "tacevo data simulate task=force data.images=600 data.image_size=32 data.seed=0 data.sensor_seed=0 "
         "data.light=standard 'data.spacings_mm=[0.5,1.0]' out=DIR" in readme(drawn, has_lock=True)
     )
+    data = replace(drawn.first.config.data, gel_mm=1.5)
+    gelled = replace(drawn, runs=(replace(drawn.first, config=replace(drawn.first.config, data=data)),))
+    assert "data.gel_mm=1.5 out=DIR" in readme(gelled, has_lock=True)
     text = readme(asked, has_lock=False).replace("\n", " ")
     for words in (
         "They are not part of this bundle",

@@ -127,7 +127,7 @@ def test_members_are_held_against_the_manifest(whole: Members, refused: Refused)
         refused({**whole, name: whole[name] + b"\n"}, f"got '{name}' was edited or damaged", seal=False)
     refused(without(whole, table), f"'{table}' is missing", seal=False)
     refused({**whole, "tables/mine.csv": b"1"}, "'tables/mine.csv' is not listed", seal=False)
-    refused({**whole, "setup.py": b"1"}, "only files of a published run", seal=False)
+    refused({**whole, "setup.py": b"1"}, "only files of its kind", seal=False)
     less = without(whole, "run/summary.md")
     for members in (less, honest(less)):
         refused(members, "x.zip: expected a published run or sweep; got a file without run/summary.md", seal=False)

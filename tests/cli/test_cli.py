@@ -117,7 +117,9 @@ def test_other_configuration_in_the_same_directory_is_refused(copied: Path, caps
 
 def test_end_of_a_search_names_what_can_be_typed(capsys: pytest.CaptureFixture[str]) -> None:
     """Where to look and what next, also where a directory has a space in its name; the digest is the last line."""
-    result = Result(directory=Path("my runs/one"), digest="d", summary="found\n", best="g01s02", succeeded=True)
+    result = Result(
+        directory=Path("my runs/one"), digest="d", summary="found\n", best="g01s02", succeeded=True, looked_up=False
+    )
     print_end(result, ["a remark"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[:2] == ["found", ""]

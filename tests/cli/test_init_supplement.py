@@ -12,25 +12,26 @@ from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.errors import ConfigError
 
 #: As the supplement is laid out, with made-up sentences.
-PAGE = """<!DOCTYPE html><nav><ul><li><a href="#sec-force-prompts">Force prompts</a></li></ul></nav>
+PAGE = f"""<!DOCTYPE html><nav><ul><li><a href="#sec-force-prompts">Force prompts</a></li></ul></nav>
 <h2 id="sec-force-variants">A</h2><h4>Variant 1</h4><ul><li>More of it</li></ul>
 <h2 id="sec-prompts">C</h2>
 <h2 class="section-heading" id="sec-force-prompts">Force</h2>
 <h3>General</h3><ul><li><code>Make it smaller
   than 1.</code></li></ul>
-<h3>Layers &amp; more</h3><ul><li><code>Add a `nn.Tanh` between &minus;1 and 1.</code></li><li></li></ul>
-<h2 id="sec-grating-prompts">Grating</h2><ul><li><code>Widen `conv2` for $5.</code></li></ul>
+<h3>Layers &amp; more</h3><ul>{"<li>Again.</li>" * 18}
+<li><code>Add a `nn.Tanh` between &minus;1 and 1.</code></li><li></li></ul>
+<h2 id="sec-grating-prompts">Grating</h2><ul><li><code>Widen `conv2` for $5.</code></li>{"<li>Again.</li>" * 16}</ul>
 <h2 id="sec-system-prompts">D</h2>
 <h3 id="sec-force-sys">Force</h3><p>As follows.</p>
-<div class="listing-block">Change ImageRegressionCNN: {instruction_prompt}
+<div class="listing-block">Change ImageRegressionCNN: {{instruction_prompt}}
 
 Code:
 ```python
-{base_net_code}
+{{base_net_code}}
 ```
 </div>
 <h3 id="sec-grating-sys">Grating</h3>
-<div class="wide listing-block">Change it for $5 &lt; $6, {instruction_prompt}: {base_net_code}</div>
+<div class="wide listing-block">Change it for $5 &lt; $6, {{instruction_prompt}}: {{base_net_code}}</div>
 <h2 id="sec-hardness">E</h2><ul><li>Not an instruction</li></ul>
 """
 
@@ -50,11 +51,16 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (
             "force-paper",
             [],
-            ["Make it smaller than 1.", "Add a `nn.Tanh` between \u22121 and 1."],
+            ["Make it smaller than 1.", *["Again."] * 18, "Add a `nn.Tanh` between \u22121 and 1."],
             "Change ImageRegres",
         ),
-        ("grating-paper", [], ["Widen `conv2` for $5."], "Change it for $5 < $6, (see the instruction in the"),
-        ("other", ["--like", "grating"], ["Widen `conv2` for $5."], "Change it for $5 < $6"),
+        (
+            "grating-paper",
+            [],
+            ["Widen `conv2` for $5.", *["Again."] * 16],
+            "Change it for $5 < $6, (see the instruction in the",
+        ),
+        ("other", ["--like", "grating"], ["Widen `conv2` for $5.", *["Again."] * 16], "Change it for $5 < $6"),
     ],
 )
 def test_prompts_are_the_pages(page: Path, name: str, options: list[str], texts: list[str], words: str) -> None:
@@ -74,9 +80,25 @@ def test_prompts_are_the_pages(page: Path, name: str, options: list[str], texts:
     )
 
 
+def test_text_behind_nested_tags_stays(page: Path) -> None:
+    """An instruction that holds a list, and a listing that holds a block, are read to their own end."""
+    nested = PAGE.replace("than 1.</code>", "than 1:</code><ul><li>here<li></li></li><li>there</li></ul>or<br>both.")
+    nested = nested.replace("Code:", "<div>Mind <div>this</div></div>Code:")
+    page.write_text(nested, encoding="utf-8")
+    write_task("force-paper", "force", page)
+    config = compose(["task=force-paper"])
+    task = load_task(config, facts_without_data(config))
+    assert task.instructions[0].text == "Make it smaller than 1: here there or both."
+    after = [line.strip() for line in task.system.splitlines()[2:] if line]
+    assert after == ["Mind", "this", "Code:", "```python", "(see the parent network in the next message)", "```"]
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [
+        ("force-paper", PAGE.replace("<li>Again.</li>", "", 1)),
+        ("force-paper", PAGE.replace("<li>Again.</li>", "<li>Again.<li>Again.</li>", 1)),
+        ("grating-paper", PAGE.replace("for $5.</code></li>", "for $5.</code>")),
         ("force-paper", "<p>another page</p>"),
         ("force-paper", PAGE.replace("{base_net_code}", "")),
         (

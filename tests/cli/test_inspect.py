@@ -11,13 +11,14 @@ from ledger_lines import candidate, ended, header, rejected, run_record, trained
 from refusals import refused
 
 from tacevo.cli.app import main
-from tacevo.cli.inspect import _sandbox, task_without_data
+from tacevo.cli.inspect import _sandbox
 from tacevo.cli.show import show_run
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.plain import to_plain
 from tacevo.errors import RunError, SandboxError
 from tacevo.evolution.lines import ReevaluationLine, RepairedAnswer
 from tacevo.records import Given, Operator, Reason, Stage
+from tacevo.runs.answers import task_without_data
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import RunDirectory
 

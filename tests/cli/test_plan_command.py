@@ -4,13 +4,15 @@ import json
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 from refusals import refused
 
+import tacevo
+from tacevo.api.planning import _sweep
 from tacevo.choices import Primary
 from tacevo.cli.app import main
-from tacevo.cli.study import _located_sweep
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.study_directory import studies_of
 from tacevo.storage.plan_file import read_plan
@@ -44,6 +46,24 @@ def test_plan_bears_the_day_on_which_it_was_written(folder: Path) -> None:
     before = datetime.now(UTC).date().isoformat()
     assert main(["plan", "study", "run", "--effect", "0.5"]) == 0
     assert before <= read_plan(PLAN, "study", "force").made <= datetime.now(UTC).date().isoformat()
+
+
+def test_plan_from_python_is_the_commands(folder: Path, sweep: Path) -> None:
+    """The same file, of an open run or its path, and the table that the command prints; a wrong number is refused."""
+    assert main(["plan", "study", "run", "--effect", "0.5", "--power", "0.9"]) == 0
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    table = tacevo.plan("study", run, effect=0.5, power=0.9, output="mine")
+    written, ours = (json.loads(path.read_text()) for path in (PLAN, Path("mine/plan.json")))
+    assert {**ours, "made": ""} == {**written, "made": ""}
+    assert table.frame.query("plan == 'chosen'")["seeds"].tolist() == [written["seeds"]]
+    assert tacevo.plan("study", "run", effect=0.5, power=0.9).to_markdown() == table.to_markdown()
+    wishes: list[dict[str, Any]] = [{"effect": 0.0}, {"effect": 0.5, "alpha": 1.0}, {"effect": 0.5, "comparisons": 0}]
+    for wrong in wishes:
+        with refused(ConfigError, place=[*wrong][-1]):
+            tacevo.plan("study", run, **wrong)
+    with refused(RunError, place="run", expected="the directory or bundle of a sweep"):
+        tacevo.plan("sweep", run, effect=0.5)
 
 
 def test_plan_of_an_earlier_release_has_no_day(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -102,7 +122,7 @@ def test_pilot_without_a_study_is_refused(sweep: Path, published: Path, capsys: 
     assert main(["plan", "sweep", str(job), "--effect", "0.1"]) == 2
     assert "expected the directory or bundle of a sweep" in capsys.readouterr().err
     with refused(RunError, place="run.zip", got="the bundle of a run"):
-        _located_sweep(published / "run.zip")
+        _sweep(published / "run.zip")
     assert not PLAN.exists()
 
 

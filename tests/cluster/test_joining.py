@@ -26,6 +26,7 @@ from tacevo.config.compose import compose
 from tacevo.errors import ConfigError, DataError, SandboxError
 from tacevo.runs.wiring import check_means
 from tacevo.sandbox.confinement import available
+from tacevo.training.numerics import check_cpu
 
 ORDER = Order(
     entries={},
@@ -81,6 +82,20 @@ def test_node_that_cannot_confine_as_asked_is_refused() -> None:
         check_alike(facts, facts_here(ORDER), NODE)
     assert facts_here(ORDER).level == available()
     assert facts_here(replace(ORDER, device=Device.cuda, numerics=Numerics.fast)).level == Confinement.none
+
+
+@pytest.mark.parametrize(("numerics", "lacks"), [(Numerics.portable, "avx2"), (Numerics.portable512, "avx512f")])
+def test_node_whose_cpu_cannot_compute_so_is_refused(
+    numerics: Numerics, lacks: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The error names the node, the numerics and the instructions that are missing."""
+    ours = facts_here(ORDER)
+    monkeypatch.setattr(
+        "tacevo.cluster.facts.check_machine", lambda kind, *_: check_cpu(kind, "x86_64", "flags\t\t: fpu avx\n")
+    )
+    facts = facts_here(replace(ORDER, numerics=numerics))
+    with refused(SandboxError, place=f"{NODE}, numerics={numerics}", got=lacks, expected="an x86_64 CPU"):
+        check_alike(facts, ours, NODE)
 
 
 def test_started_ray_inherits_nothing_that_could_be_a_key(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,6 +50,7 @@ OTHER: dict[str, Json] = {
     "classes": "joint",
     "test_sensor": "TacTip",
     "shots": 5,
+    "gel_mm": 1.5,
 }
 
 #: The settings that depend on the task or on the split beside the source, and where each has no effect.
@@ -129,11 +130,31 @@ def test_setting_that_needs_a_task_or_a_split_is_refused_without(name: str, wher
         compose(["data=tacverse", *NEEDED["tacverse"], where, written(name)])
 
 
+@pytest.mark.parametrize(
+    ("overrides", "name", "lacking"),
+    [
+        (["task=force", "data=simulated"], "spacings_mm", "task=grating"),
+        (["task=force", "data=tacverse", "data.select=false"], "spacings_mm", "task=grating and data.select=true"),
+        (["task=grating", "data=tacverse", "data.select=false"], "spacings_mm", "data.select=true"),
+        (["task=force", "data=csv", "data.split=release"], "group_pattern", "data.split=random"),
+        (["task=grating", "data=folder", "data.split=release"], "group_pattern", "data.split=random"),
+        (["task=shape", "data=tacverse"], "skip_missing", "a task that TacVerse lists in a table"),
+        (["task=force", "data=numpy"], "group_column", "data=csv"),
+    ],
+)
+def test_error_asks_for_what_is_lacking_and_no_more(overrides: list[str], name: str, lacking: str) -> None:
+    """Nothing of another source, and nothing that is there; with all of it the setting is taken."""
+    source = overrides[1].removeprefix("data=")
+    with refused(ConfigError, place=f"data.{name}", expected=f"no value without {lacking}: "):
+        compose([*overrides, *NEEDED[source], written(name)])
+
+
 def test_what_is_as_it_would_be_is_no_mistake() -> None:
     """Defaults, also where they are written out, and what an experiment sets for other data."""
     for source, needed in NEEDED.items():
-        compose(["experiment=published_force", f"data={source}", *needed])
-    compose(["data=csv", *NEEDED["csv"], "data.light=standard", "data.pattern=null", "data.images=3000"])
+        assert compose(["experiment=published_force", f"data={source}", *needed]).data.source == source
+    written_out = ["data.light=standard", "data.pattern=null", "data.images=3000"]
+    assert compose(["data=csv", *NEEDED["csv"], *written_out]) == compose(["data=csv", *NEEDED["csv"]])
 
 
 def test_group_set_whole_is_looked_into() -> None:

@@ -28,7 +28,9 @@ def lines_of(where: str) -> int:
     """Count the lines of the files, and of the directories' modules, that a cell of the table of costs names."""
     patterns = [f"{name}**/*.py" if name.endswith("/") else name for name in re.findall("`(.+?)`", where)]
     package = ROOT / "tacevo"  # first: a checkout in which a sweep ran has a directory sweeps/, too
-    files = [file for pattern in patterns for file in (list(package.glob(pattern)) or ROOT.glob(pattern))]
+    matches = {pattern: list(package.glob(pattern)) or list(ROOT.glob(pattern)) for pattern in patterns}
+    assert [pattern for pattern, files in matches.items() if not files] == []
+    files = [file for files in matches.values() for file in files]
     return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
 
 

@@ -38,9 +38,14 @@ def studied(*fitnesses: float) -> RecordedStudy:
     return replace(MEASURED, networks=tuple(networks))
 
 
+def with_third(study: RecordedStudy, fitness: float = 0.45) -> RecordedStudy:
+    """Let the third network be a candidate of the run `run`, too."""
+    return replace(study, networks=(*study.networks[:2], replace(study.networks[2], id="g01s01", fitness=fitness)))
+
+
 def scored(run: RecordedRun, study: RecordedStudy) -> JobScore:
     """Score a study by its own rows."""
-    return _score(run, study, study.scores)
+    return _score(run, study, study.scores, 1)
 
 
 def test_score_is_the_median_of_the_best_by_fitness(run: Path) -> None:
@@ -58,16 +63,36 @@ def test_several_networks_give_one_value(run: Path) -> None:
     One perfect training makes that mean 0, and no logarithm fails.
     """
     recorded, study = read_run(run), studied(0.41, 0.4, 0.45)
-    two = _score(recorded, study, study.scores, most=2)
+    two = _score(recorded, study, study.scores, 2)
     assert two.networks == ("g01s00", "g00s00")
     assert two.value == pytest.approx((0.4 + 0.2) / 2, rel=1e-8)
     assert two.losses == two.values == ((0.3, 0.5, 0.4), (0.1, 0.2, 0.6))
     assert two.loss == pytest.approx((0.3 * 0.5 * 0.4 * 0.1 * 0.2 * 0.6) ** (1 / 6), rel=1e-8)
-    third = replace(study.networks[2], id="g01s01", fitness=0.405)
-    three = replace(study, networks=(*study.networks[:2], third))
-    assert _score(recorded, three, study.scores, most=2).networks == ("g01s00", "g01s01")
-    assert _score(recorded, three, study.scores, most=2).loss == 0
-    assert len(_score(recorded, three, study.scores, most=9).networks) == 3
+    three = with_third(study, fitness=0.405)
+    assert _score(recorded, three, study.scores, 2).networks == ("g01s00", "g01s01")
+    assert _score(recorded, three, study.scores, 2).loss == 0
+
+
+@pytest.mark.parametrize(("count", "lacking"), [(2, 0), (3, 1), (5, 3)])
+def test_every_job_has_a_value_of_as_many_networks(count: int, lacking: int, run: Path) -> None:
+    """By hand: the baseline, which ranks second of three, has each place that no other takes."""
+    recorded, study = read_run(run), with_third(studied(0.41, 0.4, 0.45))
+    score = _score(recorded, study, study.scores, count)
+    medians = {"g01s00": 0.4, "g00s00": 0.2, "g01s01": 0.0}
+    wanted = [*medians][:count] + ["g00s00"] * (count - 3)
+    assert (list(score.networks), score.lacking) == (wanted, lacking)
+    assert score.value == pytest.approx(sum(medians[name] for name in wanted) / count, rel=1e-8)
+    assert len(score.losses) == len(score.values) == count
+
+
+def test_baseline_without_a_fitness_takes_no_place(run: Path) -> None:
+    """A value of fewer networks would be another one, so there is none."""
+    recorded, study = read_run(run), with_third(studied(0.41, 0.4, 0.45))
+    failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=recorded.baseline.source, evaluation="e")
+    out = altered(recorded, reevaluations=(failed,))
+    assert _score(out, study, study.scores, 2).networks == ("g01s00", "g01s01")
+    with refused(RunError, expected="3 networks that trained", got="g00s00 without a fitness"):
+        _score(out, study, study.scores, 3)
 
 
 def test_study_of_fewer_networks_than_stated_is_not_the_test(run: Path) -> None:
@@ -154,7 +179,7 @@ def test_baseline_that_failed_later_in_the_search_found_nothing(run: Path) -> No
     failed = ReevaluationLine(generation=1, slot=9, id="g00s00", source=recorded.baseline.source, evaluation="e")
     out = altered(recorded, reevaluations=(failed,))
     assert scored(out, study).networks == ("g01s00",)
-    with refused(RunError, expected="a network that trained"):
+    with refused(RunError, expected="1 network that trained"):
         scored(out, replace(study, networks=study.networks[:1]))
 
 
@@ -165,7 +190,7 @@ def test_failure_counts_only_of_the_network_that_was_found(run: Path) -> None:
     def with_failure(name: str) -> JobScore:
         one = FailedLine(network=name, id="x", seed=1, evaluation="e", stage=Stage.train, reason=Reason.out_of_time)
         kept = [row for row in study.scores if (row.network, row.seed) != (name, 1)]
-        return _score(recorded, study, [*kept, one])
+        return _score(recorded, study, [*kept, one], 1)
 
     assert with_failure("baseline").values == ((0.3, 0.5, 0.4),)
     with refused(FailedTestError, place="variant 1 (g01s00)", got="out_of_time with seed 1"):
@@ -177,4 +202,4 @@ def test_score_needs_every_seed(run: Path) -> None:
     study = studied(0.5, 0.4, 0.45)
     rows = [row for row in study.scores if row.network == "variant 1"]
     with refused(RunError, place="variant 1", expected="3 scores"):
-        _score(read_run(run), study, rows[:2])
+        _score(read_run(run), study, rows[:2], 1)

@@ -78,14 +78,14 @@ def test_name_that_leads_elsewhere_is_refused(name: str, file: Path) -> None:
     """Parents, roots, drives, backslashes, empty parts, hidden files, ends of names and blanks."""
     stand_in = "y" * len(name)
     file.write_bytes(packed({stand_in: b"evil"}).replace(stand_in.encode() or b"\n", name.encode() or b"\n"))
-    with refused(BundleError, expected="names of files inside a published run", got=repr(name)[1:-1][:50]):
+    with refused(BundleError, expected="names of files inside", got=repr(name)[1:-1][:50]):
         unpacked(file)
 
 
 def test_member_of_no_known_place_is_refused(file: Path) -> None:
     """Only the places that the caller names are written."""
     file.write_bytes(packed(MEMBERS))
-    with refused(BundleError, expected="only files of a published run", got="'folder/b.txt'"):
+    with refused(BundleError, expected="only files of its kind", got="'folder/b.txt'"):
         unpacked(file, places=re.compile("a.txt"))
 
 
@@ -151,7 +151,7 @@ def test_overlapping_members_are_refused(file: Path) -> None:
     twice = entry + entry[:-1] + b"b"
     counts = struct.pack("<2HL", 2, 2, len(twice))
     file.write_bytes(data[:start] + twice + end[:8] + counts + end[16:])
-    with refused(BundleError, expected="as `tacevo publish` writes it"):
+    with refused(BundleError, expected="a file that tacevo wrote"):
         unpacked(file)
 
 
@@ -185,7 +185,7 @@ NOT_PLAIN: list[dict[str, Any]] = [
     {"extra": struct.pack("<HH4s", 0x7075, 4, b"evil")},
 ]
 
-SENT = "send the file that `tacevo publish` wrote"
+SENT = "send the file as tacevo wrote it"
 
 
 def with_headers(file: Path, headers: dict[str, Any]) -> Path:

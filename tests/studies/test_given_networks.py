@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from fakes import TASK
 from refusals import refused
+from small_recordings import simulated
 from smallest import SMALLEST, UNTRACKED, Once
 
 from tacevo.choices import ArchiveKind
 from tacevo.cli.app import main
+from tacevo.data.simulator.written_files import write_files
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
 from tacevo.records import Given, Operator
 from tacevo.results.run import read_run
@@ -106,16 +108,44 @@ def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFix
 
 
 def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """By commas; they end in one table. A value that is wrong is told before the first is studied."""
+    """By commas; they end in one table, whatever older studies on equal data there are.
+
+    A value that is wrong is told before the first is studied.
+    """
+    for older in sorted(here.glob("run/studies/*")):
+        shutil.copytree(older, older.with_name(f"an-older-{older.name}"))
     assert main(["study", "run", "seeds=2", "epochs=1", "data.split_seed=7,0"]) == 0
     told = capsys.readouterr()
     assert told.err.count("(6 of 6 trainings recorded already)") == 2
-    assert "Kendall's W" in " ".join(told.out.split())
+    assert "on 2 data sets" in " ".join(told.out.split())
     assert "split_seed=7" in told.out
     before = list(here.glob("run/studies/*"))
     assert main(["study", "run", "seeds=3", "epochs=1", "data.split_seed=1,-1"]) == 2
     assert "data.split_seed" in capsys.readouterr().err
     assert list(here.glob("run/studies/*")) == before
+
+
+@pytest.mark.slow
+def test_sensors_are_studied_within_and_each_left_out(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Simulated sensors that differ in gel, and files in the release's layout; all stand in one table of the run."""
+    source = simulated(images=40, image_size=16, seed=5)
+    for sensor in ("A", "B"):
+        folder = here / "own" / "Force_Regression" / sensor
+        write_files(source, folder, workers=1)
+        rows = (folder / "labels.csv").read_text().replace("image,Fx,Fy,Fz", "image_name,fx,fy,fz")
+        (folder / f"{sensor}.csv").write_text(rows)
+    usual = ["study", "run", "seeds=2", "epochs=1"]
+    assert main([*usual, "data.gel_mm=0,2"]) == 0
+    assert "gel_mm=2.0" in capsys.readouterr().out
+    left_out = ["data=tacverse", "data.root=own", "data.sensor=A+B", "data.test_sensor=A,B"]
+    assert main([*usual, *left_out]) == 0
+    told = capsys.readouterr().out
+    assert all(words in told for words in ("gel_mm=2.0", "test_sensor=A", "test_sensor=B"))
+    recorded = [study.read().data for study in studies_of(Path("run"))]
+    assert {("data.gel_mm=2.0",), ("data.test_sensor=A",), ("data.test_sensor=B",)} <= {
+        data.selected for data in recorded
+    }
+    assert sorted(data.counts for data in recorded)[:2] == [(24, 8, 8)] * 2
 
 
 def test_study_that_was_begun_under_its_earlier_name_is_continued(

@@ -6,13 +6,16 @@ import shutil
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED, Once
+from sweeps import Heard
 from waiting import eventually
 
 from analysis.studies.predictions import load_predictions
@@ -26,6 +29,7 @@ from tacevo.results.study_lines import SCHEMA, ScoreLine
 from tacevo.runs.progress import Progress
 from tacevo.storage.canonical import value_at
 from tacevo.storage.store import Store, check_entry
+from tacevo.studies.study import _train
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -352,3 +356,18 @@ def test_other_data_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]
     path.write_text(json.dumps(run))
     assert main(["study", *STUDY]) == 2
     assert "restore the data set of the run" in capsys.readouterr().err
+
+
+def test_network_whose_trainings_are_made_twice_is_named_once() -> None:
+    """While it is trained, and however many seeds it has; what was recorded before took nothing."""
+    jobs: list[Any] = [
+        SimpleNamespace(network=SimpleNamespace(name=name), source=name, seed=seed, row=f"{name}, seed {seed}")
+        for name in ("baseline", "variant 1", "variant 2")
+        for seed in range(3)
+    ]
+    outside: Any = SimpleNamespace(evaluate=lambda *_: None, twice={("variant 1", 0), ("variant 1", 2)})
+    view = Heard()
+    with ThreadPoolExecutor() as executor:
+        _train(jobs, {"variant 2, seed 0"}, outside, executor, view)
+    told = [line for line in view.lines if "made twice" in line]
+    assert told == ["variant 1 learns outside its weights and buffers, so each of its trainings is made twice"]

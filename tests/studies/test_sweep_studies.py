@@ -6,6 +6,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import pytest
 from bundles import Members, entries_of, members_of, resealed, with_entries
@@ -13,7 +14,9 @@ from refusals import refused
 from run_files import contents
 from smallest import Once
 
+import tacevo
 from tacevo.bundles.format import STORE
+from tacevo.choices import ChosenBy
 from tacevo.cli.app import main
 from tacevo.config.compose import compose_study
 from tacevo.errors import ConfigError, RunError
@@ -116,6 +119,59 @@ def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
         study_sweep(Path("sweep"), config, Progress())
     stated = SweepDirectory(Path("sweep")).read().terms.retraining
     assert stated == Retraining(seeds=2, epochs=2, choose=config.choose)
+
+
+def untested(folder: Path) -> str:
+    """Let the sweep be one that was never tested; return the arm beside `none`."""
+    directory = SweepDirectory(Path("sweep"))
+    sweep = directory.read()
+    directory.write(replace(sweep, terms=replace(sweep.terms, retraining=None)))
+    for path in folder.glob("sweep/*/studies"):
+        shutil.rmtree(path)
+    (other,) = {job.arm for job in sweep.jobs} - {"none"}
+    return other
+
+
+def test_arms_that_cannot_be_compared_are_refused_before_anything_is_stated(folder: Path) -> None:
+    """One that the sweep does not have; or the reference is left out."""
+    other = untested(folder)
+    for arms, expected in (("none,nothing", "arms of the sweep: none"), (other, "none among them")):
+        with refused(ConfigError, place="arms", expected=expected):
+            study_sweep(Path("sweep"), compose_study([*TEST[1:], f"arms={arms}"]), Progress())
+    assert SweepDirectory(Path("sweep")).read().terms.retraining is None
+
+
+@pytest.mark.slow
+def test_named_arms_alone_are_tested(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As stated before the first training and kept from then on; what other arms lack is not missing."""
+    other, directory = untested(folder), SweepDirectory(Path("sweep"))
+    assert main([*TEST, "arms=none"]) == 0
+    assert {path.parent.name for path in folder.glob("sweep/*/studies")} == {"none-seed0", "none-seed1"}
+    stated = directory.read().terms.retraining
+    assert stated == Retraining(seeds=2, epochs=1, choose=ChosenBy.fitness, arms=("none",))
+    assert load_sweep(Path("sweep")).untested == ()
+    settings: Any = {"arms": ["none"], "seeds": 2, "epochs": 1, "store.root": "cache", "quiet": True}
+    opened = tacevo.open("sweep", store="cache")
+    assert isinstance(opened, tacevo.Sweep)
+    jobs = tacevo.study(opened, **settings).jobs
+    assert jobs["test_mse"].notna().tolist() == [arm == "none" for arm in jobs["arm"]]
+    assert main(["ablations", "sweep", "--store", "cache"]) == 0
+    assert f"Not tested, as the sweep states: {other}." in (folder / "sweep/ablations/ablation.md").read_text()
+    with refused(RunError, place="terms.retraining", expected="arms=none", got="seeds=2 epochs=1 choose=fitness"):
+        study_sweep(Path("sweep"), compose_study(TEST[1:]), Progress())
+    published(folder)
+    capsys.readouterr()
+    assert main(["replay", "sweep.zip"]) == 0
+
+
+def test_arms_are_of_a_sweep() -> None:
+    """Names with commas between them, or a list; a single run has none."""
+    assert compose_study(["sweep=s", "arms=none,drift"]).arms == ("none", "drift")
+    assert compose_study(["sweep=s", "arms=[none,'archive.niches=5']"]).arms == ("none", "archive.niches=5")
+    assert compose_study(["sweep=s", "arms=none"]).arms == ("none",)
+    assert compose_study(["sweep=s", "arms='archive.niches=5',none"]).arms == ("archive.niches=5", "none")
+    with refused(ConfigError, place="arms", expected="no value without sweep="):
+        compose_study(["run=r", "arms=none"])
 
 
 def test_settings_are_not_stated_once_their_scores_are_there(folder: Path) -> None:

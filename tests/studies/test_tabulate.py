@@ -1,8 +1,11 @@
 """The table of a space is whole or refused, searches look it up as if they trained, and its rows train again alike."""
 
+import hashlib
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from made_up import TINY, made_up_table
@@ -11,19 +14,25 @@ from refusals import refused
 import tacevo
 from analysis.statistics.spaces import regret
 from tacevo.choices import FitnessRule
+from tacevo.cli.app import main
 from tacevo.config.compose import compose
-from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError
+from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine
+from tacevo.records import Json, Reason, Rejection, Stage, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import retrain_table, verify_table
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.results.space_table import CARD, MANIFEST, SpaceTable, is_table, read_table, write_table
+from tacevo.results.space_table import CARD, MANIFEST, SpaceTable, check_size, is_table, read_table, write_table
+from tacevo.rules import CURRENT
+from tacevo.runs.estimate import describe_time, describe_estimates
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
+from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import ReadBudget
-from tacevo.storage.zipfiles import packed, read_members
+from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, packed, read_members
 from tacevo.studies.tabulate import tabulate
+from tacevo.sweeps.sweeping import sweep
 from tacevo.training.full import FullTraining
 
 #: Of the tests' tables that nothing was trained for.
@@ -96,11 +105,12 @@ def test_looked_up_run_replays_and_its_rows_are_looked_up_again(table: SpaceTabl
     assert "bit for bit as recorded" in retrain([run], 2, 1, Progress())
 
 
-def test_noise_run_is_looked_up_and_a_study_is_refused(table: SpaceTable, tmp_path: Path) -> None:
-    """Elites have other recorded seeds; the test predictions of a study are in no table."""
+def test_noise_run_is_of_trainings_that_the_search_has_not_seen(table: SpaceTable, tmp_path: Path) -> None:
+    """Each re-estimate is another recorded training; a study is refused, whose test predictions are in no table."""
     run = _looked_up(table, tmp_path)
-    done = tacevo.noise(run.path, quiet=True, elites=1, seeds=3)
-    assert len(done.reestimates) == 6
+    done = tacevo.noise(run.path, quiet=True, elites=2, seeds=2)
+    for network, rows in done.reestimates.groupby("network"):
+        assert len({*rows["recorded"], *rows["fitness"]}) == 3, network
     with refused(ConfigError, place="data=table", expected="images"):
         tacevo.study(run.path, quiet=True, elites=1, seeds=2, epochs=2)
 
@@ -114,12 +124,115 @@ def test_noise_run_is_looked_up_and_a_study_is_refused(table: SpaceTable, tmp_pa
         ("llm.space.width=[32]", "llm.space"),
         ("data.image_size=64", "data.image_size"),
         ("gate.max_parameters=1000", "gate.max_parameters"),
+        ("task.target_scaling=none", "task.target_scaling"),
+        ("task.output_argument=classes", "task.output_argument"),
+        ("task.outputs=6", "task.outputs"),
+        ("training.seeds=5", "training.seeds"),
+        ("ablation=extract", "archive.kind"),
+        ("llm.slip_rate=0.01", "llm.slip_rate"),
     ],
 )
 def test_search_of_other_settings_is_refused(table: SpaceTable, tmp_path: Path, override: str, place: str) -> None:
-    """A recorded training under another recipe would be another training."""
+    """A recorded training under another recipe would be another training, and one training counts once."""
     with refused(ConfigError, place=place):
         _looked_up(table, tmp_path, override)
+    assert not (tmp_path / "run").exists()
+
+
+def test_sweep_with_a_job_that_the_table_does_not_suit_is_refused_before_one_runs(
+    table: SpaceTable, tmp_path: Path
+) -> None:
+    """As any mistake in a job."""
+    settings = ["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=3", "seed=0"]
+    with refused(ConfigError, place="archive.kind"):
+        sweep([*settings, "ablation=none,extract", f"store.root={tmp_path}"], str(tmp_path / "sweep"), Progress())
+    assert not (tmp_path / "sweep").exists()
+
+
+@pytest.mark.parametrize("part", ["static", "probe", "training"])
+def test_table_of_other_rules_is_refused(table: SpaceTable, tmp_path: Path, part: str) -> None:
+    """What other rules measured is not what a search of today would measure."""
+    rules = replace(CURRENT, **{part: getattr(CURRENT, part) - 1})
+    older = write_table(tmp_path / "old.zip", replace(table.header, rules=rules), table.networks, table.trainings)
+    assert older.digest != table.digest
+    with refused(ConfigError, place=f"rules.{part}"):
+        _looked_up(older, tmp_path)
+
+
+def test_noise_run_of_more_seeds_than_are_left_is_refused(table: SpaceTable, tmp_path: Path) -> None:
+    """One training would count twice; nothing is begun."""
+    run = _looked_up(table, tmp_path)
+    with refused(ConfigError, place="seeds", expected="at most 2", got="3"):
+        tacevo.noise(run.path, quiet=True, elites=1, seeds=3)
+    assert not list(run.path.glob("studies/*"))
+
+
+def test_digest_is_of_what_decides_the_rows(table: SpaceTable, tmp_path: Path) -> None:
+    """Settings of searches, machines and prompts do not enter; the recipe and each row do."""
+
+    def digest(settings: Mapping[str, Json] | None = None, **header: Any) -> str:
+        config: dict[str, Any] = {**table.header.config}
+        for key, value in (settings or {}).items():
+            group, _, name = key.partition(".")
+            config[group] = {**config[group], name: value} if name else value
+        changed = replace(table.header, **{"config": config, **header})
+        return write_table(tmp_path / "other.zip", changed, table.networks, table.trainings).digest
+
+    others: dict[str, Json] = {
+        "search.generations": 9,
+        "seed": 7,
+        "gate.seconds": 1,
+        "training.seconds": 9,
+        "training.fitness": "last",
+    }
+    others |= {"data.seed": 9, "archive.niches": 9, "executor.workers": 9, "tracking.uri": "x", "task.images": 99}
+    task, rules = replace(table.header.task, system="another prompt"), replace(table.header.rules, core=1)
+    assert digest(others, versions={}, machine={}, task=task, rules=rules) == table.digest
+    changed = [
+        digest({"training.learning_rate": 0.1}),
+        digest({"gate.max_flops": 9}),
+        digest(study=1),
+        digest(trivial=1),
+    ]
+    assert len({*changed, table.digest}) == 5
+
+
+@pytest.mark.slow
+def test_table_that_no_reader_takes_is_refused_before_the_first_training(tmp_path: Path) -> None:
+    """It could not be read again after hours."""
+    store = f"store.root={tmp_path}"
+    config = compose(["experiment=space", *TINY, "data.images=100", store, "training.seeds=9999", "training.epochs=50"])
+    with refused(ConfigError, place="training.seeds"):
+        tabulate(config, tmp_path / "t.zip", Progress())
+    assert not list(tmp_path.glob("probes/*"))
+
+
+def test_place_that_cannot_be_written_to_is_refused_before_anything_is_made(place: Path) -> None:
+    """A directory, or a place below a file, takes no table."""
+    (place / "file").touch()
+    (place / "made").mkdir()
+    for target in ("made", "file/t.zip"):
+        assert main(["tabulate", "experiment=space", *TINY, "store.root=cache", "-o", target]) == 2
+    assert not (place / "cache").exists()
+
+
+def test_largest_table_that_is_begun_can_be_written(table: SpaceTable) -> None:
+    """The bound holds for the longest numbers, and is not far above the usual ones."""
+    lines = [len(canonical(to_json(row))) for row in table.trainings]
+    most = MOST_OF_A_MEMBER // max(lines) // len(table.header.seeds)
+    with refused(ConfigError, place="training.seeds"):
+        check_size(table.header, most + 1)
+    check_size(table.header, most // 2)
+
+
+def test_size_of_a_member_is_checked_before_the_file_is_replaced(table: SpaceTable, tmp_path: Path) -> None:
+    """What stands at the path stays."""
+    path = tmp_path / "standing.zip"
+    path.write_bytes(b"standing")
+    long = replace(table.networks[0], source="x" * MOST_OF_A_MEMBER)
+    with refused(BundleError, expected="networks.jsonl"):
+        write_table(path, table.header, [long], [])
+    assert path.read_bytes() == b"standing"
 
 
 def test_network_that_is_not_in_the_table_is_an_error(table: SpaceTable, tmp_path: Path) -> None:
@@ -173,9 +286,36 @@ def test_damaged_table_is_refused(table: SpaceTable, tmp_path: Path, name: str) 
     edited.write_bytes(packed({**members, name: members[name].replace(b"e", b"f", 1)}))
     lacking.write_bytes(packed({key: data for key, data in members.items() if key != name}))
     for path in (edited, lacking):
-        with pytest.raises(BundleError):
+        with pytest.raises(BundleError) as caught:
             read_table(path)
+        assert "publish" not in str(caught.value)
     assert is_table(edited)
+    cut = tmp_path / "cut.zip"
+    cut.write_bytes(table.path.read_bytes()[:-9])
+    with pytest.raises(BundleError) as caught:
+        read_table(cut)
+    assert "publish" not in str(caught.value)
+
+
+def test_table_of_a_later_version_is_refused_as_one(table: SpaceTable, tmp_path: Path) -> None:
+    """Readers raise their own kind of error for a setting that they do not know."""
+    members = _members(table.path)
+    members["table.json"] = members["table.json"].replace(b'"config": {', b'"config": {"later": {},')
+    members[MANIFEST] = "".join(
+        f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(members.items()) if name != MANIFEST
+    ).encode()
+    (tmp_path / "later.zip").write_bytes(packed(members))
+    with refused(BundleError, place="table.json, config.later", remedy="another version"):
+        read_table(tmp_path / "later.zip")
+
+
+def test_row_of_unknown_rules_of_studies_is_not_trained_again(table: SpaceTable, tmp_path: Path) -> None:
+    """Another trainer would find differences that nobody made."""
+    header = replace(table.header, study=99, made_up=False)
+    later = write_table(tmp_path / "later.zip", header, table.networks, table.trainings)
+    verify_table(later)
+    with refused(RunError, expected="study rules"):
+        retrain_table(later, 1, 1, None, Progress())
 
 
 def test_rows_that_do_not_suit_each_other_are_refused(table: SpaceTable, tmp_path: Path) -> None:
@@ -194,12 +334,14 @@ def test_rows_that_do_not_suit_each_other_are_refused(table: SpaceTable, tmp_pat
             verify_table(write_table(tmp_path / "wrong.zip", table.header, networks, trainings))
 
 
-def test_other_files_are_no_table(tmp_path: Path, published: Path) -> None:
-    """A published run is not taken for one, and is refused as one."""
+def test_other_files_are_no_table(table: SpaceTable, tmp_path: Path, published: Path) -> None:
+    """A published run is not taken for one, and is refused as one; nor is a table taken for a run."""
     assert not is_table(published / "run.zip")
     for path in (published / "run.zip", tmp_path / "absent.zip"):
         with refused(BundleError, expected="the table of a space"):
             read_table(path)
+    with refused(RunError, got="the table of a space", remedy="tacevo.open_table"):
+        tacevo.open(table.path)
 
 
 @pytest.mark.parametrize("override", ["llm=grammar", "data=table"])
@@ -222,6 +364,37 @@ def test_frames_hold_every_row(table: SpaceTable, tmp_path: Path) -> None:
     means = opened.scores.groupby("network")["cross_entropy"].mean()
     assert regretted.loss == pytest.approx(means[regretted.network] - means.min(), abs=1e-8)
     assert regretted.rank == 1 + (means < means[regretted.network]).sum()
+
+
+def test_regret_is_of_runs_of_the_table(table: SpaceTable, tmp_path: Path, published: Path) -> None:
+    """A run of other data is refused, and one whose networks are not in the table or failed."""
+    opened = tacevo.open_table(table.path)
+    other = tacevo.open(published / "run.zip")
+    assert isinstance(other, tacevo.Run)
+    with refused(RunError, got="of the fingerprint"):
+        opened.regret(other)
+    run = tacevo.open(_looked_up(table, tmp_path).path)
+    assert isinstance(run, tacevo.Run)
+    with refused(RunError, got="none"):
+        opened.regret(tacevo.Run(run.place, replace(run.recorded, elites=())))
+    best = opened.regret(run).network
+    header = replace(table.header, data=replace(table.header.data, fingerprint=table.digest))
+    rejection = Rejection(stage=Stage.train, reason=Reason.not_finite, detail="made up")
+    failed = [replace(row, full=None, rejection=rejection) if row.network == best else row for row in table.trainings]
+    partly = write_table(tmp_path / "failed.zip", header, table.networks, failed)
+    with refused(RunError, place="run", got=f"network {best}"):
+        tacevo.open_table(partly.path).regret(run)
+    others = [row for row in table.trainings if row.network == 0]
+    write_table(tmp_path / "fewer.zip", header, table.networks[:1], others)
+    with refused(RunError, place="run", got="not in it"):
+        tacevo.open_table(tmp_path / "fewer.zip").regret(run)
+
+
+def test_estimate_of_a_search_of_a_table_says_that_nothing_is_trained(table: SpaceTable, tmp_path: Path) -> None:
+    """It asks for no image."""
+    config = compose(["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=1"])
+    assert "nothing is trained" in describe_time(config)
+    assert "about 0" in describe_estimates([("job", config)]).splitlines()[2]
 
 
 def test_regret_of_numbers_by_hand() -> None:
@@ -277,3 +450,21 @@ def test_row_that_was_edited_does_not_train_to_it(tmp_path: Path) -> None:
         retrain_table(
             write_table(tmp_path / "forged.zip", table.header, table.networks, forged), None, 1, None, Progress()
         )
+
+
+@pytest.mark.slow
+def test_size_of_a_test_is_of_sweeps_of_the_table(table: SpaceTable, tmp_path: Path) -> None:
+    """An arm is compared with itself under other seeds, two of four here; two seeds never tell anything apart."""
+    settings = ["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=1"]
+    settings += ["search.generations=0", f"store.root={tmp_path}", "ablation=none", "seed=0,1,2,3"]
+    swept = tacevo.open(sweep(settings, str(tmp_path / "sweep"), Progress())[0])
+    assert isinstance(swept, tacevo.Sweep)
+    rates = tacevo.open_table(table.path).size_and_power(swept, seeds=2)
+    assert rates["sweeps"].eq(1).all()
+    assert rates["rejected"].eq(0).all()
+    assert {*rates["arm"], *rates["against"]} == {"none"}
+    with refused(ConfigError, place="seeds", got="3"):
+        tacevo.open_table(table.path).size_and_power(swept, seeds=3)
+    other = made_up_table(tmp_path / "other.zip", *TINY, *SIZES, failing=3)
+    with refused(RunError, got="of the fingerprint"):
+        tacevo.open_table(other.path).size_and_power(swept, seeds=2)

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import termios
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from sweeps import files_of
 
 from tacevo.choices import ExecutorKind
 from tacevo.cli.app import main
+from tacevo.config.compose import compose
 from tacevo.config.schema import ExecutorConfig
 from tacevo.errors import ConfigError
 from tacevo.evolution.run_files import finished_digest
@@ -140,10 +142,17 @@ def test_jobs_that_share_a_ray_cluster_are_not_bounded_by_the_cores_here(
     address: str | None, n_jobs: int, cpus: int
 ) -> None:
     """Only their searches run here; a Ray that each starts for itself runs here as well."""
-    needed = needed_cores(ExecutorConfig(kind=ExecutorKind.ray, workers=64, address=address))
+    executor = ExecutorConfig(kind=ExecutorKind.ray, workers=64, address=address)
+    needed = needed_cores(replace(compose(SMALLEST), executor=executor))
     assert fitted(Launcher(options={}), jobs=10, needed=needed, cores=4).options == {"n_jobs": n_jobs}
     slurm = Launcher(cluster=SLURM, options={})
     assert fitted(slurm, jobs=10, needed=needed, cores=4).options == {"cpus_per_task": cpus, "timeout_min": 60}
+
+
+def test_search_of_a_table_takes_one_core() -> None:
+    """It trains nothing, whatever the number of workers."""
+    config = compose(["experiment=space", "data=table", "data.root=table.zip", "executor.workers=8"])
+    assert needed_cores(config) == 1
 
 
 @pytest.mark.slow

@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 from checkout import ROOT
 from refusals import refused
-from sweeps import SHARED, Heard, Launched, begin, files_of
+from sweeps import SHARED, Heard, Launched, begin, composed, files_of
 
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.sweep import Standing
-from tacevo.storage.sweep_directory import SweepDirectory, name_arm
+from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
 from tacevo.sweeps import search_process
 from tacevo.sweeps.launch import Launcher
+from tacevo.sweeps.prospects import shortcomings
 from tacevo.sweeps.sweeping import folder, name_job, part, plan, sweep
 
 TWO_BY_TWO = [*SHARED, "ablation=none,fixed_temperature", "seed=0,1"]
@@ -151,6 +152,7 @@ AGEING = ["ablation=none,regularised_evolution", "seed=range(0,4)"]
         (["seed=0,1"], []),
         ([*AGEING, "search.generations=2"], ["regularised_evolution: proposals.population=100 never ages"]),
         ([*AGEING, "search.generations=2", "proposals.population=5"], []),
+        ([*AGEING, "search.generations=0"], []),
     ],
 )
 def test_what_a_sweep_cannot_show_is_said_before_it_runs(settings: list[str], told: list[str], place: Path) -> None:
@@ -160,6 +162,22 @@ def test_what_a_sweep_cannot_show_is_said_before_it_runs(settings: list[str], to
     warned = [line for line in view.lines if line.startswith("warning: ")]
     assert [words for words in told if not any(words in line for line in warned)] == []
     assert bool(warned) == bool(told)
+
+
+def test_seeds_of_an_arm_that_is_not_tested_are_not_too_few() -> None:
+    """One that is the reference by construction may have a single seed; an arm that is tested may not."""
+    seeds = {"none": 4, "fixed_temperature": 4, "no_prompt_archive": 1}
+    planned = {
+        Job(name=f"{arm}-seed{seed}", arm=arm, seed=seed, overrides=(), config=""): composed(
+            *SHARED, "llm=grammar", f"ablation={arm}", f"seed={seed}"
+        )
+        for arm, count in seeds.items()
+        for seed in range(count)
+    }
+    (told,) = shortcomings(planned, list(planned), "none")
+    assert told.startswith("none and no_prompt_archive will find equal networks")
+    fewer = [job for job in planned if job.name != "fixed_temperature-seed3"]
+    assert any(line.startswith("3 seeds of an arm can show nothing") for line in shortcomings(planned, fewer, "none"))
 
 
 def test_folder_is_found_again_with_more_arms_and_seeds() -> None:

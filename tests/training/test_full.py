@@ -193,6 +193,19 @@ def test_score_is_the_loss_of_an_epoch_and_nothing_else(tmp_path: Path) -> None:
     assert recorder.scores == [[*judged(ANSWER).training.validation_losses, *[np.inf] * 4]]
 
 
+def test_surplus_frames_get_no_bit(tmp_path: Path) -> None:
+    """A candidate that sends fifty frames, each better and each called the first epoch, hears of as many as epochs."""
+    np.save(tmp_path / "images.npy", DATA.images)
+    entries, arrays = {"train": "attacks:send_better_and_better"}, {"images": tmp_path / "images.npy"}
+    with Sandbox(entries=entries, environment=environment(Numerics.portable), arrays=arrays) as sandbox:
+        outcome = SETTING.train(sandbox.run, SOURCE, 0, examples=EXAMPLES, predicted=[EXAMPLES.validation], last=True)
+    assert isinstance(outcome, Finished)
+    assert outcome.frames[-1].header == [True] * RECIPE.epochs + [False] * (50 - RECIPE.epochs)
+    verdict = assess_chosen(outcome, SETTING, EXAMPLES, HELD_OUT)
+    assert isinstance(verdict, Rejection)
+    assert verdict.reason is Reason.bad_output
+
+
 #: A network whose buffers follow the training images, as a batch normalisation's do.
 NORMALISED = """
 class Net(nn.Module):
@@ -241,9 +254,9 @@ def test_later_rules_test_the_same_predictions(source: str, jobs: int, sandbox: 
         return sandbox.run(entry, header, payload, limits, score)
 
     asked: Any = {"run": run, "setting": setting}
-    before, now = (
-        evaluator(tmp_path / f"{rules}", rules=rules, **asked).evaluate(source, 1) for rules in (STUDY - 1, STUDY)
-    )
+    evaluators = [evaluator(tmp_path / f"{rules}", rules=rules, **asked) for rules in (STUDY - 1, STUDY)]
+    before, now = (each.evaluate(source, 1) for each in evaluators)
+    assert [each.twice for each in evaluators] == [set(), {(source, 1)} if jobs == 2 else set()]
     store = Store(tmp_path, "evaluations")
     searched = Evaluator(store=store, examples=EXAMPLES, rules=4, **asked).evaluate(source, 1)
     assert isinstance(before, FullTraining)

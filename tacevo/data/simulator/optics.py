@@ -57,14 +57,14 @@ def project(x: Field, y: Field, lift: Field, size: int) -> tuple[Field, Field]:
     return x * outwards + middle, y * outwards + middle
 
 
-def transfer(period: float, size: int) -> float:
+def transfer(period: float, size: int, blur: float = BLUR) -> float:
     """Find the share of a pattern's contrast that reaches the image at the dome's centre.
 
     Gaussian blur passes exp(-2 pi^2 s^2 / l^2) of a period l, and averaging over a pixel of width p the modulus of
     sin(pi p / l) / (pi p / l) (the Fourier transforms of both spread functions; Goodman,
     Introduction to Fourier Optics, chapter 6).
     """
-    ratio = BLUR / period
+    ratio = blur / period
     cycles = LENS_DISTANCE / pixels_per_radian(size) / period
     averaged = abs(float(sine(cycles / 2))) / (math.pi * cycles)
     return float(exp_minus(2 * math.pi * math.pi * ratio * ratio)) * averaged

@@ -8,15 +8,15 @@ that a picture has the same bytes on every CPU.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import LightScene, SimulatedSensor
-from tacevo.data.simulator.contact import imprint_at_depth, normal_field, shear_field
-from tacevo.data.simulator.optics import REFERENCE_SIZE, project, seen_points, transfer
+from tacevo.data.simulator.contact import imprint_at_depth, normal_field, shear_field, spread_radius
+from tacevo.data.simulator.optics import BLUR, REFERENCE_SIZE, project, seen_points, transfer
 from tacevo.data.simulator.portable import Field, cosine, exp_minus, grain, normal, normal_number, sine, step
 from tacevo.data.source import Picture
 from tacevo.randomness import stream
@@ -103,10 +103,17 @@ class Sensor:
     sight: npt.NDArray[np.float32]
     marker_x: npt.NDArray[np.float64]
     marker_y: npt.NDArray[np.float64]
+    #: Thickness of the clear gel on its skin, of the skin's own material.
+    gel: float = 0.0
+
+    @property
+    def blur(self) -> float:
+        """Standard deviation of the optical blur: light that is scattered forwards spreads in proportion to its way."""
+        return BLUR * (1 + self.gel / SKIN_THICKNESS)
 
 
 @lru_cache(maxsize=4)
-def make_sensor(size: int, seed: int) -> Sensor:
+def make_sensor(size: int, seed: int, gel: float = 0.0) -> Sensor:
     """Build the sensor; its seed decides manufacturing errors of the markers and the dirt on its skin."""
     x, y = seen_points(size)
     squared = x * x + y * y
@@ -121,7 +128,7 @@ def make_sensor(size: int, seed: int) -> Sensor:
         "sight": sight,
     }
     single = {name: field.astype(np.float32) for name, field in fields.items()}
-    return Sensor(size=size, marker_x=marker_x, marker_y=marker_y, **single)
+    return Sensor(size=size, marker_x=marker_x, marker_y=marker_y, gel=gel, **single)
 
 
 def picture(
@@ -181,16 +188,41 @@ def _contact_light(sensor: Sensor, press: Press, light: tuple[float, float]) -> 
     """Light that a contact adds: shading of the bent skin, and the object seen through it."""
     x, y = sensor.x - press.x, sensor.y - press.y
     squared = x * x + y * y
-    _, (slope_x, slope_y) = _bent_skin(press, sensor.x, sensor.y)
+    _, (slope_x, slope_y) = _bent_skin(_below_gel(press, sensor.gel), sensor.x, sensor.y)
     shading = SHADING * (light[0] * slope_x + light[1] * slope_y)
     gap = np.maximum(squared - press.contact_radius * press.contact_radius, 0) * (0.5 / press.radius)
-    nearness = exp_minus(gap * (1 / press.fading))
+    nearness = exp_minus(gap * (1 / _blurred_fading(press, sensor.blur)))
     if press.grating is None:
         return shading + press.brightness * nearness
-    plate, wave = _plate(press.grating, x, y), _ridges(press.grating, x, y, sensor.size)
+    plate, wave = _plate(press.grating, x, y), _ridges(press.grating, x, y, sensor)
     towards_light = light[0] * press.grating.across[0] + light[1] * press.grating.across[1]
-    bent = SHADING * towards_light * _imprint_slope(press.grating, x, y)
+    bent = SHADING * towards_light * _imprint_slope(press.grating, x, y, sensor.gel)
     return shading + nearness * plate * (press.brightness * wave + bent)
+
+
+def _below_gel(press: Press, gel: float) -> Press:
+    """Spread a press over the skin below a layer of gel: the same forces on a larger contact."""
+    if gel == 0:
+        return press
+    wider = spread_radius(press.contact_radius, gel) / press.contact_radius
+    return replace(
+        press,
+        contact_radius=press.contact_radius * wider,
+        radius=press.radius * wider * wider * wider,  # F = 4/3 E* a^3 / R stays
+        slip_limit=(press.slip_limit[0] / wider, press.slip_limit[1] / wider),  # of a wider contact of the same force
+        stick_radius=press.stick_radius * wider,
+    )
+
+
+def _blurred_fading(press: Press, blur: float) -> float:
+    """Find the gap at which a touching object has faded to 1/e, as the gel's part of the blur lengthens it.
+
+    Beside the contact the gap widens by a / R for each mm; two lengths of fading add as their squares do.
+    """
+    if blur == BLUR:
+        return press.fading
+    added = math.sqrt(blur * blur - BLUR * BLUR) * press.contact_radius / press.radius
+    return math.sqrt(press.fading * press.fading + added * added)
 
 
 def _bent_skin(press: Press, x: Field, y: Field) -> tuple[Field, tuple[Field, Field]]:
@@ -212,18 +244,19 @@ def _plate(grating: Grating, x: Field, y: Field) -> Field:
     return step((grating.side / 2 - np.maximum(across, along)) * (1 / 0.12))
 
 
-def _ridges(grating: Grating, x: Field, y: Field, size: int) -> Field:
+def _ridges(grating: Grating, x: Field, y: Field, sensor: Sensor) -> Field:
     """Draw a grating's brightness, 1 on a ridge: a square wave's first two harmonics after blur and pixel averaging."""
     first = cosine(_periods(grating, x, y))
     third = first * (4 * first * first - 3)  # cos 3t from cos t
-    first_part, third_part = (2 / math.pi * transfer(grating.period / odd, size) / odd for odd in (1, 3))
+    passed = (transfer(grating.period / odd, sensor.size, sensor.blur) for odd in (1, 3))
+    first_part, third_part = (2 / math.pi * part / odd for part, odd in zip(passed, (1, 3), strict=True))
     wave = 0.5 + first_part * first - third_part * third
     return grating.groove + (1 - grating.groove) * wave
 
 
-def _imprint_slope(grating: Grating, x: Field, y: Field) -> Field:
+def _imprint_slope(grating: Grating, x: Field, y: Field, gel: float) -> Field:
     """Slope across the ridges of the imprint as it arrives at the skin's inside, where markers and light are."""
-    height = grating.imprint * imprint_at_depth(grating.period, SKIN_THICKNESS)
+    height = grating.imprint * imprint_at_depth(grating.period, SKIN_THICKNESS + gel)
     return (-2 * math.pi / grating.period * height) * sine(_periods(grating, x, y))
 
 
@@ -268,14 +301,15 @@ def _marker_pixels(sensor: Sensor, press: Press) -> tuple[Field, Field, Field]:
     """Find column, row and lift (mm towards the camera) of every marker: shear, lean, pin tilt, then perspective."""
     x, y = sensor.marker_x - press.x, sensor.marker_y - press.y
     clamp = _clamp(sensor.marker_x, sensor.marker_y)
-    lift, (slope_x, slope_y) = _bent_skin(press, sensor.marker_x, sensor.marker_y)
+    skin = _below_gel(press, sensor.gel)
+    lift, (slope_x, slope_y) = _bent_skin(skin, sensor.marker_x, sensor.marker_y)
     shear_x, shear_y = shear_field(
-        x, y, press.contact_radius, stick=press.stick_radius, limit=press.slip_limit, poisson=SKIN_POISSON
+        x, y, skin.contact_radius, stick=skin.stick_radius, limit=skin.slip_limit, poisson=SKIN_POISSON
     )
     if press.grating is not None:
         across = press.grating.across
         pressed = _plate(press.grating, x, y) * (x * x + y * y < press.contact_radius * press.contact_radius)
-        ridge = _imprint_slope(press.grating, x, y) * pressed
+        ridge = _imprint_slope(press.grating, x, y, sensor.gel) * pressed
         slope_x, slope_y = slope_x + ridge * across[0], slope_y + ridge * across[1]
     # A pin tilts with the skin it stands on, so its tip moves down the slope: outwards around a contact.
     lean_x, lean_y = press.lean

@@ -35,6 +35,7 @@ from tacevo.data.sources.tacverse import OUTPUTS
 from tacevo.randomness import stream
 from tacevo.records import Json, Kind
 from tacevo.rounding import rounded
+from tacevo.storage.canonical import canonical
 
 #: Changes whenever an image or a label would change; part of the cache key.
 SIMULATOR_VERSION = 4
@@ -95,6 +96,8 @@ class Simulated:
     #: Widths of a ridge, which is also that of a groove, in mm: one class each; used by `grating` only.
     spacings_mm: tuple[float, ...]
     sensor: SimulatedSensor = SimulatedSensor.ViTacTip
+    #: Thickness in mm of the gel on the sensor's skin.
+    gel_mm: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,9 +109,10 @@ class Simulated:
     def describe(self) -> Json:
         """Name everything that determines the images."""
         spacings = self.spacings_mm if self.task is SensorTask.grating else ()
-        kind: dict[str, Json] = {} if self.sensor is SimulatedSensor.ViTacTip else {"sensor": self.sensor.value}
+        later: dict[str, Json] = {} if self.sensor is SimulatedSensor.ViTacTip else {"sensor": self.sensor.value}
+        later |= {"gel_mm": float(self.gel_mm)} if self.gel_mm else {}
         return {
-            **kind,
+            **later,
             "source": "simulated",
             "version": SIMULATOR_VERSION,
             "task": self.task.value,
@@ -131,13 +135,15 @@ class Simulated:
             labels=np.array(labels, dtype=np.int64).reshape(-1) if is_grating else np.array(labels, dtype=np.float64),
             image_size=self.image_size,
             pictures=tuple(partial(draw, self, index) for index in range(self.images)),
+            selected=(f"data.gel_mm={canonical(float(self.gel_mm))}",) if self.gel_mm else (),
         )
 
 
 def draw(source: Simulated, index: int) -> Picture:
     """Draw one picture: uint8, shape (3, image_size, image_size)."""
     press, _, rng = _press(source, index)
-    return picture(make_sensor(source.image_size, source.sensor_seed), press, rng, source.light, source.sensor)
+    sensor = make_sensor(source.image_size, source.sensor_seed, source.gel_mm)
+    return picture(sensor, press, rng, source.light, source.sensor)
 
 
 def _press(source: Simulated, index: int) -> tuple[Press, tuple[float, ...], np.random.Generator]:

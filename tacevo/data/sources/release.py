@@ -42,7 +42,8 @@ def compared(root: Path, held: Held = HELD) -> tuple[tuple[str, ...], tuple[str,
 
     Returns:
         A line for each task, and for archives that lie there; and those of the lines that tell of a difference. A task
-        that is not there differs in nothing: a reader may want one only.
+        that is not there differs in nothing: a reader may want one only. Nor does one that has other sensors alone,
+        which are the reader's own.
     """
     told, differing = [], []
     for task, (images, sensors) in held.items():
@@ -50,11 +51,15 @@ def compared(root: Path, held: Held = HELD) -> tuple[tuple[str, ...], tuple[str,
         if not directory.is_dir():
             told.append(f"{directory.name} is not there")
             continue
+        own = directories(directory)
+        if own and not set(own) & set(sensors):
+            told.append(f"{directory.name}: sensors of your own ({listed(own)})")
+            continue
         count = len(image_files(directory, "**/*"))
         faults = [] if count == images else [f"{count:,} images in place of {images:,}"]
         lacking = [sensor for sensor in sensors if not (directory / sensor).is_dir()]
         faults += [f"it lacks {listed(lacking)}"] if lacking else []
-        faults += [fault for sensor in directories(directory) for fault in _faults_of(task, directory / sensor)]
+        faults += [fault for sensor in own for fault in _faults_of(task, directory / sensor)]
         told.append(
             f"{directory.name}: {listed(faults) or f'{images:,} images of {len(sensors)} sensors, as released'}"
         )

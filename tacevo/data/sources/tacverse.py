@@ -14,7 +14,7 @@ where all but the tested one train; and `few-shot`, where some training images o
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -98,7 +98,8 @@ class TacVerse:
     group_pattern: str | None = None
     #: Gratings: the sizes that are taken, in mm; () for all that every directory has.
     spacings_mm: tuple[float, ...] = ()
-    #: The most images that are taken: of each class alike, at even steps of their order; None for all.
+    #: The most images that are taken: of each class alike, at even steps of their order; None for all. They are counted
+    #: after `test_sensor` has left parts out, and before `shots`, which come on top.
     images: int | None = None
     #: Gratings: what the classes are.
     classes: GratingClasses = GratingClasses.size
@@ -127,10 +128,13 @@ class TacVerse:
 
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
-        images, _ = self._taken(self._listing().images)
+        images, release = self._taken(self._listing().images)
         described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
         described |= {"image_size": self.image_size, **chosen(self, "white_point", "group_pattern")}
         described |= {"selected": list(self.selected)} if self.selected else {}
+        if release is not None and (self.images is not None or self.test_sensor is not None):
+            # What is left out says where the parts of the rest end.
+            described["parts"] = [getattr(release, part).tolist() for part in PARTS]
         if len({image[:2] for image in images}) > 1:
             described["directories"] = [list(image[:2]) for image in images]
         if self.task in COLUMNS:
@@ -187,39 +191,36 @@ class TacVerse:
         return {"groups": groups, "groups_chosen_by": "data.group_pattern"}
 
     def _taken(self, images: Sequence[_Image]) -> tuple[list[_Image], Split | None]:
-        """Take the sizes, the number and the sensors that are asked for; split what is taken as the release does."""
+        """Take the sizes, the sensors and the number that are asked for, in the parts that the release has them in."""
         images = self._of_sizes(sorted(images))
-        if self.images is not None:
-            images = _at_most(self.images, images, self._class_of if self.task not in COLUMNS else lambda _: None)
         if self.task is RecordedTask.hardness:
-            return images, None
-        parts = _released(images)
-        if self.test_sensor is not None:
-            parts = [self._part(image, part) for image, part in zip(images, parts, strict=True)]
-            self._add_shots(images, parts)
-        images = [image for image, part in zip(images, parts, strict=True) if part]
-        kept = np.array([part for part in parts if part])
-        return images, Split(**{part: np.flatnonzero(kept == part) for part in PARTS})
+            return self._capped(images), None
+        part_of = dict(zip(images, _released(images), strict=True))
+        kept = self._capped([image for image, part in part_of.items() if self._is_used(image, part)])
+        taken = sorted([*kept, *self._shots(part_of)])
+        parts = np.array([part_of[image] for image in taken])
+        return taken, Split(**{part: np.flatnonzero(parts == part) for part in PARTS})
 
-    def _part(self, image: _Image, part: str) -> str:
-        """Return a part where sensors differ: the tested one has a test part, the others all but that; else nothing."""
-        return part if (image.sensor == self.test_sensor) == (part == "test") else ""
+    def _is_used(self, image: _Image, part: str) -> bool:
+        """Return whether a part is used where sensors differ: of the tested one its test part, of others all but it."""
+        return self.test_sensor is None or (image.sensor == self.test_sensor) == (part == "test")
 
-    def _add_shots(self, images: Sequence[_Image], parts: list[str]) -> None:
-        """Put some presses of the tested sensor, which are of its training part, into the training part."""
-        if not self.shots:
-            return
+    def _capped(self, images: list[_Image]) -> list[_Image]:
+        if self.images is None:
+            return images
+        return _at_most(self.images, images, self._class_of if self.task not in COLUMNS else lambda _: None)
+
+    def _shots(self, part_of: Mapping[_Image, str]) -> list[_Image]:
+        """Draw some presses of the tested sensor out of its training part, which train, too; return their images."""
+        own = [image for image, part in part_of.items() if image.sensor == self.test_sensor and part == "train"]
         pools = defaultdict(set)
-        for image, part in zip(images, _released(images), strict=True):
-            if image.sensor == self.test_sensor and part == "train":
-                pools[image.pattern, image.kind].add(image.press)
+        for image in own:
+            pools[image.pattern, image.kind].add(image.press)
         drawn = set()
         for key, pool in pools.items():
             order = stream(self.seed, "shots", *map(str, key)).permutation(sorted(pool))
             drawn |= {(*key, press) for press in order[: self.shots].tolist()}
-        for row, image in enumerate(images):
-            if image.sensor == self.test_sensor and image[1:4] in drawn:
-                parts[row] = "train"
+        return [image for image in own if image[1:4] in drawn]
 
     def _of_sizes(self, images: list[_Image]) -> list[_Image]:
         """Keep the gratings of the chosen sizes, or of those that each directory has."""
@@ -333,19 +334,18 @@ def _gratings(directory: Path, sensor: str, pattern: str) -> list[_Image]:
 
 
 def _shapes(directory: Path, sensor: str) -> _Listing:
-    """Find the images of each shape; as the release's own code, by the last number in each name."""
+    """Find the images of each shape; as the release's own code, in the order of the last number in each name."""
     names = directories(directory)
     images, unnumbered, empty = [], [], []
     for name in names:
         paths = image_files(directory / name, "*")
         empty += [] if paths else [name]
-        for path in paths:
-            digits = re.findall(r"\d+", path.stem, flags=re.ASCII)
+        numbers = {path: re.findall(r"\d+", path.stem, flags=re.ASCII) for path in paths}
+        unnumbered += [f"{name}/{path.name}" for path, digits in numbers.items() if not digits]
+        ordered = sorted((int(digits[-1]), path) for path, digits in numbers.items() if digits)
+        for number, (_, path) in enumerate(ordered):  # numbers may repeat: each image is one of its own
             place = f"{name}/{path.name}"
-            if digits:
-                images.append(_Image(sensor, "", name, int(digits[-1]), 0, path, place, (), f"{sensor}/{place}"))
-            else:
-                unnumbered.append(place)
+            images.append(_Image(sensor, "", name, number, 0, path, place, (), f"{sensor}/{place}"))
     expected = "the directory that has one directory of images per shape"
     if not images:
         raise DataError(str(directory), place="data.sensor", expected=expected, remedy=content(directory))

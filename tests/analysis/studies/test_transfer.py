@@ -18,7 +18,7 @@ from analysis.sweeps.pilots import study_pilot
 from analysis.sweeps.plans import Wish, plan
 from analysis.table import Percent
 from analysis.tables.comparison import ONE_SPLIT
-from analysis.tables.transfer import OWN, joint_table, transfer_table
+from analysis.tables.transfer import OWN, joint_table, transfer_table, transfer_tables
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
@@ -70,6 +70,18 @@ def test_table_is_network_by_data_set() -> None:
     ]
 
 
+def test_data_are_named_by_what_tells_them_apart() -> None:
+    """What all others than the run's own share is said once, in a note; one that has nothing else is named whole."""
+    left_out = (("sensor", "A+B"), ("test_sensor", "A")), (("sensor", "A+B"), ("test_sensor", "B"))
+    moved = [replace(elsewhere(ONE, number), other_data=other) for number, other in enumerate(left_out)]
+    table = transfer_table([(study, None) for study in (study_of(ONE), *moved)])
+    assert list(dict.fromkeys(row[0] for row in table.rows)) == [OWN, "test_sensor=A", "test_sensor=B"]
+    assert any("sensor=A+B." in note for note in table.notes)
+    whole = replace(elsewhere(ONE, 3), other_data=(("sensor", "A+B"),))
+    table = transfer_table([(study, None) for study in (whole, *moved)])
+    assert list(dict.fromkeys(row[0] for row in table.rows)) == ["sensor=A+B", "test_sensor=A", "test_sensor=B"]
+
+
 def test_agreement_on_the_order_is_kendalls_w() -> None:
     """By hand: one order on all data sets is 1; ranks 2, 1, 3 and 2, 3, 1 add up to 4 each, which is 0."""
     same, again = study_of(ONE), elsewhere({name: [2 * value for value in ONE[name]] for name in ONE}, 7)
@@ -103,6 +115,33 @@ def test_joint_answer_keeps_seeds_and_data_sets_apart() -> None:
     assert tuple(three.p_here) == holm(alone)
     higher = [replace(study_of({"baseline": [0.5] * 4, "a": [0.6] * 4}, kind=Kind.classification))] * 2
     assert joint([(study, None) for study in higher]).better.tolist() == [2]
+
+
+def confused(values: Mapping[str, Sequence[float]], split: int) -> RecordedStudy:
+    """Make a study of two classes, alike frequent, on another split; accuracies are multiples of 0.01."""
+    study = study_of(values, kind=Kind.classification)
+    tables = [
+        ((round(100 * score.metrics["accuracy"]), 100 - round(100 * score.metrics["accuracy"])), (0, 100))
+        for score in study.scores
+    ]
+    told = tuple(replace(score, confusion=table) for score, table in zip(study.scores, tables, strict=True))
+    return replace(
+        study, scores=told, data=replace(study.data, fingerprint=f"{split:064d}"), other_data=(("split_seed", split),)
+    )
+
+
+def test_data_set_at_chance_has_no_part_in_an_order() -> None:
+    """There a network is first by luck: it would count as a data set on which it is better."""
+    learnt = {"baseline": [0.7, 0.71, 0.72, 0.73], "a": [0.8, 0.81, 0.82, 0.83], "b": [0.9, 0.91, 0.92, 0.93]}
+    luck = {"baseline": [0.5, 0.51, 0.5, 0.51], "a": [0.5] * 4, "b": [0.49] * 4}
+    one, again, lost = confused(learnt, 1), confused(learnt, 2), confused(luck, 3)
+    table, answer = transfer_tables([(study, None) for study in (one, again, lost)])
+    assert any(note.startswith("At chance: every network on split_seed=3;") for note in table.notes)
+    assert any("Kendall's W = 1.00" in note for note in table.notes)
+    assert answer.rows == joint_table([(one, None), (again, None)]).rows
+    (alone,) = transfer_tables([(one, None), (lost, None)])
+    assert not any("Kendall" in note for note in alone.notes)
+    assert all("At chance" not in note for note in transfer_table([(one, None), (again, None)]).notes)
 
 
 def test_shares_are_percentages() -> None:

@@ -112,7 +112,7 @@ def test_identical_values_are_not_mann_whitney_of() -> None:
 def test_arm_that_is_the_reference_by_construction_leaves_the_family() -> None:
     """Nothing is tested, and another arm is corrected as if it were not there; with one seed, too."""
     runs = jobs({"none": NONE, "same": NONE, "better": BETTER}, {"none": range(5), "same": range(5)})
-    ablation = compare_arms(runs, twins=["same"])
+    ablation = compare_arms(runs, twins=[("none", "same")])
     same = contrast(ablation, "same")
     assert (same.comparability, same.differing, is_untested(same)) == (Comparability.by_construction, 0, True)
     assert contrast(ablation, "better").p_holm == pytest.approx(2 / 252)

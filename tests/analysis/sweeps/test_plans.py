@@ -222,6 +222,17 @@ def test_pilot_of_a_sweep_has_both_spreads() -> None:
     assert noisy.spread.deviation == 0
 
 
+def test_pilot_that_tests_some_arms_is_planned_by_their_scores() -> None:
+    """As if the other arms, which the sweep states to leave untested, were not there."""
+    whole = sweep_with({"none": [(1.0, 2.0), (3.0, 3.0)], "a": [(9.0, 2.0), (7.0, 7.0)]})
+    left = [finished("left", seed, run_to(best)) for seed, best in enumerate((0.5, 0.9))]
+    assert whole.terms.retraining is not None
+    terms = SweepTerms(retraining=replace(whole.terms.retraining, arms=("none", "a")))
+    some = replace(whole, finished=(*whole.finished, *left), terms=terms)
+    assert replace(sweep_pilot([some]), runs=()) == replace(sweep_pilot([whole]), runs=())
+    assert sweep_pilot([replace(some, terms=whole.terms)]).metric == "fitness"
+
+
 def test_pilot_of_several_networks_a_job_is_planned_by_their_losses() -> None:
     """By hand: jobs at 1 and e, seeds of a network 0 and 2 apart; two networks and four seeds leave sqrt(2 / 8)."""
     e = math.e

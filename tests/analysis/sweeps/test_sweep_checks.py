@@ -120,8 +120,11 @@ def test_jobs_that_differ_are_refused(other: FinishedJob, place: str, values: tu
 
 
 def test_other_version_of_what_decides_nothing_is_let_through() -> None:
-    """A mirror's, for one."""
-    beside(finished("a", 0, altered(RUN, versions={**VERSIONS, "mlflow": "9.9"})))
+    """A mirror's, for one; of two versions that differ, the one that decides is named."""
+    mirrored = {**VERSIONS, "mlflow": "9.9"}
+    beside(finished("a", 0, altered(RUN, versions=mirrored)))
+    with refused(IncomparableError, place="version of torch"):
+        beside(finished("a", 0, altered(RUN, versions={**mirrored, "torch": "0.1"})))
 
 
 def test_runs_that_one_budget_ended_may_differ_in_their_generations() -> None:

@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 from hand_runs import altered
-from hand_sweeps import NONE, WORSE, compared, finished, jobs_of, run_to, sweep_of
+from hand_sweeps import NONE, WORSE, compared, curves_of, finished, jobs_of, run_to, sweep_of
 
-from analysis.sweeps.ablation import Ablation, compare_arms
+from analysis.sweeps.ablation import Ablation, compare_arms, jobs_frame
 from analysis.sweeps.arm_metrics import TESTED, Metric
 from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Table
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
@@ -78,18 +78,35 @@ def test_arm_without_a_record_of_prompts_is_named_the_reference() -> None:
     without = [configured("without", seed, prompts={"policy": "none"}) for seed in range(5)]
     sweep = sweep_of([*jobs, *without])
     assert sweep.twins_of("none") == ["without"]
-    ablation = compare_arms(compared(*jobs, *without)[1].jobs, twins=["without"])
+    ablation = compare_arms(compared(*jobs, *without)[1].jobs, twins=sweep.twins)
     table = best(sweep, ablation)
     told = next(note for note in table.notes if note.startswith("Identical by construction: without."))
     assert "prompts=uniform" in told
     assert any("corrected over 1 arm after Holm" in note for note in table.notes)
     overview = arms_table(sweep, ablation, "n")
     assert told in overview.notes
+    assert "Runs of such arms and one seed were compared: they are equal, candidate by candidate." in overview.notes
     marks = {row[0]: row[2] for row in overview.rows}
     assert (overview.columns[2], marks) == ("equal to", {"none": None, "worse": None, "without": "none"})
     curious = [configured(one.job.arm, one.job.seed, prompts={"policy": "curiosity"}) for one in jobs[:5]]
     assert sweep_of([*curious, *without]).twins_of("none") == []
     assert "equal to" not in arms_table(SWEEP, FOUND, "n").columns
+
+
+def test_twins_that_differ_are_an_error_that_is_told_first() -> None:
+    """By their pairs of jobs, also where neither arm is the reference, or a seed is in one of both alone."""
+    jobs = [configured("none", seed, archive={"kind": "best"}) for seed in range(5)]
+    jobs += [configured("a", seed) for seed in range(5)]
+    jobs += [configured("b", seed, (*NONE[:3], 0.9, 0.9), prompts={"policy": "none"}) for seed in range(1, 4)]
+    sweep, ablation = compared(*jobs)
+    assert sweep.twins == [("a", "b")]
+    ablation = compare_arms(ablation.jobs, twins=sweep.twins)
+    for table in (arms_table(sweep, ablation, "n"), best(sweep, ablation)):
+        (error,) = (note for note in table.notes if note.startswith("ERROR"))
+        assert "a-seed3 and b-seed3 are one search by construction, and differ" in error
+        assert "seed2" not in error
+        assert not any("they are equal" in note for note in table.notes)
+        assert any(note.startswith("Identical by construction: a and b,") for note in table.notes)
 
 
 def test_temperature_of_the_grammar_is_explained_where_arms_differ_in_it() -> None:
@@ -168,11 +185,36 @@ def test_primary_metric_is_told_and_the_noisy_minimum_is_secondary() -> None:
     assert arms_table(sweep, ablation, "n").columns[2:5] == ("test MSE", "test loss", "best fitness")
     assert "10 of 50 trainings had the best epoch in the last tenth" in " ".join(table.notes)
     several = replace(STATED, retraining=Retraining(elites=2, seeds=5, epochs=9, choose=ChosenBy.reestimated))
-    told = " ".join(metric_table(replace(sweep, terms=several), ablation, Metric.test_loss, ARCHIVE).notes)
+    first, *others = sweep.finished
+    assert first.tested is not None
+    alone = replace(first, tested=replace(first.tested, networks=("g00s00",) * 2, lacking=2))
+    few = replace(sweep, terms=several, finished=(alone, *others))
+    told = " ".join(metric_table(few, ablation, Metric.test_loss, ARCHIVE).notes)
     assert "the 2 networks with the best median fitness in a noise run" in told
-    assert "Fewer networks of different sources were there, and all were tested: none-seed0 (1)" in told
+    assert "the baseline counts in the places that are left, so that every value is of as many: none-seed0 (2)." in told
+    assert "10 of 50 trainings had the best epoch" in told  # it was trained once
     late = replace(sweep, terms=replace(STATED, primary=None))
     assert "after their searches" in metric_table(late, ablation, Metric.test_mse, ARCHIVE).notes[0]
+
+
+def test_arm_that_is_not_to_be_tested_is_in_no_family_of_the_test_scores() -> None:
+    """It is compared in all else, and its failed jobs are no test's; the other arm alone is corrected for."""
+    jobs = [*scored(NONE, "none"), *scored(WORSE, "worse"), *jobs_of("left", WORSE)]
+    failed = [replace(jobs[-1].job, name=f"left-seed{seed}", seed=seed) for seed in (5, 6)]
+    sweep, _ = compared(*jobs)
+    stated = Retraining(seeds=5, epochs=9, choose=ChosenBy.fitness, arms=("none", "worse"))
+    sweep = replace(sweep, terms=replace(STATED, retraining=stated))
+    assert sweep.not_tested == ["left"]
+    frame = jobs_frame(sweep.finished, curves_of(sweep.finished))
+    ablation = compare_arms(frame, failed=failed, not_tested=sweep.not_tested)
+    tests, fitness = ablation.arms[Metric.test_mse], ablation.arms[Metric.best_fitness]
+    assert tests.comparability["left"] == "not tested"
+    assert (tests.n["left"], tests.n_arm["left"], fitness.n_arm["left"]) == (0, 0, 7)
+    assert tests.p_holm["worse"] == tests.p["worse"]
+    assert any("corrected over 2 arms after Holm" in note for note in best(sweep, ablation).notes)
+    notes = metric_table(sweep, ablation, Metric.test_mse, ARCHIVE).notes
+    assert "Not tested, as the sweep states: left. No family counts such an arm." in notes
+    assert any("corrected over 1 arm after Holm" in note for note in notes)
 
 
 def test_primary_metric_without_values_is_missed() -> None:

@@ -21,6 +21,7 @@ from tacevo.data.simulator.contact import (
     normal_force,
     shear_field,
     slip_limit,
+    spread_radius,
     stick_radius,
     tangential_force,
 )
@@ -33,6 +34,16 @@ def test_moduli_and_radii_combine_as_springs_in_series() -> None:
     assert contact_modulus(2.0, 0.5, 2.0, 0.5) == pytest.approx(contact_modulus(2.0, 0.5) / 2)
     assert contact_modulus(0.75, 0.5) == pytest.approx(1.0)
     assert combined_radius(4.0, 4.0) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.2, 1.0, 3.0, 20.0])
+def test_contact_is_as_wide_below_as_its_displacement_says(depth: float) -> None:
+    """On the axis at a depth, the displacement under Hertz's pressure is that of a wider contact of the same force."""
+    place = (np.arange(100_000) + 0.5) / 100_000  # a = R = E* = 1, so p = 2 sqrt(1 - r^2) / pi, 4 pi G = pi
+    apart = np.hypot(place, depth)  # Boussinesq of each ring, with nu = 0.5
+    rings = 2 / math.pi * np.sqrt(1 - place**2) * (1 / apart + depth**2 / apart**3) * 2 * place
+    force = normal_force(1.0, 1.0, 1.0)
+    assert 3 * force / (4 * spread_radius(1.0, depth)) == pytest.approx(rings.mean(), rel=0.02)
 
 
 @given(depth=LENGTH, radius=LENGTH)

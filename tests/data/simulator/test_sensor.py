@@ -11,8 +11,17 @@ from PIL import Image
 from scipy import ndimage
 
 from tacevo.choices import LightScene
-from tacevo.data.simulator.contact import normal_field, stick_radius
-from tacevo.data.simulator.sensor import Grating, Press, _bent_skin, _marker_cover, _marker_pixels, make_sensor, picture
+from tacevo.data.simulator.contact import normal_field, shear_field, stick_radius
+from tacevo.data.simulator.sensor import (
+    Grating,
+    Press,
+    _below_gel,
+    _bent_skin,
+    _marker_cover,
+    _marker_pixels,
+    make_sensor,
+    picture,
+)
 from tacevo.randomness import stream
 
 #: The sensor at rest.
@@ -37,9 +46,9 @@ Grey = npt.NDArray[np.float64]
 
 
 @cache
-def clean(press: Press, scene: LightScene = LightScene.standard) -> Grey:
+def clean(press: Press, scene: LightScene = LightScene.standard, gel: float = 0.0) -> Grey:
     """Average the grey picture of a press over 20 draws of light and noise, at 256 pixels."""
-    sensor = make_sensor(256, 0)
+    sensor = make_sensor(256, 0, gel)
     pictures = [picture(sensor, press, stream(0, "test", number), scene)[1] for number in range(20)]
     return np.asarray(np.mean(pictures, axis=0))
 
@@ -147,6 +156,49 @@ def test_skin_is_held_at_the_rim() -> None:
     for slope, right, down in ((slope_x, step, 0.0), (slope_y, 0.0, step)):
         ahead, behind = (_bent_skin(press, x + side * right, y + side * down)[0] for side in (1, -1))
         assert slope[[1, 3]] == pytest.approx((ahead - behind)[[1, 3]] / (2 * step), rel=1e-4, abs=1e-6)
+
+
+def test_gel_spreads_a_press_and_keeps_its_force() -> None:
+    """The skin below bends less at the middle and more beside it, and far away as much as without, in every way."""
+    press = replace(NO_CONTACT, contact_radius=2.0, radius=3.6, share=1.0, slip_limit=(1.0, 0.5), stick_radius=1.0)
+    below = _below_gel(press, 2.0)
+    distance = np.array([0.01, 3.5, 60.0])
+    bare, spread = (normal_field(distance, one.contact_radius, one.radius)[0] for one in (press, below))
+    sheared, apart = (
+        shear_field(
+            distance, 0 * distance, one.contact_radius, stick=one.stick_radius, limit=one.slip_limit, poisson=0.49
+        )
+        for one in (press, below)
+    )
+    for plain, gelled in ((bare, spread), (sheared[0], apart[0])):
+        assert gelled[0] < 0.75 * plain[0]
+        assert gelled[2] == pytest.approx(plain[2], rel=2e-3)
+    assert spread[1] / spread[0] > 1.2 * bare[1] / bare[0]
+    assert _below_gel(press, 0.0) == press
+
+
+@pytest.mark.parametrize("gel", [1.0, 3.0])
+def test_gel_blurs_fine_gratings_before_coarse_ones(gel: float) -> None:
+    """Each loses contrast with the thickness, in the picture and in its markers' tilt, and a fine one loses all."""
+
+    def contrast(period: float, thickness: float) -> float:
+        grating = Grating(period=period, across=(1.0, 0.0), phase=0.0, groove=0.0, imprint=0.0, side=16.0)
+        flat = replace(NO_CONTACT, contact_radius=8.0, radius=38.0, brightness=60.0, fading=5.0)
+        ridged = clean(replace(flat, grating=grating), gel=thickness) - clean(flat, gel=thickness)
+        return float(ridged[100:156, 74:182].mean(axis=0).std())
+
+    left = {period: contrast(period, gel) / contrast(period, 0.0) for period in (1.5, 4.0)}
+    assert left[1.5] < 0.75 * left[4.0] < 0.75
+
+
+def test_gel_widens_what_is_seen_of_a_ball() -> None:
+    """Beside the contact the light of a touching ball reaches further; on the contact it is as bright."""
+    press = replace(NO_CONTACT, contact_radius=2.0, radius=4.0, brightness=60.0, fading=0.3)
+    bare, gelled = (clean(press, gel=gel) - clean(NO_CONTACT, gel=gel) for gel in (0.0, 3.0))
+    place = np.hypot(*(make_sensor(256, 0).x, make_sensor(256, 0).y))
+    assert gelled[place < 1.8].mean() == pytest.approx(bare[place < 1.8].mean(), rel=0.02)
+    beside = (place > 2.6) & (place < 3.4)
+    assert gelled[beside].mean() > 1.3 * bare[beside].mean()
 
 
 def test_contact_fades_with_the_gap() -> None:

@@ -76,6 +76,25 @@ def test_kinds_of_sensors_see_markers_the_object_or_both(task: SensorTask) -> No
     assert np.abs(pictures[SimulatedSensor.TacTip] - pictures[SimulatedSensor.ViTacTip]).max() > 15
 
 
+@pytest.mark.parametrize("task", SensorTask)
+@pytest.mark.parametrize("sensor", SimulatedSensor)
+def test_gel_changes_what_is_seen_and_no_label(task: SensorTask, sensor: SimulatedSensor) -> None:
+    """So sensors differ by it alone; no gel is what was there before the setting, in the cache's key, too."""
+    bare = replace(FORCE, task=task, sensor=sensor, image_size=64)
+    gels = [bare, *(replace(bare, gel_mm=gel) for gel in (0.5, 2.0))]
+    assert len({source.catalogue().labels.tobytes() for source in gels}) == 1
+    assert len({draw(source, 3).tobytes() for source in gels}) == len({str(source.describe()) for source in gels}) == 3
+    assert replace(bare, gel_mm=0.0).describe() == bare.describe()
+    assert "gel" not in str(bare.describe())
+
+
+def test_gel_stands_in_the_facts(tmp_path: Path) -> None:
+    """A run says what its sensor had on; one without says nothing, as runs of before the setting."""
+    bare, gelled = (loaded(replace(FORCE, gel_mm=gel), tmp_path).facts for gel in (0.0, 1.5))
+    assert (bare.selected, gelled.selected) == ((), ("data.gel_mm=1.5",))
+    assert bare.fingerprint != gelled.fingerprint
+
+
 @pytest.mark.parametrize("task", [SensorTask.force, SensorTask.hardness])
 def test_image_depends_on_its_index_and_not_on_the_others(task: SensorTask) -> None:
     """Drawing in another order, or a larger data set, gives the same picture and label."""

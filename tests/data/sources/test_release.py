@@ -69,6 +69,16 @@ def test_one_task_may_be_there_alone_and_archives_are_measured(tmp_path: Path) -
     assert f"1 archive of 2 bytes, in place of {ARCHIVES} of {BYTES:,} bytes" in told[3]
 
 
+def test_sensors_of_ones_own_are_compared_with_no_release(tmp_path: Path) -> None:
+    """A laboratory may lay its images out so; one sensor of the release beside them, and it is a download again."""
+    save_image(tmp_path / "Grating_Classification" / "Mine" / "Plate" / "1_1_1.png", 0)
+    told, differing = compared(tmp_path, SMALL)
+    assert "Grating_Classification: sensors of your own (Mine)" in told
+    assert differing == ()
+    save_image(tmp_path / "Grating_Classification" / "ViTacTip" / "Blackdot" / "1_1_1.png", 0)
+    assert len(compared(tmp_path, SMALL)[1]) == 1
+
+
 def test_figures_of_the_release_agree_with_its_total() -> None:
     """The authors' page has 106,800 images of three tasks; 30 sizes reach from 0.3 to 1.75 mm."""
     assert sum(images for images, _ in HELD.values()) == 106_800

@@ -279,6 +279,54 @@ def test_protocols_of_the_release(tmp_path: Path) -> None:
         replace(source, sensor="B", test_sensor="B").catalogue()
 
 
+@pytest.mark.parametrize("end", ["_0", ""])
+def test_number_of_a_shape_is_its_order_and_no_press(tmp_path: Path, end: str) -> None:
+    """Where all or some images of a shape have one number, each still counts alone for split and shots."""
+    for sensor in ("A", "B"):
+        for number in range(10):
+            save_image(
+                tmp_path / "Shape_Classification" / sensor / "ball" / f"ball{number // 2}{number % 2}{end}.png", 0
+            )
+            save_image(
+                tmp_path / "Shape_Classification" / sensor / "ring" / f"ring{'ab'[number % 2]}{number // 2}.png", 0
+            )
+    source = replace(save_gratings(tmp_path), task=RecordedTask.shape, sensor="A")
+    parts = released(source.catalogue())
+    assert [len(getattr(parts, part)) for part in ("train", "validation", "test")] == [12, 4, 4]
+    assert files_of(source.catalogue(), "test")[:2] == [f"A/ball/ball4{last}{end}" for last in "01"]
+    few = files_of(replace(source, test_sensor="B", shots=3).catalogue(), "train")
+    assert sum(name.startswith("B/ball") for name in few) == sum(name.startswith("B/ring") for name in few) == 3
+
+
+@pytest.mark.parametrize(("sensor", "ratio"), [("A", (3, 1, 1)), ("A+B+C", (6, 2, 1))])
+@pytest.mark.parametrize("shots", [0, 2])
+def test_images_cap_what_a_protocol_uses(tmp_path: Path, sensor: str, ratio: tuple[int, int, int], shots: int) -> None:
+    """Each part and class keeps its share, whether one sensor trains or several, and shots come on top."""
+    save_shapes(tmp_path, "A", "B", "C")
+    every = replace(save_shapes(tmp_path, "A"), sensor=sensor, test_sensor="C", shots=shots)
+    capped = replace(every, images=2 * sum(ratio)).catalogue()
+    assert capped.release is not None
+    sizes = [len(part) for part in (capped.release.train, capped.release.validation, capped.release.test)]
+    assert sizes == [2 * ratio[0] + 2 * shots, 2 * ratio[1], 2 * ratio[2]]
+    assert len(set(np.bincount(capped.labels).tolist())) == 1
+    assert set(files_of(capped, "test")) <= set(files_of(every.catalogue(), "test"))
+    assert sum(name.startswith("C") for name in files_of(capped, "train")) == 2 * shots
+
+
+def test_parts_stand_in_the_description(tmp_path: Path) -> None:
+    """The same images are in other parts where one that a protocol leaves out is there or not: not one cache entry."""
+    for number in range(8):
+        for sensor, shape in (("A", "ball"), ("A", "ring"), ("B", "ball"), ("B", "ring")):
+            save_image(tmp_path / "Shape_Classification" / sensor / shape / f"{number}.png", number)
+    source = replace(save_gratings(tmp_path), task=RecordedTask.shape, sensor="A", test_sensor="B")
+    full, described = source.catalogue(), source.describe()
+    for shape in ("ball", "ring"):
+        (tmp_path / "Shape_Classification" / "A" / shape / "7.png").unlink()
+    assert source.catalogue().files == full.files
+    assert len(released(source.catalogue()).train) < len(released(full).train)
+    assert source.describe() != described
+
+
 @pytest.mark.parametrize("change", [{"sensor": "ViTacTip+ViTacTip"}, {"sensor": "ViTacTip+"}, {"pattern": "+Blackdot"}])
 def test_directory_that_is_named_twice_or_not_is_refused(tmp_path: Path, change: dict[str, Any]) -> None:
     """An image would be there twice, or every directory would be read as one."""

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from array import array
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -40,6 +41,31 @@ def hear(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
 def send_without_waiting(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write many frames, and ask about none."""
     _write_all(b"".join([_frame(4)] * 500) + _DONE)
+
+
+def send_after_the_end(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write two frames, the end, and two frames more."""
+    _write_all(b"".join([_frame(4)] * 2) + _DONE + b"".join([_frame(4)] * 2))
+
+
+def spin_while_scored(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write two frames and compute on, whatever is said of them."""
+    _write_all(_frame(4) * 2)
+    spin(header, payload, arrays, send)
+
+
+def fill_memory_while_scored(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Write a frame that no socket's buffer holds, then take 600 MiB."""
+    _write_all(_frame(2**20 // 4))
+    fill_shared_memory(header, payload, arrays, send)
+
+
+def send_better_and_better(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Predict numbers that come nearer to all labels, each time after the same epoch; send what was said of each."""
+    values = header["validation"] * header["contract"]["outputs"]
+    report = {"epoch": 0, "train_loss": 0.5, "steps": 8}
+    guesses = (array("f", [100.0 - number] * values).tobytes() for number in range(50))
+    send([send(report, guess) for guess in guesses], b"")
 
 
 def look_around(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
