@@ -91,10 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 status: int = options.command(options)
             return status
         except KeyboardInterrupt as interruption:
-            if arguments is None:
-                signal.signal(
-                    signal.SIGINT, signal.SIG_DFL
-                )  # Python, as it ends, would print where a second one struck
+            _end_at_once(arguments)
             print(f"\ninterrupted; {_kept(interruption) or options.interrupted}", file=sys.stderr)
             return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
         except BrokenPipeError:
@@ -102,13 +99,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stdout.close()
             return DONE
         except TacevoError as error:
+            _end_at_once(arguments)
             names = {BundleError: "refused", DivergenceError: "different"}
             print(f"{names.get(type(error), 'error')}: {printable(str(error))}", file=sys.stderr)
             return DIFFERENT if type(error) in names else MISTAKE
         except OSError as error:  # a full disk, a directory without permission
+            _end_at_once(arguments)
             named = error.filename is not None and error.strerror is not None
             print(f"error: {f'{error.filename}: {error.strerror}' if named else error}", file=sys.stderr)
             return MISTAKE
+
+
+def _end_at_once(arguments: Sequence[str] | None) -> None:
+    """Let a process that says its last words end at the next Ctrl-C: Python would print where that struck."""
+    if arguments is None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _kept(interruption: BaseException | None) -> str:

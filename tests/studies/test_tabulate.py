@@ -25,7 +25,7 @@ from tacevo.reproduce.space_table import retrain_table, verify_table
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.space_table import CARD, MANIFEST, SpaceTable, check_size, is_table, read_table, write_table
 from tacevo.rules import CURRENT
-from tacevo.runs.estimate import describe_time, describe_estimates
+from tacevo.runs.estimate import describe_estimates, describe_time
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
 from tacevo.storage.canonical import canonical
