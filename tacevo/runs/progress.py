@@ -96,7 +96,7 @@ class Progress:
 
     def _standing(self) -> str:
         """Say how far the unfinished work is, and how long the rest takes; of what is not counted, how long it took."""
-        *_, shown = [task for task in self._bars.tasks if task.visible and not task.finished]
+        *_, shown = [task for task in self._bars.tasks if not task.finished]  # the clock is first, and has no end
         if shown.id == self._clock:
             return f"at work for {lasting(shown.elapsed or 0)}"
         left = _left(shown)
