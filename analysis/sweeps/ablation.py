@@ -326,22 +326,20 @@ def _contrast(
 def corrected_p(
     samples: Mapping[str, Mapping[int, float]],
     searches: Mapping[str, Mapping[int, float]],
-    twins: Collection[str] = (),
 ) -> dict[str, float]:
     """Return the p after Holm of every arm but the first, the reference, as `compare_arms`; 1 where nothing is tested.
 
     Args:
         samples: of each arm, the known values by seed.
         searches: of each arm, by seed, numbers that are equal where two searches are.
-        twins: arms that are one search with the reference by construction.
     """
-    compared = _compared(samples, searches, twins, ()).items()
+    compared = _compared(samples, searches, (), ()).items()
     tested = {
         name: mann_whitney(list(x.values()), list(y.values())).p
         for name, (kind, _, x, y) in compared
         if kind is Comparability.comparable
     }
-    return dict.fromkeys([*samples][1:], 1.0) | _corrected(_family(samples, twins), tested)
+    return dict.fromkeys([*samples][1:], 1.0) | _corrected(_family(samples, ()), tested)
 
 
 def _compared(

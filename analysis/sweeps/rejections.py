@@ -1,7 +1,7 @@
 """How often the tests of a sweep's arms reject: where both samples are of one arm, and where they are of two. Pure.
 
 Many searches of each arm, as the table of a space makes them cheap, are divided into small sweeps that share no search,
-and each is compared as `tacevo ablations` compares it.
+and each is compared as `tacevo ablations` compares it; jobs that failed are in none.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -33,12 +33,13 @@ def rejection_rates(
         jobs: finished runs (`analysis.sweeps.ablation.JOBS`); seeds that an arm lacks are left out.
         seeds: of each arm in a small sweep, at least 2.
         wanted: the arm that others are compared with.
-        twins: as of `corrected_p`.
+        twins: arms that are one search with it by construction, which nothing tests.
 
     Returns:
-        A row for each arm but the reference, arm against itself, and metric; none where there are too few seeds.
+        A row for each metric, and each arm that has values of it: against itself, and against `wanted`, where this has
+        values; none where there are too few seeds.
     """
-    arms = sorted(set(jobs.arm), key=lambda arm: arm != wanted)
+    arms = sorted(dict.fromkeys(jobs.arm), key=lambda arm: arm != wanted)
     shared = sorted(set.intersection(*(set(jobs.seed[jobs.arm == arm]) for arm in arms)))
     blocks = [shared[start : start + seeds] for start in range(0, len(shared) - seeds + 1, seeds)]
     pairs = list(zip(blocks[::2], blocks[1::2], strict=False))
@@ -46,10 +47,11 @@ def rejection_rates(
     rows = []
     for metric in Metric:
         samples, p = samples_of(jobs, metric), dict[tuple[str, str], list[float]]()
-        for block in blocks if samples else []:
-            for arm, corrected in _p(samples, searches, {arm: (arm, block) for arm in arms}, twins).items():
+        tested = [arm for arm in arms if arm in samples and arm not in twins]
+        for block in blocks if wanted in tested else []:
+            for arm, corrected in _p(samples, searches, {arm: (arm, block) for arm in tested}).items():
                 p.setdefault((arm, wanted), []).append(corrected)
-        for arm, (one, other) in product(arms, pairs if samples else []):
+        for arm, (one, other) in product(tested, pairs):
             own = _p(samples, searches, {"one": (arm, one), "other": (arm, other)})
             p.setdefault((arm, arm), []).append(own["other"])
         for (arm, against), values in p.items():
@@ -63,7 +65,6 @@ def _p(
     samples: Mapping[str, Mapping[int, float]],
     searches: Mapping[str, Mapping[int, float]],
     picked: Mapping[str, tuple[str, Sequence[int]]],
-    twins: Collection[str] = (),
 ) -> dict[str, float]:
     """Compare samples of these arms and seeds, by name, the first with each other, as if all had the first's seeds."""
     (_, shared), *_ = picked.values()
@@ -75,4 +76,4 @@ def _p(
             for own in [values.get(arm, {})]
         }
 
-    return corrected_p(taken(samples), taken(searches), twins)
+    return corrected_p(taken(samples), taken(searches))

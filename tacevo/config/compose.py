@@ -184,11 +184,12 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 
 
 def _as_list(override: str) -> str:
-    """Write the arms of a study, which a user separates by commas, as Hydra writes a list."""
-    if not override.startswith("arms="):
+    """Write the arms of a study, which a user separates by commas, as Hydra writes a list of texts."""
+    key, _, value = override.partition("=")
+    if key != "arms" or value.startswith("["):
         return override
-    (values,) = spread([override])
-    return override if len(values) == 1 else f"arms=[{','.join(value.removeprefix('arms=') for value in values)}]"
+    names = [as_override("", part.strip("'\"")).removeprefix("=") for part in value.split(",")]
+    return f"arms=[{','.join(names)}]"
 
 
 def _names_any(override: str, settings: Collection[str]) -> bool:

@@ -26,7 +26,7 @@ _ELSEWHERE = {
 
 
 #: Tags within a text that stand on lines of their own.
-_LINES = frozenset({"br", "div", "li", "ol", "p", "ul"})
+_BLOCKS = frozenset({"div", "li", "ol", "p", "ul"})
 
 
 class _Page(HTMLParser):
@@ -43,7 +43,8 @@ class _Page(HTMLParser):
         """Note headings, and begin a text, or a line of one."""
         if self._open:
             self._depth += tag == self._open
-            self.handle_data("\n" if tag in _LINES else "")
+            self._end_line(tag)
+            self.handle_data("\n" if tag == "br" else "")
             return
         known = {name: value or "" for name, value in attrs}
         if tag in {"h1", "h2", "h3"}:
@@ -54,7 +55,7 @@ class _Page(HTMLParser):
 
     def handle_endtag(self, tag: str) -> None:
         """End a text, or a line of one."""
-        self.handle_data("\n" if tag in _LINES else "")
+        self._end_line(tag)
         if tag == self._open and self._depth == 0:
             self._open = ""
         self._depth -= tag == self._open
@@ -63,6 +64,12 @@ class _Page(HTMLParser):
         """Add to the text that is open."""
         if self._open:
             self.texts[self._section, self._open][-1] += data
+
+    def _end_line(self, tag: str) -> None:
+        """End the line before and after a block, where there is one."""
+        text = self.texts[self._section, self._open][-1] if self._open else ""
+        if tag in _BLOCKS and text and not text.endswith("\n"):
+            self.handle_data("\n")
 
 
 def read_supplement(path: Path, task: str, crossover: str) -> dict[str, str]:

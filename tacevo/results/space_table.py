@@ -177,7 +177,7 @@ class SpaceTable:
         return refused + failed
 
 
-def setting(config: RunConfig, key: str) -> object:
+def value_of(config: RunConfig, key: str) -> object:
     """Return the value of one of `DECISIVE`."""
     group, _, name = key.partition(".")
     return getattr(getattr(config, group), name)
@@ -189,7 +189,7 @@ def is_table(path: Path) -> bool:
 
 
 def check_size(header: Header, networks: int) -> None:
-    """Check that a table of so many networks can be read again, however long its numbers are.
+    """Check that the trainings of so many networks can be read again, however long their numbers are.
 
     Raises:
         ConfigError: it could pass what a reader takes.
@@ -224,6 +224,15 @@ def check_size(header: Header, networks: int) -> None:
         )
 
 
+def check_networks(path: Path, networks: Sequence[TableNetwork]) -> None:
+    """Check that a table can hold these networks, which are measured before they are trained.
+
+    Raises:
+        BundleError: they are more than a file can hold.
+    """
+    _check_member(path, NETWORKS, _lines(networks))
+
+
 def write_table(
     path: Path, header: Header, networks: Sequence[TableNetwork], trainings: Sequence[TableTraining]
 ) -> SpaceTable:
@@ -240,12 +249,16 @@ def write_table(
         CARD: card(header, networks).encode(),
     }
     manifest = "".join(f"{_sha256(data)}  {name}\n" for name, data in sorted(members.items()))
-    for name, data in members.items():
-        if len(data) > MOST_OF_A_MEMBER:  # refused here, so that what stands at the path stays
-            expected = f"at most {MOST_OF_A_MEMBER} bytes of {name}, which a file can hold"
-            raise BundleError(str(len(data)), place=str(path), expected=expected)
+    for name, data in members.items():  # before the file is written, so that what stands there stays
+        _check_member(path, name, data)
     write_durably(path, packed({**members, MANIFEST: manifest.encode()}))
     return read_table(path)
+
+
+def _check_member(path: Path, name: str, data: bytes) -> None:
+    if len(data) > MOST_OF_A_MEMBER:
+        expected = f"at most {MOST_OF_A_MEMBER} bytes of {name}, which a file can hold"
+        raise BundleError(str(len(data)), place=str(path), expected=expected)
 
 
 def read_table(path: Path) -> SpaceTable:
@@ -297,7 +310,7 @@ def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -
     return content_hash(
         {
             "made_up": header.made_up,
-            "settings": {key: to_json(setting(settings, key)) for key in DECISIVE},
+            "settings": {key: to_json(value_of(settings, key)) for key in DECISIVE},
             "data": to_json(header.data),
             "seeds": header.seeds,
             "rules": to_json(replace(header.rules, core=0)),  # the core trains nothing

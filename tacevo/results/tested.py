@@ -105,7 +105,8 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row], count: int) -> 
     if len(best) < count and baseline not in best:
         got = f"{len(best)}, and {baseline.id} without a fitness"
         expected = f"{counted(count, 'network')} that trained with every seed of the search"
-        raise RunError(got, place=str(run.path), expected=expected)
+        remedy = "study the sweep with fewer elites=" if count > 1 else "leave its arm out of arms="
+        raise RunError(got, place=str(run.path), expected=expected, remedy=remedy)
     told = [row for row in rows if isinstance(row, ScoreLine)]
     networks = []
     for network in best:

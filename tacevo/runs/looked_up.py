@@ -12,7 +12,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.errors import CacheMissError, ConfigError
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, Rejection, Training, to_json
-from tacevo.results.space_table import DECISIVE, SpaceTable, read_table, setting
+from tacevo.results.space_table import DECISIVE, SpaceTable, read_table, value_of
 from tacevo.rules import CURRENT
 from tacevo.sandbox.client import Finished, Frame, Score
 from tacevo.storage.canonical import canonical
@@ -30,7 +30,7 @@ def table_of(config: RunConfig) -> SpaceTable:
     table = read_table(Path(config.data.root or ""))
     header, made = table.header, table.header.settings
     for key in DECISIVE:
-        ours, theirs = (setting(each, key) for each in (config, made))
+        ours, theirs = (value_of(each, key) for each in (config, made))
         if ours != theirs:
             expected = f"{canonical(to_json(theirs))}, as in the table {table.path}"
             raise ConfigError(canonical(to_json(ours)), place=key, expected=expected)

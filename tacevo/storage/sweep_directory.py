@@ -6,6 +6,7 @@ failed/NAME.json      why a job failed, until it is repeated and succeeds
 launch/               what launching leaves behind: the last output of each job (NAME.log), and submitit's files
 """
 
+import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass
@@ -60,7 +61,7 @@ class Retraining(Record):
     def settings(self) -> str:
         """The settings of `tacevo study sweep=` that state it."""
         several = f"elites={self.elites} " if self.elites > 1 else ""
-        arms = f" arms={','.join(self.arms)}" if self.arms else ""
+        arms = f" {shlex.quote('arms=' + ','.join(self.arms))}" if self.arms else ""
         return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}{arms}"
 
     def tests(self, arm: str) -> bool:

@@ -77,7 +77,8 @@ def read_members(source: Path, places: re.Pattern[str], budget: ReadBudget) -> d
     """Read every member of a zip file, by name.
 
     Raises:
-        BundleError: it is damaged, or holds what `packed` never writes, or a member whose name is not one of `places`.
+        BundleError: it cannot be read, is damaged, or holds what `packed` never writes, or a member whose name is not
+            one of `places`.
         StoreError: it unpacks to more than the budget.
     """
     members: dict[str, bytes] = {}
@@ -91,6 +92,8 @@ def read_members(source: Path, places: re.Pattern[str], budget: ReadBudget) -> d
                 seen.add(name.casefold())
                 members[name] = _content(source, archive, info)
                 budget.spend(info.file_size, repr(name))
+    except OSError as error:
+        raise _refusal(source, _WRITTEN, error.strerror or str(error)) from error
     except _UNREADABLE as error:
         raise _unreadable(source) from error
     return members

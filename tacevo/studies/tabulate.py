@@ -24,7 +24,15 @@ from tacevo.llm.grammar.space import Genome, genomes, member
 from tacevo.profile import Admitted
 from tacevo.records import DataFacts, Mode, Rejection, Task
 from tacevo.results.publishable import published_config
-from tacevo.results.space_table import Header, SpaceTable, TableNetwork, TableTraining, check_size, write_table
+from tacevo.results.space_table import (
+    Header,
+    SpaceTable,
+    TableNetwork,
+    TableTraining,
+    check_networks,
+    check_size,
+    write_table,
+)
 from tacevo.rules import CURRENT, STUDY
 from tacevo.runs.datasets import load_data, trivial_of
 from tacevo.runs.progress import Progress
@@ -40,6 +48,7 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
 
     Raises:
         ConfigError: the configuration has no space, its data are a table, or its trainings are too many for a file.
+        BundleError: its networks are.
         TacevoError: see its subclasses; what was computed so far is kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
@@ -57,6 +66,7 @@ def tabulate(config: RunConfig, target: Path, view: Progress) -> SpaceTable:
             check_size(header, len(every))
             with telling(lambda: True):  # whatever has ended is in the stores
                 networks = _probed(bench, every, view)
+                check_networks(target, networks)
                 trainings = _trained(bench, header.seeds, networks, data, view)
     return write_table(target, header, networks, trainings)
 

@@ -89,7 +89,7 @@ def test_text_behind_nested_tags_stays(page: Path) -> None:
     config = compose(["task=force-paper"])
     task = load_task(config, facts_without_data(config))
     assert task.instructions[0].text == "Make it smaller than 1: here there or both."
-    after = [line.strip() for line in task.system.splitlines()[2:] if line]
+    after = [line.strip() for line in task.system.splitlines()[2:]]
     assert after == ["Mind", "this", "Code:", "```python", "(see the parent network in the next message)", "```"]
 
 

@@ -1,4 +1,4 @@
-"""Promise: the commands of README run, in its order, from an empty directory."""
+"""Promise: the commands of README run, in its order, where nothing but its recordings and published runs are."""
 
 import os
 import re
@@ -15,9 +15,11 @@ from checkout import GOLDEN, PUBLISHED, ROOT
 from commands import tacevo
 from PIL import Image
 
+from tacevo.cli.common import INTERRUPTED
+
 SWEEP = PUBLISHED / "ablation-grating.zip"
 
-#: Commands that search for long, or ask a model that is paid: until their first line.
+#: Commands that search for long, or ask a model that is paid: until their first line, or until they want a key.
 LONG = re.compile(r"search -m|llm=anthropic")
 
 
@@ -38,7 +40,8 @@ def test_commands_of_readme_run(tmp_path: Path) -> None:
     for line in (*demo, *typed):
         _, *words = shlex.split(line.replace("ablations sweeps/mine", f"ablations {SWEEP} -o ablations"))
         if LONG.search(line):
-            assert first_line(words, tmp_path)
+            status, told = started(words, tmp_path)
+            assert status == INTERRUPTED or "ANTHROPIC_API_KEY" in told, told
         elif "sweep=" not in line:
             tacevo(*words, cwd=tmp_path)
     assert (tmp_path / "network" / "model.onnx").exists()
@@ -54,19 +57,19 @@ def write_recordings(folder: Path) -> None:
     (folder / "labels.csv").write_text("\n".join(["image,fx,fy,fz", *rows]))
 
 
-def first_line(words: list[str], folder: Path) -> str:
-    """Return the first line of a command, which is stopped then, unless it ends before."""
+def started(words: list[str], folder: Path) -> tuple[int, str]:
+    """Return the status and the output of a command that has no key and is stopped after its first line."""
     with subprocess.Popen(
         [sys.executable, "-m", "tacevo.cli.app", *words],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={name: value for name, value in os.environ.items() if "API_KEY" not in name} | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     ) as process:
         assert process.stdout is not None
-        line = process.stdout.readline()
+        told = process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        rest = process.stdout.read()
-    assert "Traceback" not in rest
-    return line
+        told += process.stdout.read()
+    assert "Traceback" not in told
+    return process.returncode, told

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -169,7 +170,10 @@ def test_arms_are_of_a_sweep() -> None:
     assert compose_study(["sweep=s", "arms=none,drift"]).arms == ("none", "drift")
     assert compose_study(["sweep=s", "arms=[none,'archive.niches=5']"]).arms == ("none", "archive.niches=5")
     assert compose_study(["sweep=s", "arms=none"]).arms == ("none",)
-    assert compose_study(["sweep=s", "arms='archive.niches=5',none"]).arms == ("archive.niches=5", "none")
+    for written in ("'archive.niches=5'", "archive.niches=5"):
+        assert compose_study(["sweep=s", f"arms={written},none"]).arms == ("archive.niches=5", "none")
+    stated = Retraining(seeds=2, epochs=1, choose=ChosenBy.fitness, arms=("none", "no_qd prompts=curiosity"))
+    assert compose_study(["sweep=s", *shlex.split(stated.settings)]).arms == stated.arms
     with refused(ConfigError, place="arms", expected="no value without sweep="):
         compose_study(["run=r", "arms=none"])
 

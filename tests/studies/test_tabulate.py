@@ -23,7 +23,16 @@ from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import retrain
 from tacevo.reproduce.space_table import retrain_table, verify_table
 from tacevo.results.run import RecordedRun, read_run
-from tacevo.results.space_table import CARD, MANIFEST, SpaceTable, check_size, is_table, read_table, write_table
+from tacevo.results.space_table import (
+    CARD,
+    MANIFEST,
+    SpaceTable,
+    check_networks,
+    check_size,
+    is_table,
+    read_table,
+    write_table,
+)
 from tacevo.rules import CURRENT
 from tacevo.runs.estimate import describe_estimates, describe_time
 from tacevo.runs.progress import Progress
@@ -223,6 +232,20 @@ def test_largest_table_that_is_begun_can_be_written(table: SpaceTable) -> None:
     with refused(ConfigError, place="training.seeds"):
         check_size(table.header, most + 1)
     check_size(table.header, most // 2)
+
+
+def test_networks_that_no_table_holds_are_refused_once_they_are_measured(table: SpaceTable, tmp_path: Path) -> None:
+    """Nothing is trained for a file that cannot be written."""
+    networks = table.networks * (2 * MOST_OF_A_MEMBER // sum(len(canonical(to_json(row))) for row in table.networks))
+    with refused(BundleError, place="t.zip", expected="networks.jsonl"):
+        check_networks(tmp_path / "t.zip", networks)
+    check_networks(tmp_path / "t.zip", table.networks)
+
+
+def test_a_directory_is_no_table(tmp_path: Path) -> None:
+    """Other data have a directory there."""
+    with refused(BundleError, place=str(tmp_path), expected="table"):
+        read_table(tmp_path)
 
 
 def test_size_of_a_member_is_checked_before_the_file_is_replaced(table: SpaceTable, tmp_path: Path) -> None:

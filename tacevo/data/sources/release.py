@@ -52,7 +52,8 @@ def compared(root: Path, held: Held = HELD) -> tuple[tuple[str, ...], tuple[str,
             told.append(f"{directory.name} is not there")
             continue
         own = directories(directory)
-        if own and not set(own) & set(sensors):
+        is_nested = any((directory / name / sensor).is_dir() for name in own for sensor in sensors)
+        if own and not is_nested and not set(own) & set(sensors):
             told.append(f"{directory.name}: sensors of your own ({listed(own)})")
             continue
         count = len(image_files(directory, "**/*"))

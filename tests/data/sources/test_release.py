@@ -79,6 +79,13 @@ def test_sensors_of_ones_own_are_compared_with_no_release(tmp_path: Path) -> Non
     assert len(compared(tmp_path, SMALL)[1]) == 1
 
 
+def test_release_that_was_unpacked_a_level_too_deep_is_a_broken_download(tmp_path: Path) -> None:
+    """Its sensors are not the reader's own."""
+    deep = tmp_path / "Grating_Classification" / "Grating_Classification"
+    save_image(deep / "ViTacTip" / "Blackdot" / "1_1_1.png", 0)
+    assert len(compared(tmp_path, SMALL)[1]) == 1
+
+
 def test_figures_of_the_release_agree_with_its_total() -> None:
     """The authors' page has 106,800 images of three tasks; 30 sizes reach from 0.3 to 1.75 mm."""
     assert sum(images for images, _ in HELD.values()) == 106_800
