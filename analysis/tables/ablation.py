@@ -321,7 +321,8 @@ def divergence(unequal: Sequence[tuple[str, str]]) -> str:
     pairs = listed(f"{one} and {other}" for one, other in unequal)
     return (
         f"ERROR: {pairs} are one search by construction, and differ. Believe neither before `tacevo replay` of both: "
-        "they were made by other code, or on machines that compute otherwise."
+        "they were made by other code, on machines that compute otherwise, or with stores of their own, for which a "
+        "model was asked twice."
     )
 
 

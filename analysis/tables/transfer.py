@@ -23,17 +23,12 @@ OWN = "the run's"
 def transfer_tables(studies: Sequence[OnData]) -> list[Table]:
     """Return the table of transfer and, where there is a variant and seeds to test it with, the joint answer.
 
-    A data set on which every network is at chance has no order of them, and so no part in a joint answer.
+    The joint answer is of all data sets. To leave out those on which every network is at chance would be to choose by
+    what the networks scored: those that stay are the ones where a network was lucky, and p would be too small.
     """
     first, _ = studies[0]
-    learnt = _learnt(studies)
-    is_tested = len(first.networks) > 1 and first.seeds > 1 and len(learnt) > 1
-    return [transfer_table(studies), *([joint_table(learnt)] if is_tested else [])]
-
-
-def _learnt(studies: Sequence[OnData]) -> list[OnData]:
-    """Leave out the data sets on which every network is at chance."""
-    return [one for one in studies if not at_chance(one[0])]
+    is_tested = len(first.networks) > 1 and first.seeds > 1 and len(studies) > 1
+    return [transfer_table(studies), *([joint_table(studies)] if is_tested else [])]
 
 
 def transfer_table(studies: Sequence[OnData]) -> Table:
@@ -74,9 +69,9 @@ def _where(study: RecordedStudy, shared: Sequence[str]) -> str:
 
 def _agreement(studies: Sequence[OnData]) -> list[str]:
     """Say how far the data sets agree on the order of the networks, and which of them know none."""
-    learnt = _learnt(studies)
-    chance = ", ".join(_where(study, _shared(studies)) for study, _ in studies if at_chance(study))
-    told = [f"At chance: every network on {chance}; so neither W nor transfer_joint has that."] if chance else []
+    learnt = [one for one in studies if not at_chance(one[0])]
+    chance = "; ".join(_where(study, _shared(studies)) for study, _ in studies if at_chance(study))
+    told = [f"Every network is at chance on {chance}. W, which describes an order, leaves that out."] if chance else []
     agreement = concordance(learnt) if len(learnt) > 1 else None
     if agreement is None:
         return told

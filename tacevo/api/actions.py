@@ -86,13 +86,12 @@ def study(run: Run | Sweep | str | os.PathLike[str], *data: str, quiet: bool = F
 
     Raises:
         ConfigError: a setting is wrong; or the run is a bundle, which nothing is written into.
-        RunError: the run is not finished; or trainings of the study failed.
+        RunError: the run is not finished; or trainings of the study failed, of a sweep's once all were tried.
     """
     if isinstance(run, Sweep):
-        words = [*_settings(settings, "sweep"), *data]
         with progress(quiet) as view:
-            study_sweep(_of_sweep(run), compose_study(words), view)
-        return _again(run)
+            studies, _ = study_sweep(_of_sweep(run), compose_study(_settings(settings, "sweep")), view, data)
+        return _again(run, studies)
     given = compose_study(_settings(settings))
     with progress(quiet) as view:
         done = run_study(replace(given, run=str(_directory(run))), view, data)
@@ -122,8 +121,8 @@ def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **s
     """
     if isinstance(run, Sweep):
         with progress(quiet) as view:
-            estimate_noise_of_sweep(_of_sweep(run), compose_noise(_settings(settings, "sweep")), view)
-        return _again(run)
+            studies, _ = estimate_noise_of_sweep(_of_sweep(run), compose_noise(_settings(settings, "sweep")), view)
+        return _again(run, studies)
     given = compose_noise(_settings(settings))
     with progress(quiet) as view:
         done = estimate_noise(replace(given, run=str(_directory(run))), view)
@@ -179,8 +178,10 @@ def _of_sweep(sweep: Sweep) -> Path:
     return sweep.place.folder
 
 
-def _again(sweep: Sweep) -> Sweep:
-    """Open a sweep anew, with what was added to it."""
+def _again(sweep: Sweep, studies: Sequence[Studied]) -> Sweep:
+    """Open a sweep anew, with the studies that were just added to it."""
+    for one in studies:
+        _check_whole(one)
     return Sweep(sweep.name, sweep.place, sweep.store)
 
 
@@ -204,6 +205,13 @@ def _directory(run: Run | str | os.PathLike[str]) -> Path:
 
 def _study_of(done: Studied, store: str | None) -> Study:
     """Return a study that was just finished."""
+    _check_whole(done)
+    run = open_run(done.directory.parents[1], store=store)
+    return next(study for study in run.studies if study.name == done.directory.name)
+
+
+def _check_whole(done: Studied) -> None:
+    """Check that no training of a study failed."""
     if done.failed:
         raise RunError(
             f"{counted(len(done.failed), 'training')} that failed: {done.failed[0]}",
@@ -211,5 +219,3 @@ def _study_of(done: Studied, store: str | None) -> Study:
             expected="a training of every network with every seed",
             remedy="raise seconds= or memory_mib=, or lower elites=",
         )
-    run = open_run(done.directory.parents[1], store=store)
-    return next(study for study in run.studies if study.name == done.directory.name)

@@ -116,7 +116,7 @@ def _sweep(pilot: Run | Sweep | str | os.PathLike[str]) -> Path:
 def _finished_studies(pilot: Run | Sweep | str | os.PathLike[str]) -> Iterator[tuple[RecordedRun, RecordedStudy]]:
     """Read the finished studies of a pilot, each with its run."""
     if isinstance(pilot, Run | Sweep):
-        name = pilot.name
+        name = str(pilot.place.folder)
         runs = [pilot.recorded] if isinstance(pilot, Run) else [run.recorded for run in pilot.runs]
     elif (Path(pilot) / "study.json").exists():
         yield read_run(Path(pilot).resolve().parents[1]), load_study(Path(pilot))

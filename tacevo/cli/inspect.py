@@ -45,7 +45,9 @@ def add_check(parser: Parser) -> None:
 def _check(options: argparse.Namespace) -> int:
     status = DONE
     files = [Path(name) for name in options.files]
-    for verdict in judged_answers(files, task=options.task, image_size=options.image_size):
+    verdicts = judged_answers(files, task=options.task, image_size=options.image_size)
+    for name, judged in zip(options.files, verdicts, strict=True):
+        verdict = judged | {"file": name}  # as it was typed
         if verdict["verdict"] == UNREADABLE:
             status = MISTAKE
             print(f"error: {printable(str(verdict['detail']))}", file=sys.stderr, flush=True)

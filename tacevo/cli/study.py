@@ -75,10 +75,7 @@ def run_study(options: argparse.Namespace) -> int:
         data = [override for override in options.overrides if override.startswith(("data=", "data."))]
         config = _composed(compose_study, [override for override in options.overrides if override not in data])
         if config.sweep is not None:
-            if data:
-                expected = "no setting of data with sweep=: jobs are compared on their own data"
-                raise ConfigError(data[0], place="study", expected=expected)
-            return _study_sweep(Path(config.sweep), config)
+            return _study_sweep(Path(config.sweep), config, data)
         if RunDirectory(Path(config.run or "")).read_run().task.given:
             check_unchosen(options.overrides)
         if len(elsewhere := [*product(*spread(data))] if data else [()]) > 1:
@@ -113,9 +110,9 @@ def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
     return max(statuses)
 
 
-def _study_sweep(sweep: Path, config: StudyConfig) -> int:
+def _study_sweep(sweep: Path, config: StudyConfig, data: Sequence[str]) -> int:
     with Progress() as view:
-        studies, unfinished = study_sweep(sweep, config, view)
+        studies, unfinished = study_sweep(sweep, config, view, data)
     return _report_sweep(sweep, studies, unfinished, "study", "raise seconds= or memory_mib=")
 
 

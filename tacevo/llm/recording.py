@@ -135,11 +135,18 @@ class RecordingLLM:
         return completion
 
     def _keep(self, request: Request, completion: Completion) -> Completion:
-        """Put the price on, replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, and store."""
+        """Put the price on, replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, and store.
+
+        Where another process has asked the same meanwhile, its answer stands: a ledger may have it already.
+        """
+        question = to_json(request)
+        standing = self.store.find(question)
+        if standing is not None:
+            return _completion(self.store, question, standing)
         price = None if self.price is None else self.price(request, completion)
         sound = {name: getattr(completion, name).encode(errors="replace").decode() for name in _TEXTS}
         if self.unlabelled is not None:
             sound["model"] = request.model
         kept = replace(completion, **sound, price=price, elsewhere=self.elsewhere)
-        self.store.write(to_json(request), to_json(kept))
+        self.store.write(question, to_json(kept))
         return kept

@@ -106,7 +106,7 @@ def _score(run: RecordedRun, study: Design, rows: Sequence[Row], count: int) -> 
         got = f"{len(best)}, and {baseline.id} without a fitness"
         expected = f"{counted(count, 'network')} that trained with every seed of the search"
         remedy = "study the sweep with fewer elites=" if count > 1 else "leave its arm out of arms="
-        raise RunError(got, place=str(run.path), expected=expected, remedy=remedy)
+        raise FailedTestError(got, place=str(run.path), expected=expected, remedy=remedy)
     told = [row for row in rows if isinstance(row, ScoreLine)]
     networks = []
     for network in best:

@@ -51,7 +51,7 @@ def supervise(
 
 def _serve(
     channel: Channel, entries: Mapping[str, child.Entry], arrays: child.Arrays, equip: child.Equip | None
-) -> list[bytes]:
+) -> list[bytes | memoryview]:
     """Start the candidate and watch it until it ends; return what is left to be sent: its frames and the verdict.
 
     Raises:
@@ -100,13 +100,14 @@ class _Watch:
     ) -> None:
         self.frames: list[Message] = []
         #: What is left to be sent of the frame that the search is to score.
-        self.unsent = b""
+        self.unsent = memoryview(b"")
         #: What `confine` put in force; None before, when no code of the candidate has run.
         self.measures: Json = None
         self._pid, self._pipe, self._channel, self._limits = pid, pipe, channel, limits
         self._told, self._scored = told, 0
         self._unscored: deque[Message] = deque()  # the search has the first of them, or a part of it
         self._asked = 0.0, 0.0  # when there was none before, by clock and processor time
+        self._cpu: dict[int, float] = {}  # process id -> most processor time seen so far
         self._prepared, self._equips = prepared, equips
         self._search = channel.stream.fileno()
         self._end = os.pidfd_open(pid)
@@ -193,7 +194,7 @@ class _Watch:
 
     def _ask(self) -> None:
         """Begin to send the next frame to the search, which reads when it can."""
-        self.unsent = self._unscored[0].to_bytes()
+        self.unsent = memoryview(self._unscored[0].to_bytes())
         self._poll.modify(self._search, select.POLLRDHUP | select.POLLOUT)
 
     def _converse(self, events: int) -> None:
@@ -228,7 +229,10 @@ class _Watch:
         return max(0.0, time.monotonic() - since - (self._cpu_seconds() - before))
 
     def _cpu_seconds(self) -> float:
-        return sum(map(cpu_seconds, descendants(os.getpid())))
+        """Return the processor time of all that ran below, as last seen: one that is gone takes none of its away."""
+        for pid in descendants(os.getpid()):
+            self._cpu[pid] = max(self._cpu.get(pid, 0.0), cpu_seconds(pid))
+        return sum(self._cpu.values())
 
     def _ignore(self, *descriptors: int) -> None:
         """Look at files no longer, which would wake the poll at once, again and again."""

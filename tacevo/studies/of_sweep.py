@@ -22,7 +22,9 @@ from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted, listed
 
 
-def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[Studied], list[str]]:
+def study_sweep(
+    path: Path, config: StudyConfig, view: Progress, data: Sequence[str] = ()
+) -> tuple[list[Studied], list[str]]:
     """Study the best elites of each finished job of a sweep in a directory, or resume such studies.
 
     Returns:
@@ -30,10 +32,14 @@ def study_sweep(path: Path, config: StudyConfig, view: Progress) -> tuple[list[S
         both of the arms that are studied.
 
     Raises:
-        ConfigError: the sweep does not have the arms that are to be studied, or its reference is not among them.
+        ConfigError: the sweep does not have the arms that are to be studied, or its reference is not among them; or
+            settings of `data` are given.
         TacevoError: see its subclasses, with the job named; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
+    if data:
+        expected = "no setting of data with sweep=: jobs are compared on their own data"
+        raise ConfigError(data[0], place="study", expected=expected)
     directory = SweepDirectory(path)
     sweep = directory.read()
     retraining = Retraining(

@@ -50,7 +50,13 @@ def test_every_column_is_listed() -> None:
 
 
 #: Frames that `frame` makes; the others are the analysis's.
-OTHERS = {"run.generations", "run.pareto(OBJECTIVES)", "sweep.contrasts(METRIC)", *list(LISTED)[-2:]}
+OTHERS = {
+    "run.generations",
+    "run.pareto(OBJECTIVES)",
+    "sweep.contrasts(METRIC)",
+    "table.worth",
+    "table.size_and_power(SWEEP, seeds=N)",
+}
 
 MADE = {name: columns for name, columns in LISTED.items() if name not in OTHERS}
 

@@ -125,6 +125,21 @@ def test_limits_hold_while_a_frame_is_scored(job: str, reason: Reason, open_one:
     assert dead == [True]
 
 
+def test_time_of_children_that_are_lost_counts(open_one: Sandbox) -> None:
+    """What a killed child computed is not given to its parent again: 2 s are enough for six children of 0.3 s."""
+    asked: list[int] = []
+
+    def slow(number: int, _: bytes) -> float:
+        asked.append(number)
+        time.sleep(0.2)
+        return 0.0
+
+    outcome = open_one.run("lose_children_while_scored", None, b"", replace(LIMITS, seconds=2), slow)
+    assert isinstance(outcome, Died), outcome
+    assert outcome.reason is Reason.out_of_time
+    assert len(asked) <= 6
+
+
 def test_limits_hold_while_nobody_reads(tmp_path: Path) -> None:
     """A search that stands still, with a frame half sent; it reads the frame and the verdict when it goes on."""
     np.save(tmp_path / "images.npy", np.ones(12, np.uint8))

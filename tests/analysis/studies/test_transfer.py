@@ -131,17 +131,17 @@ def confused(values: Mapping[str, Sequence[float]], split: int) -> RecordedStudy
 
 
 def test_data_set_at_chance_has_no_part_in_an_order() -> None:
-    """There a network is first by luck: it would count as a data set on which it is better."""
+    """There a network is first by luck. The tests keep the data set: to choose by scores would spoil them."""
     learnt = {"baseline": [0.7, 0.71, 0.72, 0.73], "a": [0.8, 0.81, 0.82, 0.83], "b": [0.9, 0.91, 0.92, 0.93]}
     luck = {"baseline": [0.5, 0.51, 0.5, 0.51], "a": [0.5] * 4, "b": [0.49] * 4}
     one, again, lost = confused(learnt, 1), confused(learnt, 2), confused(luck, 3)
     table, answer = transfer_tables([(study, None) for study in (one, again, lost)])
-    assert any(note.startswith("At chance: every network on split_seed=3;") for note in table.notes)
+    assert any("at chance on split_seed=3." in note for note in table.notes)
     assert any("Kendall's W = 1.00" in note for note in table.notes)
-    assert answer.rows == joint_table([(one, None), (again, None)]).rows
-    (alone,) = transfer_tables([(one, None), (lost, None)])
+    assert answer.rows == joint_table([(one, None), (again, None), (lost, None)]).rows
+    alone, _ = transfer_tables([(one, None), (lost, None)])
     assert not any("Kendall" in note for note in alone.notes)
-    assert all("At chance" not in note for note in transfer_table([(one, None), (again, None)]).notes)
+    assert all("at chance" not in note for note in transfer_table([(one, None), (again, None)]).notes)
 
 
 def test_shares_are_percentages() -> None:

@@ -54,6 +54,23 @@ def spin_while_scored(header: Any, payload: bytes, arrays: Arrays, send: Send) -
     spin(header, payload, arrays, send)
 
 
+def lose_children_while_scored(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
+    """Let a child compute before each frame, and kill it while the frame is scored: nobody waits for it."""
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    done = mmap.mmap(-1, 50)
+    for number in range(50):
+        child = os.fork()
+        if child == 0:
+            while time.process_time() < 0.3:
+                pass
+            done[number] = 1
+            signal.pause()
+        while not done[number]:
+            time.sleep(0.01)
+        threading.Timer(0.05, os.kill, (child, signal.SIGKILL)).start()
+        send({}, b"1")
+
+
 def fill_memory_while_scored(header: Any, payload: bytes, arrays: Arrays, send: Send) -> None:
     """Write a frame that no socket's buffer holds, then take 600 MiB."""
     _write_all(_frame(2**20 // 4))
