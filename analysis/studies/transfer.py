@@ -20,15 +20,30 @@ OnData = tuple[RecordedStudy, pd.DataFrame | None]
 
 
 def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
-    """Find the studies of a run that differ in their data only: one of each data set, that of the run's data first."""
-    groups: dict[str, dict[str, OnData]] = {}
+    """Find the studies of a run that differ in their data only: one of each data set, that of the run's data first.
+
+    Studies that test another sensor than they train on stand apart, by how many sensors they join: those of each
+    protocol have the same question, and those of several protocols share their test images.
+    """
+    groups: dict[tuple[str, bool, int], dict[str, OnData]] = {}
     for study, comparisons in studies:
-        groups.setdefault(_shared(study), {}).setdefault(study.fingerprint, (study, comparisons))
+        key = _shared(study), tested_sensor(study) is not None, _setting(study, "sensor").count("+")
+        groups.setdefault(key, {}).setdefault(study.fingerprint, (study, comparisons))
     return tuple(
         tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), pair[0].where)))
         for group in groups.values()
         if len(group) > 1
     )
+
+
+def tested_sensor(study: RecordedStudy) -> str | None:
+    """Return the sensor that a study tests and does not train on; None where there is none."""
+    return _setting(study, "test_sensor") or None
+
+
+def _setting(study: RecordedStudy, name: str) -> str:
+    """Return a setting of other data as a text, empty where it has none."""
+    return str(dict(study.other_data).get(name) or "")
 
 
 def concordance(studies: Sequence[OnData]) -> float | None:

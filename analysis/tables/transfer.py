@@ -8,7 +8,7 @@ import numpy as np
 from analysis.statistics.tests import sign_p
 from analysis.studies.comparison import of_whole
 from analysis.studies.metric_names import metric_name
-from analysis.studies.transfer import OnData, concordance, joint
+from analysis.studies.transfer import OnData, concordance, joint, tested_sensor
 from analysis.table import Cell, Percent, PValue, Table
 from analysis.tables.comparison import score_cell
 from tacevo.results.study import RecordedStudy
@@ -27,8 +27,14 @@ def transfer_tables(studies: Sequence[OnData]) -> list[Table]:
     what the networks scored: those that stay are the ones where a network was lucky, and p would be too small.
     """
     first, _ = studies[0]
-    is_tested = len(first.networks) > 1 and first.seeds > 1 and len(studies) > 1
+    is_tested = len(first.networks) > 1 and first.seeds > 1 and len(studies) > 1 and not _share_tests(studies)
     return [transfer_table(studies), *([joint_table(studies)] if is_tested else [])]
+
+
+def _share_tests(studies: Sequence[OnData]) -> bool:
+    """Return whether one sensor's test images are those of two data sets, as with several `data.shots`."""
+    tested = [sensor for study, _ in studies if (sensor := tested_sensor(study)) is not None]
+    return len(set(tested)) < len(tested)
 
 
 def transfer_table(studies: Sequence[OnData]) -> Table:
@@ -47,7 +53,12 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
             *([f"All but the run's own have {', '.join(shared)}."] if shared else []),
             *_agreement(studies),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
-            "set, and not over data sets; the table transfer_joint has one answer over all of them.",
+            "set, and not over data sets; "
+            + (
+                "some of these have the same test images, so there is no answer over all of them."
+                if _share_tests(studies)
+                else "the table transfer_joint has one answer over all of them."
+            ),
         ),
     )
 

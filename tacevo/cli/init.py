@@ -50,16 +50,17 @@ def _init(options: argparse.Namespace) -> int:
     }
     places = {name: os.path.relpath(own_root() / name) for name in files}
     for name, what in files.items():
-        print(f"wrote:  {places[name]} (to edit: {what})")
+        print(f"wrote:  {places[name]} ({'to edit: ' if supplement is None else ''}{what})")
     for words in left_of_others(task):
         print(f"edit:   {words}")
-    tacevo, own = as_typed("tacevo"), f"task={options.name} {_images(task)}"
+    images = _images(task) if supplement is None else "data=tacverse data.root=tacverse"
+    tacevo, own = as_typed("tacevo"), f"task={options.name} {images}"
     where = "" if options.config_dir is None else f" --config-dir {shlex.quote(options.config_dir)}"
     print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {options.name}{where}")
     if like in list(SensorTask):  # the simulation goes by the name, and is for the old outputs
         lent = f"task={options.name} task.name={like}"
         print(f"try:    {tacevo} search experiment=demo {lent}{where}  # before the edit, on simulated images")
-    own = f"experiment={_SMALL[task.kind]} {own}{where}"
+    own = f"experiment={_SMALL[task.kind] if supplement is None else f'paper_{like}'} {own}{where}"
     print(f"look:   {tacevo} data check {own}  # says what is still the other task's")
     print(f"next:   {tacevo} search {own}")
     return DONE

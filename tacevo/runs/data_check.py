@@ -85,7 +85,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         prompt=told(task),
         warnings=(
             *doubts_of(config, task, dataset, catalogue),
-            *_alike_words(len(alike), config.data.source),
+            *_alike_words(len(alike), "" if groups is not None else HOW.get(config.data.source, "")),
             *(["data.root is not the whole release: what differs stands above"] if differing else []),
         ),
         fingerprint=facts.fingerprint,
@@ -94,12 +94,12 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     )
 
 
-def _alike_words(count: int, source: DataSource) -> list[str]:
+def _alike_words(count: int, remedy: str) -> list[str]:
     if not count:
         return []
     return [
         f"{counted(count, 'image')} for validation or test nearly equal one of another part, as frames of one press "
-        f"do: a network is tested on what it has learnt{HOW.get(source, '')}"
+        f"do: a network is tested on what it has learnt{remedy}"
     ]
 
 

@@ -4,6 +4,7 @@ The figures are those of the authors' page and code (docs/references.bib, `tacve
 revision 0bc27afe0d8f. Hashes of single files were not published, so a damaged image is found by decoding it alone.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -84,6 +85,7 @@ def _faults_of(task: RecordedTask, sensor: Path) -> Iterator[str]:
     if task is RecordedTask.grating:
         for pattern in directories(sensor):
             names = {path.name.partition("_")[0] for path in image_files(sensor / pattern, "*")}
-            lacking = [f"{size:g}" for size in SIZES if not {f"{size:g}", f"{size:.1f}", f"{size:.2f}"} & names]
+            sizes = {float(name) for name in names if re.fullmatch(r"\d+(\.\d+)?", name, re.ASCII)}
+            lacking = [f"{size:g}" for size in SIZES if size not in sizes]
             if lacking:
                 yield f"{sensor.name}/{pattern} lacks {listed(lacking)} mm"

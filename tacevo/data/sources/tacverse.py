@@ -211,11 +211,19 @@ class TacVerse:
         return _at_most(self.images, images, self._class_of if self.task not in COLUMNS else lambda _: None)
 
     def _shots(self, part_of: Mapping[_Image, str]) -> list[_Image]:
-        """Draw some presses of the tested sensor out of its training part, which train, too; return their images."""
+        """Draw some presses of the tested sensor out of its training part, which train, too; return their images.
+
+        Raises:
+            DataError: there are fewer.
+        """
         own = [image for image, part in part_of.items() if image.sensor == self.test_sensor and part == "train"]
         pools = defaultdict(set)
         for image in own:
             pools[image.pattern, image.kind].add(image.press)
+        least = min(map(len, pools.values()), default=0)
+        if self.shots > least:
+            expected = f"at most {least}, which the training part of {self.test_sensor} has of each"
+            raise DataError(str(self.shots), place="data.shots", expected=expected)
         drawn = set()
         for key, pool in pools.items():
             order = stream(self.seed, "shots", *map(str, key)).permutation(sorted(pool))

@@ -144,6 +144,25 @@ def test_data_set_at_chance_has_no_part_in_an_order() -> None:
     assert all("at chance" not in note for note in transfer_table([(one, None), (again, None)]).notes)
 
 
+def test_protocols_that_share_test_images_are_not_joined() -> None:
+    """Crossing sensors, leaving one out and a few shots test one sensor's images again and again."""
+
+    def of(number: int, **settings: str | int) -> tuple[RecordedStudy, None]:
+        study = study_of(ONE)
+        other = tuple(settings.items())
+        return replace(study, data=replace(study.data, fingerprint=f"{number:064d}"), other_data=other), None
+
+    cross = [of(1, sensor="A", test_sensor="B"), of(2, sensor="A", test_sensor="C")]
+    left_out = [of(3, sensor="A+B+C", test_sensor="B"), of(4, sensor="A+B+C", test_sensor="C")]
+    own = [(study_of(ONE), None), of(5, sensor="B")]
+    groups = transfers([*own, *cross, *left_out])
+    assert sorted(len(group) for group in groups) == [2, 2, 2]
+    assert [len(transfer_tables(group)) for group in groups] == [2, 2, 2]
+    shots = [of(6 + shots, sensor="A+B+C", test_sensor="C", shots=shots) for shots in (1, 5)]
+    (group,) = transfers(shots)
+    assert [table.name for table in transfer_tables(group)] == ["transfer"]
+
+
 def test_shares_are_percentages() -> None:
     """And without a comparison, there are the medians."""
     own = study_of({"baseline": [0.5] * 4, "a": [0.5] * 4, "b": [0.75] * 4}, kind=Kind.classification)

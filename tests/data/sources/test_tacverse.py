@@ -313,6 +313,14 @@ def test_images_cap_what_a_protocol_uses(tmp_path: Path, sensor: str, ratio: tup
     assert sum(name.startswith("C") for name in files_of(capped, "train")) == 2 * shots
 
 
+def test_more_shots_than_there_are_are_refused(tmp_path: Path) -> None:
+    """Facts that say ninety-nine would not be true."""
+    save_shapes(tmp_path, "A", "B", "C")
+    source = replace(save_shapes(tmp_path, "A"), sensor="A", test_sensor="C", shots=99)
+    with refused(DataError, place="data.shots", got="99", expected="at most"):
+        source.catalogue()
+
+
 def test_parts_stand_in_the_description(tmp_path: Path) -> None:
     """The same images are in other parts where one that a protocol leaves out is there or not: not one cache entry."""
     for number in range(8):
