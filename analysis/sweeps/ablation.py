@@ -22,6 +22,7 @@ from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.warnings import cautions
 from analysis.sweeps.arm_metrics import COUNTS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from analysis.sweeps.common_archive import CommonArchive, filled
+from tacevo.config.identity import twins_of
 from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
@@ -191,7 +192,7 @@ def compare_arms(
     names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
     reference = wanted if wanted in set(jobs.arm) else None
     shown = [metric for metric in Metric if metric not in TESTED or jobs[metric.name].notna().any()]
-    same, arms = {arm for pair in twins if wanted in pair for arm in pair}, {}
+    same, arms = twins_of(wanted, twins), {}
     for metric in shown:
         out = not_tested if metric in TESTED else ()
         lost = [job for job in failed if job.arm not in out]

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from analysis.statistics.planning import Spread, median_deviation, pooled
 from analysis.sweeps.ablation import slots_of
 from tacevo.choices import Primary
+from tacevo.config.identity import twins_of
 from tacevo.errors import RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.results.run import RecordedRun
@@ -171,7 +172,7 @@ def _tested_arms(sweep: RecordedSweep) -> set[str]:
     """Return the arms that are tested against the reference."""
     reference = sweep.terms.reference or REFERENCE
     arms = {one.job.arm for one in sweep.finished}
-    return arms - set(sweep.twins_of(reference)) - {reference if reference in arms else min(arms)}
+    return arms - {*twins_of(reference, sweep.twins)} - {reference if reference in arms else min(arms)}
 
 
 def _study_spread(studies: Sequence[RecordedStudy]) -> Spread:

@@ -16,6 +16,7 @@ from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.instruction_tables import grammar_note
 from analysis.tables.plan import plan_notes
 from tacevo.choices import ChosenBy
+from tacevo.config.identity import twins_of
 from tacevo.evolution.chance import is_at_chance
 from tacevo.records import Kind
 from tacevo.results.study import LOSS, PRIMARY
@@ -79,7 +80,7 @@ def arms_table(sweep: RecordedSweep, ablation: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
     first = next(iter(ablation.arms))
     trivial = [_trivial(sweep, metric) for metric in ablation.arms]
-    twins, has_equal = _twin_notes(ablation), any(ablation.wanted in pair for pair in ablation.twins)
+    twins, has_equal = _twin_notes(ablation), bool(twins_of(ablation.wanted, ablation.twins))
     return Table.of(
         pd.concat({metric.name: frame.reset_index() for metric, frame in ablation.arms.items()}, axis=1),
         {
@@ -298,7 +299,7 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
 def _twin_notes(ablation: Ablation) -> list[str]:
     """Name the arms that are one search by construction, with the reason, and whether their runs are equal."""
     notes = []
-    if same := [arm for pair in ablation.twins if ablation.wanted in pair for arm in pair if arm != ablation.wanted]:
+    if same := twins_of(ablation.wanted, ablation.twins):
         notes.append(
             f"Identical by construction: {listed(same)}. With prompts=uniform nothing is drawn by the "
             f"record of prompts, which is all that differs from {ablation.wanted}, so these are the same searches "

@@ -51,7 +51,7 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
             f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}.",
             *([f"All but the run's own have {', '.join(shared)}."] if shared else []),
-            *_agreement(studies),
+            *_agreement(studies, shared),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "
             "set, and not over data sets; "
             + (
@@ -78,10 +78,10 @@ def _where(study: RecordedStudy, shared: Sequence[str]) -> str:
     return ", ".join(one for one in _settings(study) if one not in shared) or study.where or OWN
 
 
-def _agreement(studies: Sequence[OnData]) -> list[str]:
+def _agreement(studies: Sequence[OnData], shared: Sequence[str]) -> list[str]:
     """Say how far the data sets agree on the order of the networks, and which of them know none."""
     learnt = [one for one in studies if not at_chance(one[0])]
-    chance = "; ".join(_where(study, _shared(studies)) for study, _ in studies if at_chance(study))
+    chance = "; ".join(_where(study, shared) for study, _ in studies if at_chance(study))
     told = [f"Every network is at chance on {chance}. W, which describes an order, leaves that out."] if chance else []
     agreement = concordance(learnt) if len(learnt) > 1 else None
     if agreement is None:

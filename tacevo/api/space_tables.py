@@ -13,6 +13,7 @@ import numpy as np
 from analysis.statistics.spaces import BY_EPOCHS, regret, worth_by_epochs
 from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
+from tacevo.config.identity import twins_of
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.descriptors import describe
 from tacevo.records import Rejection
@@ -139,11 +140,9 @@ class SpaceTable:
             raise few
         for run in sweep.runs:
             self._check_of(run)
-        compared = sweep.collection()
-        wanted = compared.ablation.wanted
-        rates = rejection_rates(
-            compared.ablation.jobs, seeds=seeds, wanted=wanted, twins=compared.sweep.twins_of(wanted)
-        )
+        compared = sweep.collection().ablation
+        twins = twins_of(compared.wanted, compared.twins)
+        rates = rejection_rates(compared.jobs, seeds=seeds, wanted=compared.wanted, twins=twins)
         if not (rates["arm"] == rates["against"]).any():
             raise few
         return rates

@@ -1,6 +1,6 @@
 """What decides the results of a run, and its hash."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations
 
@@ -71,19 +71,26 @@ def decisive(config: RunConfig) -> dict[str, Json]:
     return {**settings, "data": written(config.data), "task": to_json(config.task)}
 
 
-def twins(arms: Mapping[str, Mapping[int, RunConfig]]) -> list[tuple[str, str]]:
-    """Return the pairs of arms, each with its configurations by seed, whose searches must find the same networks.
+def twins(jobs: Iterable[tuple[str, int, RunConfig]]) -> list[tuple[str, str]]:
+    """Return the pairs of arms whose searches must find the same networks, of jobs with their arms and seeds.
 
     So it is where those of every shared seed, at least one, differ only in whether uniformly drawn prompts are
     recorded: nothing is then drawn by that record.
     """
-    hashes = {arm: {seed: _recording(config) for seed, config in configs.items()} for arm, configs in arms.items()}
+    hashes: dict[str, dict[int, str]] = {}
+    for arm, seed, config in jobs:
+        hashes.setdefault(arm, {})[seed] = _recording(config)
     return [
         (one, other)
-        for one, other in combinations(arms, 2)
+        for one, other in combinations(hashes, 2)
         if (shared := hashes[one].keys() & hashes[other].keys())
         and all(hashes[one][seed] == hashes[other][seed] for seed in shared)
     ]
+
+
+def twins_of(arm: str | None, pairs: Iterable[tuple[str, str]]) -> list[str]:
+    """Return the arms that stand in a pair with this one."""
+    return [other for pair in pairs if arm in pair for other in pair if other != arm]
 
 
 def _recording(config: RunConfig) -> str:

@@ -7,7 +7,6 @@ from enum import StrEnum
 from pathlib import Path
 
 from tacevo.config.identity import config_hash, twins
-from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.run import RecordedRun, read_run
@@ -81,14 +80,7 @@ class RecordedSweep:
     @property
     def twins(self) -> list[tuple[str, str]]:
         """The pairs of arms whose finished searches must be equal, whatever they find."""
-        arms: dict[str, dict[int, RunConfig]] = {}
-        for one in self.finished:
-            arms.setdefault(one.job.arm, {})[one.job.seed] = one.run.config
-        return twins(arms)
-
-    def twins_of(self, reference: str) -> list[str]:
-        """Name the arms whose finished searches must equal those of a reference."""
-        return [arm for pair in self.twins if reference in pair for arm in pair if arm != reference]
+        return twins((one.job.arm, one.job.seed, one.run.config) for one in self.finished)
 
     @property
     def not_tested(self) -> list[str]:

@@ -140,6 +140,11 @@ def training_seed(seed: int, number: int) -> int:
     return derived_seed(seed, "training", *([number] if number else []))
 
 
+def noise_seed(seed: int, number: int) -> int:
+    """Return the training seed of a number, from 0, of the noise runs of a run's seed."""
+    return derived_seed(seed, "noise", number)
+
+
 def start_zygote(config: RunConfig) -> AbstractContextManager[Zygote | None]:
     """Start the process that imports torch: that takes seconds, in which the search can load its data and plan.
 
@@ -258,7 +263,7 @@ class Workbench:
             table = table_of(self.config)
             seed, own = self.config.seed, self.config.training.seeds
             numbered = [training_seed(seed, number) for number in range(own)]
-            numbered += [derived_seed(seed, "noise", number) for number in range(len(table.header.seeds) - own)]
+            numbered += [noise_seed(seed, number) for number in range(len(table.header.seeds) - own)]
             return LookedUp(table, numbered, store=store, setting=setting, examples=examples, rules=rules.training)
         return Evaluator(
             run=self._sandbox(self.mode),

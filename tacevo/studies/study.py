@@ -40,7 +40,7 @@ from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.looked_up import check_fresh
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
-from tacevo.runs.wiring import Workbench, check_means, recipe_of
+from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_of
 from tacevo.storage.files import in_use
 from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
@@ -306,9 +306,13 @@ def _plan(
         plan=planned,
         rules=rules,
     )
-    stream = "study" if terms else "noise"
     jobs = [
-        _Job(network=network, index=index, source=source, seed=derived_seed(config.seed, stream, index))
+        _Job(
+            network=network,
+            index=index,
+            source=source,
+            seed=derived_seed(config.seed, "study", index) if terms else noise_seed(config.seed, index),
+        )
         for network in networks
         for source in [run.directory.read_source(network.id, network.source)]
         for index in range(seeds)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from tacevo.config.checks import doubts_of_settings
-from tacevo.config.identity import twins
+from tacevo.config.identity import twins, twins_of
 from tacevo.config.schema import RunConfig
 from tacevo.results.study_lines import fewest_seeds
 from tacevo.results.sweep import ALPHA
@@ -19,17 +19,15 @@ def shortcomings(planned: Mapping[Job, RunConfig], jobs: Sequence[Job], referenc
         jobs: these, and those that the sweep had before.
         reference: the arm that others are compared with; None where nothing is compared.
     """
-    arms: dict[str, dict[int, RunConfig]] = {}
-    for job, config in planned.items():
-        arms.setdefault(job.arm, {})[job.seed] = config
-    pairs = twins(arms)
+    pairs = twins((job.arm, job.seed, config) for job, config in planned.items())
     told = [
         f"{one} and {other} will find equal networks: with prompts=uniform nothing is drawn by the record of prompts, "
         "which one of them lacks; prompts=curiosity uses it"
         for one, other in pairs
     ]
-    told += [f"{arm}: {doubt}" for arm, own in arms.items() for doubt in doubts_of_settings([*own.values()][-1])]
-    untested = {arm for pair in pairs if reference in pair for arm in pair} - {reference}
+    arms = {job.arm: config for job, config in planned.items()}
+    told += [f"{arm}: {doubt}" for arm, config in arms.items() for doubt in doubts_of_settings(config)]
+    untested = twins_of(reference, pairs)
     tested = dict.fromkeys(job.arm for job in jobs if job.arm not in untested)
     seeds = {arm: len({job.seed for job in jobs if job.arm == arm}) for arm in tested}
     others = len(seeds) - 1

@@ -26,6 +26,9 @@ function showPanel(id, isShown) {
     document.querySelector(`nav a[href="#${id}"]`).hidden = !isShown;
 }
 
+// Whether the grammar answered, whose temperature is a mutation strength.
+const isByGrammar = (run) => run.settings.llm?.provider === "grammar";
+
 const percent = (share) => (share === null ? "–" : d3.format(".1%")(share));
 
 const counted = (count, noun) => `${number(count)} ${noun}${count === 1 ? "" : "s"}`;

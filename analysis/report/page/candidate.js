@@ -114,10 +114,9 @@ function requestOf(run, one) {
     if (one.operator === "given") return h("p", null, "A network that was given; no model was asked for it.");
     const fixed = one.operator === "sample" ? "Draw a network at random." : run.crossover;
     const text = one.prompt === null ? fixed : run.instructions[one.prompt].text;
-    const isGrammar = run.settings.llm?.provider === "grammar";
     const temperature = one.dropped.includes("temperature")
         ? `Temperature not sent, because the model refuses it (${number(one.temperature)} was planned).`
-        : `Temperature ${number(one.temperature)}${isGrammar ? ", here a mutation strength: up to four random edits came on top" : ""}.`;
+        : `Temperature ${number(one.temperature)}${isByGrammar(run) ? ", here a mutation strength: up to four random edits came on top" : ""}.`;
     return h(
         "div",
         null,

@@ -47,7 +47,7 @@ function drawDynamics() {
             run.by_instruction,
         ),
         yields(
-            run.settings.llm?.provider === "grammar"
+            isByGrammar(run)
                 ? "The same by the temperature of the request, which is a mutation strength of the grammar."
                 : "The same by the temperature of the request.",
             run.by_temperature,

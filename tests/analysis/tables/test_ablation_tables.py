@@ -13,6 +13,7 @@ from analysis.table import Between, Halves, Percent, PercentBetween, PValue, Tab
 from analysis.tables.ablation import ablation_tables, arms_table, common_note, metric_table, runs_table
 from analysis.tables.rendering import as_markdown
 from tacevo.choices import ChosenBy, Primary
+from tacevo.config.identity import twins_of
 from tacevo.results.sweep import FinishedJob, Missing, RecordedSweep
 from tacevo.results.tested import JobScore
 from tacevo.storage.sweep_directory import Job, Retraining, SweepTerms
@@ -77,7 +78,7 @@ def test_arm_without_a_record_of_prompts_is_named_the_reference() -> None:
     jobs += [configured("worse", seed, WORSE, archive={"kind": "best"}) for seed in range(5)]
     without = [configured("without", seed, prompts={"policy": "none"}) for seed in range(5)]
     sweep = sweep_of([*jobs, *without])
-    assert sweep.twins_of("none") == ["without"]
+    assert twins_of("none", sweep.twins) == ["without"]
     ablation = compare_arms(compared(*jobs, *without)[1].jobs, twins=sweep.twins)
     table = best(sweep, ablation)
     told = next(note for note in table.notes if note.startswith("Identical by construction: without."))
@@ -89,7 +90,7 @@ def test_arm_without_a_record_of_prompts_is_named_the_reference() -> None:
     marks = {row[0]: row[2] for row in overview.rows}
     assert (overview.columns[2], marks) == ("equal to", {"none": None, "worse": None, "without": "none"})
     curious = [configured(one.job.arm, one.job.seed, prompts={"policy": "curiosity"}) for one in jobs[:5]]
-    assert sweep_of([*curious, *without]).twins_of("none") == []
+    assert twins_of("none", sweep_of([*curious, *without]).twins) == []
     assert "equal to" not in arms_table(SWEEP, FOUND, "n").columns
 
 
