@@ -14,6 +14,7 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser import overrides_parser
 from hydra.core.override_parser.types import Override
+from hydra.errors import OverrideParseException
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tacevo.config.arms import check_change, read_arm, split_arm
@@ -275,6 +276,10 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
             remedy="add llm=anthropic (Claude), llm=openai llm.model=NAME (a server of yours), or llm=grammar (a "
             "control without a language model, whose results are not a reproduction of the paper's)",
         )
+    if isinstance(error, OverrideParseException):
+        key, _, value = error.override.partition("=")
+        remedy = f"quote it for Hydra, and all of it for the shell: {as_override(key, value)} within double quotes"
+        return ConfigError(value, place=key, expected="a value that Hydra can read", remedy=remedy)
     said = [*itertools.takewhile(lambda line: not line.startswith("Config search path"), lines)]
     missing = re.search(r"Could not find '(.+)/([^/]*)'", said[0])
     if missing:
