@@ -132,7 +132,7 @@ def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **s
 
 
 def publish(
-    run: Run | str | os.PathLike[str],
+    run: Run | Sweep | str | os.PathLike[str],
     target: str | os.PathLike[str],
     *,
     authors: Sequence[str] = (),
@@ -143,7 +143,7 @@ def publish(
     """Replay a finished run or a sweep with its studies, and write all that belongs to it into one file.
 
     Args:
-        run: the run, or the directory of a run or a sweep.
+        run: the run or sweep, or its directory.
         target: the file to write, such as `mine.zip`; one that stands there is replaced.
         authors: of the publication; none is `anonymous`.
         licence: of what is published, an SPDX identifier.
@@ -160,7 +160,7 @@ def publish(
     terms = Terms(licence=licence, authors=tuple(authors), published=date)
     with progress(quiet) as view:
         done = publish_bundle(
-            _directory(run),
+            _of_sweep(run) if isinstance(run, Sweep) else _directory(run),
             Path(target),
             terms=terms,
             make_pages=partial(pages, say=view.say),
@@ -174,7 +174,8 @@ def publish(
 def _of_sweep(sweep: Sweep) -> Path:
     """Return the directory of a sweep; nothing is written into a bundle."""
     if sweep.place.digest is not None:
-        raise ConfigError("a published sweep", place=sweep.name, expected="a sweep in a directory")
+        remedy = "`tacevo extend SWEEP.zip/JOB` goes on from one of its jobs"
+        raise ConfigError("a published sweep", place=sweep.name, expected="a sweep in a directory", remedy=remedy)
     return sweep.place.folder
 
 

@@ -15,6 +15,7 @@ from analysis.sweeps.plans import Planned, Wish
 from analysis.sweeps.plans import plan as weigh
 from analysis.tables.plan import plan_table
 from tacevo.api.runs import Run
+from tacevo.api.studies import Study
 from tacevo.api.sweeps import Sweep
 from tacevo.api.tables import Table
 from tacevo.bundles.open import opened
@@ -27,10 +28,13 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.plan_file import SeedPlan, plan_text
 from tacevo.storage.sweep_directory import SweepDirectory
 
+#: What a plan can be made from.
+Pilots = Run | Study | Sweep | str | os.PathLike[str]
+
 
 def plan(
     kind: Literal["study", "sweep"],
-    *pilots: Run | Sweep | str | os.PathLike[str],
+    *pilots: Pilots,
     effect: float,
     comparisons: int | None = None,
     power: float = 0.8,
@@ -41,7 +45,7 @@ def plan(
 
     Args:
         kind: what is planned: `study`, training seeds of each network, or `sweep`, jobs of each arm.
-        pilots: for a study, runs with finished studies, or the directories of studies; for a sweep, sweeps.
+        pilots: for a study, finished studies, all those of runs, or the directories of either; for a sweep, sweeps.
         effect: what is to be found, in (0, 1): a part of an error (0.1 is 10 % less), or a difference of an accuracy.
         comparisons: variants, or arms beside the reference; as many as the pilot has if None.
         power: wished chance of finding it, in (0, 1).
@@ -70,7 +74,7 @@ def plan(
 
 def planned_from(
     kind: Literal["study", "sweep"],
-    pilots: Sequence[Run | Sweep | str | os.PathLike[str]],
+    pilots: Sequence[Pilots],
     *,
     effect: float,
     comparisons: int | None,
@@ -93,16 +97,17 @@ def write_plan(planned: Planned, directory: Path) -> SeedPlan | None:
     return made
 
 
-def _pilot(kind: str, pilots: Sequence[Run | Sweep | str | os.PathLike[str]]) -> Pilot:
+def _pilot(kind: str, pilots: Sequence[Pilots]) -> Pilot:
     if kind == "study":
         return study_pilot([pair for pilot in pilots for pair in _finished_studies(pilot)])
     return sweep_pilot([load_sweep(_sweep(pilot)) for pilot in pilots])
 
 
-def _sweep(pilot: Run | Sweep | str | os.PathLike[str]) -> Path:
+def _sweep(pilot: Pilots) -> Path:
     """Return the directory of a sweep, which need not be finished, or of a bundle's."""
-    if isinstance(pilot, Run):
-        raise RunError("a run", place=pilot.name, expected="the directory or bundle of a sweep")
+    if isinstance(pilot, Run | Study):
+        got = "a run" if isinstance(pilot, Run) else "a study"
+        raise RunError(got, place=pilot.name, expected="the directory or bundle of a sweep")
     if isinstance(pilot, Sweep):
         return pilot.place.folder
     path = Path(pilot)
@@ -113,8 +118,11 @@ def _sweep(pilot: Run | Sweep | str | os.PathLike[str]) -> Path:
     return folder
 
 
-def _finished_studies(pilot: Run | Sweep | str | os.PathLike[str]) -> Iterator[tuple[RecordedRun, RecordedStudy]]:
+def _finished_studies(pilot: Pilots) -> Iterator[tuple[RecordedRun, RecordedStudy]]:
     """Read the finished studies of a pilot, each with its run."""
+    if isinstance(pilot, Study):
+        yield pilot.recorded
+        return
     if isinstance(pilot, Run | Sweep):
         name = str(pilot.place.folder)
         runs = [pilot.recorded] if isinstance(pilot, Run) else [run.recorded for run in pilot.runs]

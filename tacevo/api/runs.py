@@ -214,7 +214,7 @@ class Run:
         again = {one.name: one for one in collection.reestimates}
         known = [one for one in collection.finished if one.path.name in compared.keys() | again.keys()]
         return tuple(
-            Study(one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
+            Study(self.recorded, one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
             for one in sorted(known, key=lambda one: (bool(one.record.other_data), one.path.name))
         )
 

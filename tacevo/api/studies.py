@@ -14,7 +14,9 @@ from analysis.studies.comparison import of_whole
 from analysis.studies.reestimates import Reestimates
 from tacevo.api import frames
 from tacevo.api.tables import Table
+from tacevo.results.run import RecordedRun
 from tacevo.results.study import RecordedStudy as Scored
+from tacevo.results.study import as_study
 from tacevo.results.study_directory import FinishedStudy
 from tacevo.results.study_lines import FailedLine, Row
 from tacevo.rounding import rounded
@@ -29,17 +31,24 @@ class Study:
 
     def __init__(
         self,
+        run: RecordedRun,
         finished: FinishedStudy,
         compared: Compared | None,
         reestimates: Reestimates | None,
         pages: Callable[[str], tuple[Mapping[str, Table], Mapping[str, Callable[[], Figure]]]],
     ) -> None:
+        self._run = run
         self._finished, self._compared, self._reestimates, self._pages = finished, compared, reestimates, pages
 
     @property
     def name(self) -> str:
         """Of its directory."""
         return self._finished.path.name
+
+    @property
+    def recorded(self) -> tuple[RecordedRun, Scored]:
+        """Its run, and what its files hold; raises RunError of a noise run, which has no test scores."""
+        return self._run, as_study(self._finished)
 
     @property
     def digest(self) -> str:

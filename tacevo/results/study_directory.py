@@ -28,8 +28,8 @@ from tacevo.typed import parse
 #: What `study_names` returns, as a regular expression.
 NAME = r"(?:elites|networks|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
 
-#: Characters of a directory's name that say what other data a study is about, at most.
-_LONGEST_WHERE = 40
+#: Characters of a directory's name that say what other data a study is about, at most: today, and in earlier releases.
+_LONGEST_WHERE = (80, 40)
 
 
 #: So many scores may be missing where a study is not whole.
@@ -212,10 +212,11 @@ def study_names(header: StudyHeader, *, searched: bool) -> tuple[str, ...]:
         searched: whether its run searched; the networks of other runs were given, which earlier releases called elites.
     """
     kinds = ("noise",) if header.terms is None else ("elites",) if searched else ("networks", "elites")
-    where = re.sub(r"[^A-Za-z0-9._]+", "-", header.where)[:_LONGEST_WHERE].strip("-")
+    where = re.sub(r"[^A-Za-z0-9._]+", "-", header.where)
     size = f"{len(header.networks) - 1}-seeds{header.seeds}-epochs{header.recipe.epochs}"
-    end = "-".join(part for part in (size, where, content_hash(written(header))[:8]) if part)
-    return tuple(f"{kind}{end}" for kind in kinds)
+    words = dict.fromkeys(where[:longest].strip("-") for longest in _LONGEST_WHERE)
+    ends = ["-".join(part for part in (size, word, content_hash(written(header))[:8]) if part) for word in words]
+    return tuple(f"{kind}{end}" for end in ends for kind in kinds)
 
 
 def find_study(run: Path, header: StudyHeader, *, searched: bool) -> StudyDirectory:

@@ -284,6 +284,22 @@ def test_sweep_is_the_same_from_directory_and_bundle(swept: Path) -> None:
         one.contrasts("test_score")
 
 
+def test_plan_is_of_one_study_or_of_all_of_a_run(opened: tacevo.Run, swept: Path) -> None:
+    """What is no pilot is refused by name."""
+    study = next(one for one in opened.studies if not one.is_noise)
+    both = tacevo.plan("study", opened, effect=0.2).frame
+    assert_frame_equal(tacevo.plan("study", study, effect=0.2).frame, both)  # its only one
+    noise = next(one for one in opened.studies if one.is_noise)
+    with refused(tacevo.RunError, got="a noise run", place=noise.name):
+        tacevo.plan("study", noise, effect=0.2)
+    for pilot, got in ((opened, "a run"), (study, "a study")):
+        with refused(tacevo.RunError, got=got, expected="sweep"):
+            tacevo.plan("sweep", pilot, effect=0.2)
+    published = tacevo.open(swept / "sweep.zip")
+    with refused(tacevo.ConfigError, got="a published sweep", remedy="tacevo extend"):
+        tacevo.publish(published, "again.zip")
+
+
 def test_contrasts_take_the_names_of_terms_and_tables() -> None:
     """Without one, they are of what the sweep states that it is compared by first."""
     arms = {metric: pd.DataFrame() for metric in (Metric.test_accuracy, Metric.qd_score)}

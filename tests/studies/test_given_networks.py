@@ -19,7 +19,7 @@ from tacevo.data.simulator.written_files import write_files
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
 from tacevo.records import Given, Operator
 from tacevo.results.run import read_run
-from tacevo.results.study_directory import StudyDirectory, studies_of
+from tacevo.results.study_directory import StudyDirectory, studies_of, study_names
 from tacevo.runs.progress import Progress
 from tacevo.studies.given_run import _check_different
 from tacevo.studies.study import replay_studies
@@ -161,6 +161,16 @@ def test_study_that_was_begun_under_its_earlier_name_is_continued(
     assert f"{earlier.name} (6 trainings, 6 of them recorded already)" in capsys.readouterr().out
     assert not now.exists()
     assert main(["replay", "run"]) == 0
+
+
+def test_name_says_which_sensor_and_shots(here: Path) -> None:
+    """Behind other settings, too; the shorter name of earlier releases is looked for after it."""
+    header = StudyDirectory(study_on("").path).read_finished().scores.header
+    other = (("sensor", "TacTip+ViTac+ViTacTip"), ("shots", 10), ("test_sensor", "TacTip"), ("split_seed", 7))
+    now, earlier, *_ = study_names(replace(header, other_data=other), searched=True)
+    assert "shots-10-test_sensor-TacTip" in now
+    assert now.startswith(earlier[: -len("-01234567")])
+    assert len(study_names(header, searched=True)) == 1  # on the run's own data there is nothing to cut
 
 
 def test_replay_compares_run_and_both_studies_without_data(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
