@@ -109,10 +109,7 @@ class Tessellation:
     """The niches, by their centroids of shape (niches, d): which of them a point of [0, 1]^d is nearest to."""
 
     def __init__(self, centroids: Sequence[Sequence[float]] | NDArray[np.float64]) -> None:
-        from scipy.spatial import cKDTree  # a third of a second to import, for the commands that have an archive
-
         self.centroids = np.asarray(centroids, dtype=np.float64)
-        self._tree = cKDTree(self.centroids)
 
     @property
     def niches(self) -> int:
@@ -120,7 +117,7 @@ class Tessellation:
         return len(self.centroids)
 
     def niche_of(self, point: Sequence[float]) -> int:
-        """Find the niche of a point of shape (d,).
+        """Find the niche of a point of shape (d,): that of the nearest centroid, of equally near ones the first.
 
         Raises:
             ValueError: a coordinate is NaN or infinite, or their number is not d.
@@ -133,8 +130,9 @@ class Tessellation:
         for point in points:
             if len(point) != dimensions or not all(math.isfinite(value) for value in point):
                 raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
-        nearest = self._tree.query(np.asarray(points, dtype=np.float64).reshape(-1, dimensions))[1]
-        return [int(niche) for niche in np.atleast_1d(nearest)]
+        places = np.asarray(points, dtype=np.float64).reshape(-1, 1, dimensions)
+        # A tree would take longer to import than a search takes to look through some hundred centroids.
+        return [int(((place - self.centroids) ** 2).sum(axis=1).argmin()) for place in places]
 
 
 def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> list[list[float]]:

@@ -36,7 +36,7 @@ _LAUNCHER, _OPTION = "hydra/launcher=", "hydra.launcher."
 _DRIVER = 0.25
 
 #: Seconds between two looks at the jobs.
-_TICK = 0.5
+_TICK = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -394,6 +394,7 @@ def test_recorded_configuration_has_one_spelling(key: str, value: Any) -> None:
 
 @pytest.mark.parametrize("value", [r"^(\w+)/press(\d+)_", "[a", "a=b", '"x', "{x", "it's", "a: b)"])
 def test_value_that_hydra_cannot_read_is_shown_as_it_can(value: str) -> None:
+    """What the message shows composes to the value."""
     with pytest.raises(ConfigError) as caught:
         compose(["task=force", "data=folder", f"data.root={value}"])
     assert (caught.value.place, caught.value.got) == ("data.root", value)

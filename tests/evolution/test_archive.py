@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from ribs.archives import CVTArchive
+from scipy.spatial import cKDTree
 
 from tacevo.evolution.archive import (
     AddStatus,
@@ -85,6 +86,15 @@ def test_niches_of_points_are_those_of_the_nearest_centroids(points: list[tuple[
     for niche, (x, y) in zip(niches, points, strict=True):
         distances = np.hypot(*(QUARTERS.centroids - [x, y]).T)
         assert distances[niche] == pytest.approx(distances.min(), abs=1e-12)
+
+
+def test_niches_are_those_of_a_search_tree() -> None:
+    """Of a peer, for points inside, on the edges, and at the middle of an axis; of equally near ones, the first."""
+    centroids = find_centroids(niches=30, dimensions=2, samples=1_000, seed=0)
+    points = stream(2, "tree").random((3_000, 2))
+    points[1_000:, 0], points[2_000:, 1] = 0.5, 1.0
+    assert Tessellation(centroids).niches_of(points.tolist()) == cKDTree(centroids).query(points)[1].tolist()
+    assert QUARTERS.niches_of([(0.5, 0.5), (0.9, 0.5), (0.5, 0.9)]) == [0, 2, 1]
 
 
 @pytest.mark.parametrize("point", [(math.nan, 0.5), (math.inf, 0.5), (0.5,)])

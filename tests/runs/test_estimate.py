@@ -79,6 +79,7 @@ def test_estimate_needs_no_key_and_leaves_nothing(
     """Before any call: status 0, the numbers, and an empty directory."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    monkeypatch.setattr("tacevo.runs.pace._SECONDS", 0.2)
     assert main(["search", "--estimate", *SMALL, "executor.workers=1"]) == 0
     out = capsys.readouterr().out
     assert "24 requests to claude-haiku-4-5-20251001; the answers to 0 of generation 0 are recorded already." in out
