@@ -8,6 +8,7 @@ steps. docs/statistics.md says what follows from these assumptions.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from statistics import NormalDist
 
 import numpy as np
@@ -70,6 +71,7 @@ def pooled(samples: Sequence[ArrayLike]) -> Spread | None:
     return Spread(deviation=rounded(math.sqrt(squares / freedom)), freedom=freedom)
 
 
+@cache
 def median_deviation(seeds: int) -> float:
     """Return the standard deviation of the median of so many values of a standard normal distribution, in (0, 1]."""
     draws = stream(0, "plan", "medians", seeds).standard_normal((_MEDIANS, seeds))

@@ -28,13 +28,13 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.plan_file import SeedPlan, plan_text
 from tacevo.storage.sweep_directory import SweepDirectory
 
-#: What a plan can be made from.
-Pilots = Run | Study | Sweep | str | os.PathLike[str]
+#: What a pilot can be read from.
+PilotSource = Run | Study | Sweep | str | os.PathLike[str]
 
 
 def plan(
     kind: Literal["study", "sweep"],
-    *pilots: Pilots,
+    *pilots: PilotSource,
     effect: float,
     comparisons: int | None = None,
     power: float = 0.8,
@@ -74,7 +74,7 @@ def plan(
 
 def planned_from(
     kind: Literal["study", "sweep"],
-    pilots: Sequence[Pilots],
+    pilots: Sequence[PilotSource],
     *,
     effect: float,
     comparisons: int | None,
@@ -97,13 +97,13 @@ def write_plan(planned: Planned, directory: Path) -> SeedPlan | None:
     return made
 
 
-def _pilot(kind: str, pilots: Sequence[Pilots]) -> Pilot:
+def _pilot(kind: str, pilots: Sequence[PilotSource]) -> Pilot:
     if kind == "study":
         return study_pilot([pair for pilot in pilots for pair in _finished_studies(pilot)])
     return sweep_pilot([load_sweep(_sweep(pilot)) for pilot in pilots])
 
 
-def _sweep(pilot: Pilots) -> Path:
+def _sweep(pilot: PilotSource) -> Path:
     """Return the directory of a sweep, which need not be finished, or of a bundle's."""
     if isinstance(pilot, Run | Study):
         got = "a run" if isinstance(pilot, Run) else "a study"
@@ -118,10 +118,10 @@ def _sweep(pilot: Pilots) -> Path:
     return folder
 
 
-def _finished_studies(pilot: Pilots) -> Iterator[tuple[RecordedRun, RecordedStudy]]:
+def _finished_studies(pilot: PilotSource) -> Iterator[tuple[RecordedRun, RecordedStudy]]:
     """Read the finished studies of a pilot, each with its run."""
     if isinstance(pilot, Study):
-        yield pilot.recorded
+        yield pilot.recorded_run, pilot.recorded
         return
     if isinstance(pilot, Run | Sweep):
         name = str(pilot.place.folder)

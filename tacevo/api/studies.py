@@ -37,7 +37,7 @@ class Study:
         reestimates: Reestimates | None,
         pages: Callable[[str], tuple[Mapping[str, Table], Mapping[str, Callable[[], Figure]]]],
     ) -> None:
-        self._run = run
+        self.recorded_run = run
         self._finished, self._compared, self._reestimates, self._pages = finished, compared, reestimates, pages
 
     @property
@@ -46,9 +46,9 @@ class Study:
         return self._finished.path.name
 
     @property
-    def recorded(self) -> tuple[RecordedRun, Scored]:
-        """Its run, and what its files hold; raises RunError of a noise run, which has no test scores."""
-        return self._run, as_study(self._finished)
+    def recorded(self) -> Scored:
+        """What its files hold; raises RunError of a noise run, which has no test scores."""
+        return as_study(self._finished)
 
     @property
     def digest(self) -> str:

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import re
+import shlex
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
@@ -179,7 +180,7 @@ def spread(overrides: Sequence[str]) -> tuple[tuple[str, ...], ...]:
         ConfigError: an override cannot be read, or does not stand for a finite number of values.
     """
     _check_settings(overrides)
-    with _hydra([], overrides):
+    with _hydra([*groups(), *keys()], overrides):
         parser = overrides_parser.OverridesParser.create(config_loader=GlobalHydra.instance().config_loader())
         return tuple(_values(override) for override in parser.parse_overrides(list(overrides)))
 
@@ -249,6 +250,8 @@ def _hydra(names: Sequence[str], overrides: Sequence[str], command: str = "searc
             yield
     except ConfigError:
         raise
+    except OverrideParseException as error:
+        raise _unread(error, names, command) from error
     except Exception as error:  # of Hydra, OmegaConf, YAML or the file system, which share no class
         raise _explained(error, names, overrides, command) from error
 
@@ -276,12 +279,19 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
             remedy="add llm=anthropic (Claude), llm=openai llm.model=NAME (a server of yours), or llm=grammar (a "
             "control without a language model, whose results are not a reproduction of the paper's)",
         )
-    if isinstance(error, OverrideParseException):
-        key, _, value = error.override.partition("=")
-        remedy = f"quote it for Hydra, and all of it for the shell: {as_override(key, value)} within double quotes"
-        return ConfigError(value, place=key, expected="a value that Hydra can read", remedy=remedy)
     said = [*itertools.takewhile(lambda line: not line.startswith("Config search path"), lines)]
     missing = re.search(r"Could not find '(.+)/([^/]*)'", said[0])
     if missing:
         return ConfigError(missing.group(2), place=missing.group(1), expected=f"one of {', '.join(said[2:])}")
     return ConfigError(" ".join(said), place=getattr(error, "full_key", None) or "")
+
+
+def _unread(error: OverrideParseException, names: Sequence[str], command: str) -> ConfigError:
+    """Return the error for a setting whose name or value is beyond Hydra's grammar."""
+    key, _, value = error.override.partition("=")
+    if key not in names:
+        return ConfigError("not a setting", place=key, remedy=near(key, names, command))
+    lines = str(error).splitlines()
+    why = lines[lines[0].startswith("Error parsing override")]  # it may repeat the setting first
+    remedy = f"Hydra says: {why}; for a text, write {shlex.quote(as_override(key, value))}"
+    return ConfigError(value, place=key, expected="a value that Hydra can read", remedy=remedy)

@@ -81,6 +81,10 @@ class Growing(Mapping[K, V]):
         return self._keys
 
 
+#: Points whose distances are in memory together.
+_AT_ONCE = 1_000
+
+
 class AddStatus(StrEnum):
     """What an insertion did; `rejected` leaves the archive as it was."""
 
@@ -130,9 +134,13 @@ class Tessellation:
         for point in points:
             if len(point) != dimensions or not all(math.isfinite(value) for value in point):
                 raise ValueError(f"a point needs {dimensions} finite coordinates; got {tuple(point)}")
-        places = np.asarray(points, dtype=np.float64).reshape(-1, 1, dimensions)
+        places = np.asarray(points, dtype=np.float64).reshape(-1, dimensions)
+        niches: list[int] = []
         # A tree would take longer to import than a search takes to look through some hundred centroids.
-        return [int(((place - self.centroids) ** 2).sum(axis=1).argmin()) for place in places]
+        for part in np.split(places, range(_AT_ONCE, len(places), _AT_ONCE)):
+            distances = ((part[:, None] - self.centroids) ** 2).sum(axis=2)
+            niches += distances.argmin(axis=1).tolist()
+        return niches
 
 
 def find_centroids(*, niches: int, dimensions: int, samples: int, seed: int) -> list[list[float]]:

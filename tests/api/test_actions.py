@@ -36,6 +36,8 @@ def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
     noise = tacevo.noise(run, elites=1, seeds=2, quiet=True)
     assert noise.is_noise
     assert [*noise.reestimates["seed"]] == [0, 1, 0, 1]
+    with refused(tacevo.RunError, place=noise.name, got="a noise run"):
+        tacevo.plan("study", noise, effect=0.2)
     before = [one.name for one in run.studies]
     study = tacevo.study(run, elites=1, seeds=4, epochs=1, quiet=True)
     assert [one.name for one in run.studies] == sorted([*before, study.name])  # an open run sees what was made

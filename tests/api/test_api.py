@@ -284,20 +284,30 @@ def test_sweep_is_the_same_from_directory_and_bundle(swept: Path) -> None:
         one.contrasts("test_score")
 
 
-def test_plan_is_of_one_study_or_of_all_of_a_run(opened: tacevo.Run, swept: Path) -> None:
-    """What is no pilot is refused by name."""
-    study = next(one for one in opened.studies if not one.is_noise)
-    both = tacevo.plan("study", opened, effect=0.2).frame
-    assert_frame_equal(tacevo.plan("study", study, effect=0.2).frame, both)  # its only one
-    noise = next(one for one in opened.studies if one.is_noise)
-    with refused(tacevo.RunError, got="a noise run", place=noise.name):
-        tacevo.plan("study", noise, effect=0.2)
-    for pilot, got in ((opened, "a run"), (study, "a study")):
+def test_plan_is_of_one_study_where_a_run_has_several() -> None:
+    """They may not be of one kind; what is no pilot is refused by name."""
+    run = tacevo.open(ROOT / "cache" / "published" / "grating-claude.zip")
+    assert isinstance(run, tacevo.Run)
+    with refused(tacevo.RunError, expected="full trainings of one kind"):
+        tacevo.plan("study", run, effect=0.2)
+    seeds = [set(tacevo.plan("study", study, effect=0.2).frame["seeds"]) for study in run.studies]
+    assert len(seeds) == 2
+    assert seeds[0] != seeds[1]
+    for pilot, got in ((run, "a run"), (run.studies[0], "a study")):
         with refused(tacevo.RunError, got=got, expected="sweep"):
             tacevo.plan("sweep", pilot, effect=0.2)
-    published = tacevo.open(swept / "sweep.zip")
+
+
+def test_sweep_is_published_from_its_directory(swept: Path, tmp_path: Path) -> None:
+    """By the open sweep; a published one is refused."""
+    sweep = tacevo.open(swept / "sweep")
+    assert isinstance(sweep, tacevo.Sweep)
+    tacevo.publish(sweep, tmp_path / "again.zip", quiet=True)
+    again = tacevo.open(tmp_path / "again.zip")
+    assert isinstance(again, tacevo.Sweep)
+    assert_frame_equal(again.jobs, sweep.jobs)
     with refused(tacevo.ConfigError, got="a published sweep", remedy="tacevo extend"):
-        tacevo.publish(published, "again.zip")
+        tacevo.publish(again, tmp_path / "third.zip")
 
 
 def test_contrasts_take_the_names_of_terms_and_tables() -> None:

@@ -1,5 +1,7 @@
 """Promise: every shipped config composes, and a wrong setting is refused with the key as the user wrote it."""
 
+import shlex
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from sweeps import composed
 
 from tacevo.choices import DataSource, SplitRule
 from tacevo.config import conf_folder
-from tacevo.config.compose import compose, compose_study
+from tacevo.config.compose import compose, compose_study, spread
 from tacevo.config.conf_folder import conf_root, groups
 from tacevo.config.plain import from_plain, to_plain
 from tacevo.config.schema import RunConfig
@@ -392,11 +394,22 @@ def test_recorded_configuration_has_one_spelling(key: str, value: Any) -> None:
         from_plain(recorded)
 
 
-@pytest.mark.parametrize("value", [r"^(\w+)/press(\d+)_", "[a", "a=b", '"x', "{x", "it's", "a: b)"])
-def test_value_that_hydra_cannot_read_is_shown_as_it_can(value: str) -> None:
-    """What the message shows composes to the value."""
+@pytest.mark.parametrize("value", [r"^(\w+)/press(\d+)_", "[a", "a=b", '"x', "{x", "$HOME/[a", "a: b)"])
+@pytest.mark.parametrize("read", [compose, spread])
+def test_text_that_hydra_cannot_read_is_shown_as_a_shell_takes_it(
+    value: str, read: Callable[[Sequence[str]], object]
+) -> None:
+    """What the message shows composes to the text."""
     with pytest.raises(ConfigError) as caught:
-        compose(["task=force", "data=folder", f"data.root={value}"])
+        read(["task=force", "data=folder", f"data.root={value}"])
     assert (caught.value.place, caught.value.got) == ("data.root", value)
-    shown = caught.value.remedy.removesuffix(" within double quotes").partition("shell: ")[2]
-    assert compose(["task=force", "data=folder", shown]).data.root == value
+    typed = caught.value.remedy[caught.value.remedy.rindex("write ") + len("write ") :]
+    (override,) = shlex.split(typed)
+    assert compose(["task=force", "data=folder", override]).data.root == value
+
+
+@pytest.mark.parametrize("override", ["seed =1", "data..root=3", "1x=3"])
+def test_key_that_hydra_cannot_read_is_no_setting(override: str) -> None:
+    """Its value is not blamed."""
+    with refused(ConfigError, place=override.partition("=")[0], got="not a setting"):
+        compose([override])

@@ -89,12 +89,20 @@ def test_niches_of_points_are_those_of_the_nearest_centroids(points: list[tuple[
 
 
 def test_niches_are_those_of_a_search_tree() -> None:
-    """Of a peer, for points inside, on the edges, and at the middle of an axis; of equally near ones, the first."""
+    """Of a peer, for points inside, on the edges, and at the middle of an axis."""
     centroids = find_centroids(niches=30, dimensions=2, samples=1_000, seed=0)
     points = stream(2, "tree").random((3_000, 2))
     points[1_000:, 0], points[2_000:, 1] = 0.5, 1.0
     assert Tessellation(centroids).niches_of(points.tolist()) == cKDTree(centroids).query(points)[1].tolist()
-    assert QUARTERS.niches_of([(0.5, 0.5), (0.9, 0.5), (0.5, 0.9)]) == [0, 2, 1]
+
+
+def test_first_of_equally_near_niches_counts() -> None:
+    """Wherever it stands among many, for one point and for many."""
+    side = (np.arange(8) + 0.5) / 8
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    corners = [(x, y) for x in range(1, 8) for y in range(1, 8)]
+    expected = [8 * (y - 1) + x - 1 for x, y in corners]
+    assert Tessellation(grid).niches_of([(x / 8, y / 8) for x, y in corners]) == expected
 
 
 @pytest.mark.parametrize("point", [(math.nan, 0.5), (math.inf, 0.5), (0.5,)])

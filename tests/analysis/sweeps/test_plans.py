@@ -84,10 +84,9 @@ def test_searches_are_never_taken_for_equal(between: float, jobs: int, seeds: in
     searches = rng.normal(0, between, (1000, 2, jobs, 1))
     scores = searches + rng.normal(0, 9.2, (1000, 2, jobs, seeds))
     medians, within = np.median(scores, axis=3), np.sqrt(scores.var(axis=3, ddof=1).mean(axis=(1, 2)))
-    of_median = median_deviation(seeds)  # it is drawn anew at each call
     limits = np.array(
         [
-            replace(SWEEP, spread=spread, within=noise, tested=noise * of_median).between
+            replace(SWEEP, spread=spread, within=noise, tested=noise * median_deviation(seeds)).between
             for spread, noise in zip(map(pooled, medians), within.tolist(), strict=True)
             if spread is not None
         ]
