@@ -1,5 +1,6 @@
 """The same networks, studied alike on several data sets: another split, sensor or light, or recordings."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
@@ -30,10 +31,15 @@ def transfers(studies: Iterable[OnData]) -> tuple[tuple[OnData, ...], ...]:
         key = _shared(study), tested_sensor(study) is not None, _setting(study, "sensor").count("+")
         groups.setdefault(key, {}).setdefault(study.fingerprint, (study, comparisons))
     return tuple(
-        tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), pair[0].where)))
+        tuple(sorted(group.values(), key=lambda pair: (bool(pair[0].other_data), _by_numbers(pair[0].where))))
         for group in groups.values()
         if len(group) > 1
     )
+
+
+def _by_numbers(text: str) -> list[str | int]:
+    """Return what sorts texts by the numbers in them: 5 shots before 10."""
+    return [int(part) if number % 2 else part for number, part in enumerate(re.split(r"(\d+)", text))]
 
 
 def tested_sensor(study: RecordedStudy) -> str | None:

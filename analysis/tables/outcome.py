@@ -19,7 +19,7 @@ from tacevo.text import counted, listed
 #: How many networks of a noise run are listed: the baseline, the best on record, and the best of the re-estimates.
 MOST = 10
 
-_ONE_SPLIT = "One split of one data set: another may turn a verdict; try it by data.split_seed=N."
+_ONE_SPLIT = "One split of one data set: another split, or other data, may turn a verdict."
 
 _TOGETHER = (
     f"Better and worse: by intervals that hold for all elites together with {100 * LEVEL:g} %, and so are wider than "

@@ -18,11 +18,13 @@ from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import opened
 from tacevo.bundles.publish import publish as publish_bundle
 from tacevo.bundles.readme import Terms
-from tacevo.config.compose import compose, compose_noise, compose_study
+from tacevo.config.compose import compose, compose_noise, compose_study, spread
 from tacevo.config.conf_folder import check_experiment
+from tacevo.config.given import compose_given
 from tacevo.errors import ConfigError, RunError
 from tacevo.runs.providers import check_temperature
 from tacevo.runs.session import search as run_search
+from tacevo.studies.given_run import record_given
 from tacevo.studies.of_sweep import estimate_noise_of_sweep, study_sweep
 from tacevo.studies.study import Studied, estimate_noise
 from tacevo.studies.study import study as run_study
@@ -72,22 +74,36 @@ def extend(run: Run | str | os.PathLike[str], *overrides: str, quiet: bool = Fal
 
 
 @overload
-def study(run: Run | str | os.PathLike[str], *data: str, quiet: bool = False, **settings: Any) -> Study: ...
+def study(
+    run: Run | str | os.PathLike[str] | None = None, *data: str, quiet: bool = False, **settings: Any
+) -> Study: ...
 @overload
 def study(run: Sweep, *, quiet: bool = False, **settings: Any) -> Sweep: ...
-def study(run: Run | Sweep | str | os.PathLike[str], *data: str, quiet: bool = False, **settings: Any) -> Study | Sweep:
+def study(
+    run: Run | Sweep | str | os.PathLike[str] | None = None, *data: str, quiet: bool = False, **settings: Any
+) -> Study | Sweep:
     """Train a run's best networks and the baseline fully, with several seeds each, and test them.
 
     Args:
-        run: a finished run in a directory; or an open sweep, whose finished jobs are studied and which is returned.
-        data: settings of other data to study a run's networks on, such as `"data.split_seed=7"`.
+        run: a finished run in a directory; or an open sweep, whose finished jobs are studied and which is returned;
+            None of given networks, `networks="mine"`, or a baseline alone, `task="force"`.
+        data: settings of other data to study a run's networks on, such as `"data.split_seed=7"`; without a run all
+            settings of the run that is made.
         quiet: whether to show no progress on standard error.
         settings: as of `tacevo study`, such as `elites=2, seeds=5, epochs=40`, and `arms=["none", "drift"]` of a sweep.
 
     Raises:
-        ConfigError: a setting is wrong; or the run is a bundle, which nothing is written into.
+        ConfigError: a setting is wrong, or has several values; or the run is a bundle, which nothing is written into.
         RunError: the run is not finished; or trainings of the study failed, of a sweep's once all were tried.
     """
+    several = [override for override, values in zip(data, spread(data), strict=True) if len(values) > 1]
+    if several:
+        raise ConfigError(", ".join(several), place="data", expected="one data set", remedy="call it for each")
+    if run is None:
+        config, made, files = compose_given([*_texts(settings), *data])
+        with progress(quiet) as view:
+            done = run_study(replace(config, run=str(record_given(made, files, view))), view)
+        return _study_of(done, config.store.root)
     if isinstance(run, Sweep):
         with progress(quiet) as view:
             studies, _ = study_sweep(_of_sweep(run), compose_study(_settings(settings, "sweep")), view, data)
@@ -135,7 +151,7 @@ def publish(
     run: Run | Sweep | str | os.PathLike[str],
     target: str | os.PathLike[str],
     *,
-    authors: Sequence[str] = (),
+    authors: str | Sequence[str] = (),
     licence: str = "CC-BY-4.0",
     date: str = "",
     quiet: bool = False,
@@ -144,8 +160,8 @@ def publish(
 
     Args:
         run: the run or sweep, or its directory.
-        target: the file to write, such as `mine.zip`; one that stands there is replaced.
-        authors: of the publication; none is `anonymous`.
+        target: the file to write, such as `mine.zip`; a bundle that stands there is replaced.
+        authors: of the publication, one as a text; none is `anonymous`.
         licence: of what is published, an SPDX identifier.
         date: of publication, YYYY-MM-DD; the day on which the run ended if empty.
         quiet: whether to show no progress on standard error.
@@ -157,7 +173,7 @@ def publish(
         DivergenceError: the run is not what its stores give.
         RunError: it is not finished.
     """
-    terms = Terms(licence=licence, authors=tuple(authors), published=date)
+    terms = Terms(licence=licence, authors=(authors,) if isinstance(authors, str) else tuple(authors), published=date)
     with progress(quiet) as view:
         done = publish_bundle(
             _of_sweep(run) if isinstance(run, Sweep) else _directory(run),
@@ -188,9 +204,13 @@ def _again(sweep: Sweep, studies: Sequence[Studied]) -> Sweep:
 
 def _settings(settings: dict[str, Any], kind: str = "run") -> list[str]:
     """Write keyword arguments as overrides; the run is named afterwards, since its path may be any text."""
+    return [f"{kind}=RUN", *_texts(settings)]
+
+
+def _texts(settings: dict[str, Any]) -> list[str]:
+    """Write keyword arguments as overrides."""
     words = {name: "null" if value is None else value for name, value in settings.items()}
-    texts = (as_override(name, value) if isinstance(value, str) else f"{name}={value}" for name, value in words.items())
-    return [f"{kind}=RUN", *texts]
+    return [as_override(name, value) if isinstance(value, str) else f"{name}={value}" for name, value in words.items()]
 
 
 def _directory(run: Run | str | os.PathLike[str]) -> Path:

@@ -37,6 +37,7 @@ from tacevo.storage.notes import NOTE, read_note
 from tacevo.storage.run_directory import MANIFEST, RunDirectory, RunRecord, run_text, timing_text
 from tacevo.storage.store import Entry, read_entry
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepTerms, name_arm
+from tacevo.storage.zipfiles import names_in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +68,7 @@ def publish(
 
     Args:
         run: the directory of the run, or of the sweep.
-        target: the file to write; one that stands there is replaced.
+        target: the file to write; a bundle that stands there is replaced.
         terms: of publication; without a day, it is that on which the run, or the last one of the sweep, ended.
         make_pages: returns the files of every table, and those of every figure, from the directory of a run or a
             sweep and from what was read of its runs.
@@ -79,9 +80,12 @@ def publish(
         DivergenceError: a run is not what its stores give, or not what its sweep says.
         CacheMissError: a store lacks an answer.
         RunError: this is not a finished run or sweep, or a study is not one of its finished ones.
-        ConfigError: the day is not known; or a model is named by a path of this machine.
+        ConfigError: another file than a bundle stands there; the day is not known; or a model is named by a path of
+            this machine.
     """
     place = located(run)
+    if target.exists() and MANIFEST not in (names_in(target) or ()):
+        raise ConfigError("another file", place=str(target), expected="no file, or a bundle, which is replaced")
     terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in place.runs))
     staged = _staged(studies, replace(place, entries=store or place.store), view)
     read: set[Path] = set()

@@ -18,6 +18,10 @@ from tacevo.records import Kind
 #: The small experiment for labels of each kind.
 _SMALL = {Kind.regression: "published_force", Kind.classification: "published_grating"}
 
+#: The images of the paper's tasks, as released (docs/paper_data.md): of gratings one pattern and the seven sizes.
+_RELEASED = "data=tacverse data.root=tacverse"
+_OF_GRATINGS = " data.pattern=Blackdot 'data.spacings_mm=[0.3,0.5,0.75,1,1.25,1.5,1.75]'"
+
 
 def add_init(parser: Parser) -> None:
     """Describe `tacevo init`."""
@@ -53,7 +57,9 @@ def _init(options: argparse.Namespace) -> int:
         print(f"wrote:  {places[name]} ({'to edit: ' if supplement is None else ''}{what})")
     for words in left_of_others(task):
         print(f"edit:   {words}")
-    images = _images(task) if supplement is None else "data=tacverse data.root=tacverse"
+    images = _images(task)
+    if supplement is not None:
+        images = _RELEASED + (_OF_GRATINGS if like == SensorTask.grating else "")
     tacevo, own = as_typed("tacevo"), f"task={options.name} {images}"
     where = "" if options.config_dir is None else f" --config-dir {shlex.quote(options.config_dir)}"
     print(f"verify: {tacevo} check {shlex.quote(places[task.baseline])} --task {options.name}{where}")
@@ -61,8 +67,9 @@ def _init(options: argparse.Namespace) -> int:
         lent = f"task={options.name} task.name={like}"
         print(f"try:    {tacevo} search experiment=demo {lent}{where}  # before the edit, on simulated images")
     own = f"experiment={_SMALL[task.kind] if supplement is None else f'paper_{like}'} {own}{where}"
-    print(f"look:   {tacevo} data check {own}  # says what is still the other task's")
-    print(f"next:   {tacevo} search {own}")
+    model = "" if supplement is None else " llm=anthropic"  # which experiments of the paper leave open
+    print(f"look:   {tacevo} data check {own}{model}  # says what is still the other task's")
+    print(f"next:   {tacevo} search {own}{model}")
     return DONE
 
 

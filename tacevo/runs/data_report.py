@@ -130,7 +130,9 @@ def _groups(data: Inspection) -> str:
     if data.recorded_size is None:
         return "each image is a press of its own"
     if data.groups is None:
-        return f"none are known, so frames of one press may stand in two parts{HOW.get(data.source, '')}"
+        is_told = not any(setting.startswith("data.test_sensor=") for setting in data.selected)  # it has its own split
+        how = HOW.get(data.source, "") if is_told else ""
+        return f"none are known, so frames of one press may stand in two parts{how}"
     least, most = min(data.groups), max(data.groups)
     each = counted(most, "image") if least == most else f"{least} to {most} images"
     kept = "no two images share one" if most == 1 else "none in two parts"

@@ -6,8 +6,10 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
+from checkout import ROOT
 from pandas.testing import assert_frame_equal
 from refusals import refused
 from smallest import PUBLISHED_SIZES, SMALLEST, UNTRACKED
@@ -16,6 +18,9 @@ import tacevo
 from tacevo.cli.app import main
 
 SMALL = [*SMALLEST, *PUBLISHED_SIZES, UNTRACKED]
+
+#: Settings of the runs that given networks stand in: gratings in 40 images.
+GIVEN = ["data.images=70", "data.image_size=32", UNTRACKED]
 
 #: A program without `if __name__ == "__main__"`, whose images are made by several processes.
 SCRIPT = """
@@ -51,6 +56,21 @@ def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
     assert_frame_equal(next(one for one in again.studies if not one.is_noise).verdicts, study.verdicts)
     with refused(tacevo.ConfigError, expected="a run in a directory"):
         tacevo.study(again, elites=1)
+    with refused(tacevo.ConfigError, got="data.split_seed=1,2", remedy="call it for each"):
+        tacevo.study(run, "data.split_seed=1,2", elites=1)
+    Path("notes.txt").write_text("mine")
+    with refused(tacevo.ConfigError, place="notes.txt", expected="no file, or a bundle"):
+        tacevo.publish(run, "notes.txt", quiet=True)
+    assert Path("notes.txt").read_text() == "mine"
+
+
+def test_given_networks_are_studied_without_a_run(place: Path) -> None:
+    """As by `tacevo study networks=`, and a baseline alone."""
+    recipe: dict[str, Any] = {"task": "grating", "seeds": 2, "epochs": 1, "quiet": True}
+    study = tacevo.study(None, *GIVEN, networks=str(ROOT / "conf" / "library" / "grating" / "by_hand.py"), **recipe)
+    assert [*study.networks.index] == ["baseline", "by_hand"]
+    alone = tacevo.study(None, *GIVEN, **recipe)
+    assert [*alone.networks.index] == ["baseline"]
 
 
 def test_program_without_a_main_guard_searches_once(place: Path) -> None:

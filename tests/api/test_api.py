@@ -4,6 +4,7 @@ import gc
 import json
 import subprocess
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -302,7 +303,8 @@ def test_sweep_is_published_from_its_directory(swept: Path, tmp_path: Path) -> N
     """By the open sweep; a published one is refused."""
     sweep = tacevo.open(swept / "sweep")
     assert isinstance(sweep, tacevo.Sweep)
-    tacevo.publish(sweep, tmp_path / "again.zip", quiet=True)
+    tacevo.publish(sweep, tmp_path / "again.zip", authors="Ann Nyone", quiet=True)
+    assert b"Ann Nyone" in zipfile.ZipFile(tmp_path / "again.zip").read("ro-crate-metadata.json")
     again = tacevo.open(tmp_path / "again.zip")
     assert isinstance(again, tacevo.Sweep)
     assert_frame_equal(again.jobs, sweep.jobs)

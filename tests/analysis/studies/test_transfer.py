@@ -158,8 +158,9 @@ def test_protocols_that_share_test_images_are_not_joined() -> None:
     groups = transfers([*own, *cross, *left_out])
     assert sorted(len(group) for group in groups) == [2, 2, 2]
     assert [len(transfer_tables(group)) for group in groups] == [2, 2, 2]
-    shots = [of(6 + shots, sensor="A+B+C", test_sensor="C", shots=shots) for shots in (1, 5)]
+    shots = [of(6 + shots, sensor="A+B+C", test_sensor="C", shots=shots) for shots in (1, 10, 5)]
     (group,) = transfers(shots)
+    assert [dict(study.other_data)["shots"] for study, _ in group] == [1, 5, 10]
     assert [table.name for table in transfer_tables(group)] == ["transfer"]
 
 
