@@ -92,21 +92,24 @@ def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
     run = read_run(Path(config.run or ""), config.store.root)
     for data in elsewhere:  # before the first is trained
         compose_data(run.config, data)
-    statuses, names = [], set()
+    statuses, done = [], dict[str, Studied]()
     for data in elsewhere:
         with Progress() as view:
             studied = study(config, view, data)
         _introduce(studied, f"study of {' '.join(data)}")
         statuses.append(_end(studied, _REMEDY))
-        names.add(studied.directory.name)
+        done[studied.directory.name] = studied
     # Of several studies on equal data a table takes the first: let it be the one that was asked for.
-    studies = sorted(read_studies(run).studies, key=lambda one: one.name not in names)
-    own = [one.study for one in studies if one.name in names]
+    studies = sorted(read_studies(run).studies, key=lambda one: one.name not in done)
+    own = {id(one.study): one.name for one in studies if one.name in done}
     for group in transfers((one.study, one.comparisons) for one in studies):
-        if any(one is study for one, _ in group for study in own):
-            for table in transfer_tables(group):
-                print_table(table, Console())
-    print(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
+        members = {own.pop(id(one)) for one, _ in group if id(one) in own}
+        for table in transfer_tables(group) if members else ():
+            print_table(table, Console())
+    for name in own.values():  # nothing can be set beside it
+        _show(done[name], config.store.root)
+    if len(own) < len(done):
+        print(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
     return max(statuses)
 
 
