@@ -18,7 +18,7 @@ from tacevo.api.sweeps import Sweep
 from tacevo.bundles.open import opened
 from tacevo.bundles.publish import publish as publish_bundle
 from tacevo.bundles.readme import Terms
-from tacevo.config.compose import compose, compose_noise, compose_study, spread
+from tacevo.config.compose import compose, compose_noise, compose_study
 from tacevo.config.conf_folder import check_experiment
 from tacevo.config.given import compose_given
 from tacevo.errors import ConfigError, RunError
@@ -96,9 +96,6 @@ def study(
         ConfigError: a setting is wrong, or has several values; or the run is a bundle, which nothing is written into.
         RunError: the run is not finished; or trainings of the study failed, of a sweep's once all were tried.
     """
-    several = [override for override, values in zip(data, spread(data), strict=True) if len(values) > 1]
-    if several:
-        raise ConfigError(", ".join(several), place="data", expected="one data set", remedy="call it for each")
     if run is None:
         config, made, files = compose_given([*_texts(settings), *data])
         with progress(quiet) as view:

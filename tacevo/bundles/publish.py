@@ -84,7 +84,7 @@ def publish(
             this machine.
     """
     place = located(run)
-    if target.exists() and MANIFEST not in (names_in(target) or ()):
+    if target.exists() and STORE not in (names_in(target) or ()):
         raise ConfigError("another file", place=str(target), expected="no file, or a bundle, which is replaced")
     terms = terms if terms.published else replace(terms, published=max(_last_day(path) for path in place.runs))
     staged = _staged(studies, replace(place, entries=store or place.store), view)

@@ -101,14 +101,15 @@ def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
         done[studied.directory.name] = studied
     # Of several studies on equal data a table takes the first: let it be the one that was asked for.
     studies = sorted(read_studies(run).studies, key=lambda one: one.name not in done)
-    own = {id(one.study): one.name for one in studies if one.name in done}
+    own, told = {id(one.study): one.name for one in studies if one.name in done}, set[str]()
     for group in transfers((one.study, one.comparisons) for one in studies):
-        members = {own.pop(id(one)) for one, _ in group if id(one) in own}
+        members = {own[id(one)] for one, _ in group if id(one) in own}
         for table in transfer_tables(group) if members else ():
             print_table(table, Console())
-    for name in own.values():  # nothing can be set beside it
+        told |= members
+    for name in [name for name in done if name not in told]:  # nothing can be set beside it
         _show(done[name], config.store.root)
-    if len(own) < len(done):
+    if told:
         print(f"look:   {as_typed('tacevo')} tables {shlex.quote(str(run.path))}")
     return max(statuses)
 

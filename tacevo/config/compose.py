@@ -266,10 +266,11 @@ def _explained(error: Exception, names: Sequence[str], overrides: Sequence[str],
         return ConfigError("not a setting", place=name, remedy=near(name, names, command))
     several = re.match(r"(?:Ambiguous value for argument|Sweep parameters) '(.*)'", lines[0])
     if several:
+        each = "`tacevo search -m ...` runs a sweep of all values" if command == "search" else "call it for each"
         return ConfigError(
             several.group(1),
             expected="one value: this runs once",
-            remedy="`tacevo search -m ...` runs a sweep of all values; a list is written KEY=[A,B]",
+            remedy=f"{each}; a list is written KEY=[A,B]",
         )
     if lines[0].startswith("You must specify 'llm'"):
         experiment = dict(override.split("=", 1) for override in overrides).get("experiment")
