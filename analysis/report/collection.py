@@ -145,7 +145,7 @@ def compared_studies(run: RecordedRun, finished: Iterable[FinishedStudy]) -> Stu
                 continue
             comparisons, reasons = _compared(study, one.path)
             studies.append(Compared(name=one.path.name, study=study, comparisons=comparisons))
-            left_out += reasons
+            remarks += reasons
         try:
             reestimates.append(load_reestimates(one, run.config, run.facts.fingerprint, run.stores))
         except (RunError, StoreError) as error:

@@ -17,6 +17,8 @@ PAPER = {
     "ablation": "How good are the arms, in every metric?",
     "ablation_primary": "Which arms differ from the reference in the primary metric?",
     "verdicts": "Which networks are better than the baseline, and which are as good?",
+    "transfer": "Do the networks keep their advantage on other data?",
+    "transfer_joint": "What do all data sets together say of it?",
     "noise": "What were the recorded fitnesses worth: losses under other training seeds?",
     "gate": "How many answers became networks, and why were the others rejected?",
     "searches": "Which of these searches found better networks?",
@@ -50,8 +52,6 @@ FURTHER = {
     "fitness_rules": "Would another `training.fitness` tell the networks apart better?",
     "scores": "What did every network score with every seed?",
     "temperatures": "Which temperatures were productive?",
-    "transfer": "Do the networks keep their advantage on other data?",
-    "transfer_joint": "What do all data sets together say of it?",
 }
 
 #: The file that lists them.

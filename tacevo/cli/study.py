@@ -167,7 +167,7 @@ def _show(studied: Studied, store: str | None) -> RecordedRun:
     studies = read_studies(run)
     if table := outcomes(run, studies).get(studied.directory.name):
         print_table(table, Console())
-        say(why for why in studies.left_out if studied.directory.name in why)
+        say(why for why in studies.left_out + studies.remarks if studied.directory.name in why)
     for command in ("tables", "report"):
         print(f"look:   {as_typed('tacevo')} {command} {shlex.quote(str(run.path))}")
     return run

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from tacevo.choices import DataSource, Normalisation
+from tacevo.choices import DataSource, Normalisation, RecordedTask
 from tacevo.config.compose import compose
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
@@ -64,6 +64,7 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         task=config.task.name,
         source=config.data.source,
         root=config.data.root,
+        recorded_with=_recorded_with(config) if is_release else (),
         kind=facts.kind,
         names=facts.names,
         images={"all": sum(facts.counts), **dict(zip(PARTS, facts.counts, strict=True))},
@@ -92,6 +93,12 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
         cache=str(dataset.images.parent),
         sheet=str(path),
     )
+
+
+def _recorded_with(config: RunConfig) -> tuple[str, ...]:
+    """Return the settings that say which directories of the release are read."""
+    pattern = config.data.pattern if config.task.name == RecordedTask.grating else None
+    return (f"data.sensor={config.data.sensor}", *([] if pattern is None else [f"data.pattern={pattern}"]))
 
 
 def _alike_words(count: int, remedy: str) -> list[str]:

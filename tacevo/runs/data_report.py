@@ -44,6 +44,8 @@ class Inspection:
     task: str
     source: DataSource
     root: str | None
+    #: TacVerse: of which sensors, and of gratings which patterns; as settings.
+    recorded_with: tuple[str, ...]
     kind: Kind
     names: tuple[str, ...]
     #: How many there are in `all` and in each part.
@@ -96,8 +98,9 @@ def report(data: Inspection) -> str:
     drawn = "drawn at" if data.recorded_size is None else "{}x{} pixels, used at".format(*data.recorded_size)
     moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(data.mean, data.deviation, strict=True)]
     table = pd.DataFrame(data.labels).to_string(index=False, float_format="{:.4g}".format)
+    origin = [data.source, *([] if data.root is None else [data.root]), *data.recorded_with]
     lines = [
-        f"source:      {data.source}{'' if data.root is None else f', {data.root}'}, task {data.task}",
+        f"source:      {', '.join(origin)}, task {data.task}",
         "images:      {all}: {train} training, {validation} validation, {test} test".format(**data.images),
         *([f"selected:    by {', '.join(data.selected)}"] if data.selected else []),
         *(f"release:     {words}" for words in data.release),

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 from refusals import refused
+from small_recordings import save_forces
 from waiting import eventually
 
 from tacevo.cli.app import _parsed, main
@@ -51,6 +52,16 @@ def test_check_reports_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
     assert f"look:        {sheet.name}" in out
     with Image.open(sheet) as image:
         assert image.width == 2148
+
+
+def test_check_names_the_sensor_of_a_release(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Forces have no pattern, whatever the configuration holds for gratings."""
+    rows = "".join(f"image_{number}.png,{number},{number},{number % 3}\n" for number in range(10))
+    save_forces(tmp_path, rows, images=10)
+    main(["data", "check", "task=force", "data=tacverse", f"data.root={tmp_path}", "data.image_size=16"])
+    (line,) = re.findall(r"^source: .*", capsys.readouterr().out, flags=re.MULTILINE)
+    assert "data.sensor=ViTacTip" in line
+    assert "data.pattern" not in line
 
 
 def test_check_in_json_is_for_machines(capsys: pytest.CaptureFixture[str]) -> None:

@@ -269,6 +269,9 @@ class TacVerse:
 
     def _rows(self, sensor: str, setting: str) -> _Listing:
         """Read the table of a sensor in the order of the image numbers, which is that of time."""
+        if self.task is RecordedTask.hardness:
+            expected = f"an old export of ours with {DIRECTORIES[self.task]}: the release has no hardness"
+            check_directory(self.root / DIRECTORIES[self.task], "data.root", expected)
         directory = _enter(self.root, {"data.root": DIRECTORIES[self.task], setting: sensor})
         table = directory / f"{sensor}.csv"
         check_file(table, "data.root", "a table beside the images, named after the sensor")

@@ -42,11 +42,12 @@ def test_hardness_is_read_but_has_no_split_of_its_own(tmp_path: Path) -> None:
     """The form is ours, so no release says how to split it."""
     save_forces(tmp_path, "")
     folder = tmp_path / "Hardness_Regression"
+    source = TacVerse(root=tmp_path, task=RecordedTask.hardness, sensor="ViTacTip", pattern=None, image_size=16)
+    with refused(DataError, place="data.root", expected="the release has no hardness"):
+        source.catalogue()
     (tmp_path / "Force_Regression").rename(folder)
     (folder / "ViTacTip" / "ViTacTip.csv").write_text("image_name,shore\nimage_1.png,20\nimage_0.png,17.5\n")
-    catalogue = TacVerse(
-        root=tmp_path, task=RecordedTask.hardness, sensor="ViTacTip", pattern=None, image_size=16
-    ).catalogue()
+    catalogue = source.catalogue()
     assert catalogue.names == ("shore",)
     assert catalogue.labels.tolist() == [[17.5], [20.0]]
     with refused(DataError, place="data.split", remedy="set data.split=random"):
