@@ -49,7 +49,7 @@ LACKS = re.compile(r"_API_KEY|HEAD:6379|localhost:8000|/dev/nvidiactl")
 
 #: What a reader puts in place of a page's words.
 STANDS_FOR = {
-    r"\bRUN (data.sensor=|data=tacverse)": r"runs/tacverse \1",
+    r"\bRUN (data.sensor=|data=csv)": r"runs/tacverse \1",
     r"\bruns/NAME data=tacverse": "runs/tacverse data=tacverse",
     r"\bRUN RUN\b|\bruns/FORCE runs/GRATING": "runs/demo sweeps/tiny/none-seed0",
     r"--diff OTHER": "--diff sweeps/tiny/none-seed0",
@@ -60,7 +60,7 @@ STANDS_FOR = {
     r"track DIR": "track runs/demo",
     r"\b(PATH|OTHER)\b": "IMAGES",
     r"root=DIR": "root=tacverse",
-    r"unzip -d": "unzip -o -d",  # they lie there already
+    r"unzip -d": "unzip -oqd",  # they lie there already
 }
 
 #: What makes the Python of pages small: the demo's seed, short trainings, and nothing that needs a sweep of 20 seeds.
@@ -98,7 +98,12 @@ def commands_of(page: Path) -> list[tuple[str, list[str]]]:
     return commands
 
 
-COMMANDS = {page: commands for page in PAGES if (commands := commands_of(page))}
+def python_of(page: Path) -> list[str]:
+    """List the lines of Python of a page."""
+    return [line.strip() for line in page.read_text(encoding="utf-8").splitlines() if PYTHON.match(line)]
+
+
+COMMANDS = {page: commands_of(page) for page in PAGES}
 EACH = dict.fromkeys(command for commands in COMMANDS.values() for command, _ in commands if command[:6] == "tacevo")
 
 
@@ -127,7 +132,11 @@ def presupposed(once: Once) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("page", COMMANDS, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "page",
+    [page for page in PAGES if COMMANDS[page] or python_of(page)],
+    ids=lambda page: str(page.relative_to(ROOT)),
+)
 def test_page_does_what_it_says(page: Path, presupposed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its commands run in its order in a directory of their own, then its Python; each shows what the page shows."""
     for name in ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "OPENAI_API_KEY"):
@@ -153,7 +162,7 @@ def test_page_does_what_it_says(page: Path, presupposed: Path, tmp_path: Path, m
         lines = [line.split() for line in answer.splitlines()]
         assert [line for line in shown if line.split() not in [["..."], *lines]] == [], answer
         printed += answer
-    if python := [line.strip() for line in page.read_text(encoding="utf-8").splitlines() if PYTHON.match(line)]:
+    if python := python_of(page):
         code = "\n".join(["from pathlib import Path", "import tacevo", *python])
         for written, small in SMALLER.items():
             code = code.replace(written, small)
