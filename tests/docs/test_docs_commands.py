@@ -70,6 +70,8 @@ SMALLER = {
     '"none", "drift"': '"none", "fixed_temperature"',
     "study(None, ": 'study(None, "data.images=100", "data.image_size=32", seeds=5, ',
     "seeds=5": "seeds=4, epochs=1",
+    "seeds=12": "seeds=2",
+    "images=600": "images=60",
     "sweeps/mine": "sweeps/tiny",
     'run.export("g12s05", "DIR", like="search")': 'tacevo.open("runs/demo").export("g04s01", "DIR")',
     "regret(run)": "regret(tacevo.open(next(Path('runs').glob('grating-*'))))",
