@@ -49,12 +49,13 @@ LACKS = re.compile(r"_API_KEY|HEAD:6379|localhost:8000|/dev/nvidiactl")
 
 #: What a reader puts in place of a page's words.
 STANDS_FOR = {
-    r"\bRUN (data.sensor=|data=csv)": r"runs/tacverse \1",
+    r"\bRUN data.sensor=": "runs/tacverse data.sensor=",
+    r"\bRUN data=csv": "sweeps/tiny/none-seed0 data=csv",
     r"\bruns/NAME data=tacverse": "runs/tacverse data=tacverse",
     r"\bRUN RUN\b|\bruns/FORCE runs/GRATING": "runs/demo sweeps/tiny/none-seed0",
     r"--diff OTHER": "--diff sweeps/tiny/none-seed0",
     r"(?<!run\.dir=)\bruns/(?!tacverse)[\w-]+|\bRUN\b(?!\.zip)": "runs/demo",
-    r"(?<!--into )\bsweeps/[\w-]+|\bSWEEP\b": "sweeps/tiny",
+    r"(?<!--into )\bsweeps/(?!tiny)[\w-]+|\bSWEEP\b": "sweeps/tiny",
     r"(?<=runs/demo )g\d\ds\d\d": "g04s01",
     r"\bRUN\.zip": "cache/published/grating-grammar.zip",
     r"track DIR": "track runs/demo",
