@@ -120,7 +120,7 @@ def _check_data(data: DataConfig) -> None:
     columns = data.target_columns
     named = data.source is not DataSource.csv or _distinct(columns)
     _check_that(named, "data.target_columns", "the different columns of the labels, e.g. [fx,fy,fz]", columns)
-    named = _distinct(data.spacings_mm) or (data.source is DataSource.tacverse and not data.spacings_mm)
+    named = _distinct(data.spacings_mm) or (not simulated and not data.spacings_mm)
     _check_that(named, "data.spacings_mm", "different spacings, at least one", data.spacings_mm)
     made = not simulated or data.sensor in list(SimulatedSensor)
     _check_that(made, "data.sensor", f"{', '.join(SimulatedSensor)} for data=simulated", data.sensor)

@@ -1,11 +1,14 @@
 """Promise: no configuration with an impossible value is ever built, and what decides a result is its identity."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from refusals import refused
 
+from tacevo.choices import DataSource
+from tacevo.config.checks import check_together
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
@@ -200,6 +203,13 @@ def test_settings_that_do_not_go_together_are_refused(overrides: list[str], plac
     """What one setting asks of another is checked, and the error names both."""
     with refused(ConfigError, place=place, expected=expected):
         compose(overrides)
+
+
+@pytest.mark.parametrize("source", [source for source in DataSource if source is not DataSource.simulated])
+def test_run_of_a_release_can_be_studied_on_other_files(source: DataSource) -> None:
+    """A release has all its gratings without a list of them, which no other source has a use for."""
+    released = compose(["task=force", "data=tacverse", "data.root=release"])
+    check_together(replace(released, data=replace(released.data, source=source, target_columns=("x", "y", "z"))))
 
 
 def test_address_in_a_message_holds_no_login() -> None:
