@@ -126,7 +126,7 @@ def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: st
     assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
 
 
-@pytest.mark.parametrize("experiment", [None, "demo", "published_ablation", "published_force", "published_grating"])
+@pytest.mark.parametrize("experiment", [None, "demo", "fast", "published_force", "published_grating", "table"])
 def test_efficiency_ratio_is_logarithmic_unless_an_experiment_is_the_papers(experiment: str | None) -> None:
     """What docs/descriptors.md decides by measurement holds for every other search, with bounds that adapt."""
     archive = composed(*([] if experiment is None else [f"experiment={experiment}"])).archive
@@ -142,6 +142,15 @@ def test_demo_is_small() -> None:
     assert part_sizes(config.data.images or 0, (config.data.validation_part, config.data.test_part)) == (400, 200, 1400)
     assert config.training.epochs <= 5
     assert config.llm.provider == "grammar"
+
+
+def test_fast_search_trains_as_many_epochs_on_more_networks() -> None:
+    """It may end a generation earlier, and never costs more."""
+    searches = [composed(f"experiment={name}") for name in ("published_ablation", "fast")]
+    networks = [1 + one.search.initial + one.search.generations * one.search.candidates for one in searches]
+    usual, fast = (one.training.epochs * count for one, count in zip(searches, networks, strict=True))
+    assert networks[1] >= 1.9 * networks[0]
+    assert usual - searches[1].training.epochs * searches[1].search.candidates < fast <= usual
 
 
 def test_images_follow_the_task() -> None:
@@ -188,7 +197,7 @@ def test_each_source_has_its_own_split() -> None:
         (
             "experiment=dem",
             "experiment",
-            "one of demo, paper_force, paper_grating, published_ablation, published_force",
+            "one of demo, fast, paper_force, paper_grating, published_ablation, published_force",
             "dem",
         ),
         ("+search.extra=1", "", "KEY=VALUE", "'+search.extra=1'"),
