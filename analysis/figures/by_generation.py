@@ -45,10 +45,14 @@ def fitness_evolution(run: RecordedRun, medians: Sequence[float | None]) -> Figu
 
 @house_style()
 def trainable(generations: pd.DataFrame) -> Figure:
-    """Draw how many first answers of each generation were trained, and at which stage the others were rejected."""
+    """Draw how many first answers of each generation were trained or skipped, and where the others were rejected."""
     figure, (axes,) = new_figure("single", 2.4)
     numbers, floor = generations.index.to_numpy(), generations.trained.to_numpy()
     axes.bar(numbers, floor, 0.82, color=BLUE, edgecolor="white", label="trained")
+    skipped = generations.skipped.fillna(0).to_numpy("int64")
+    if skipped.any():
+        axes.bar(numbers, skipped, 0.82, floor, color="white", edgecolor=BLUE, label="skipped")
+        floor = floor + skipped
     for stage, (label, colour, hatch) in _STAGES.items():
         counts = generations[f"rejected_{stage}"].to_numpy()
         if counts.any():

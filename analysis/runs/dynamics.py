@@ -37,7 +37,7 @@ BANDS = 10
 #: What the ledger line of a generation says; losses are missing before anything was trained.
 _LINE = (
     {"temperature": "float64", "next_temperature": "float64", "candidates": "int64", "trained": "int64"}
-    | dict.fromkeys(("repaired", "reevaluated"), "Int64")
+    | dict.fromkeys(("repaired", "reevaluated", "skipped"), "Int64")
     | dict.fromkeys(("best", "generation_best", "generation_median"), "float64")
     | dict.fromkeys(("coverage", "qd_score", "prompt_coverage"), "float64")
 )
@@ -57,8 +57,9 @@ GENERATIONS = (
 )
 
 #: The columns of a frame of mutations that have their instruction or temperature in common, and the type of each: slots
-#: that were asked (a child that the gate rejected was tried, too, and inserted nowhere); children that the network
-#: archive took, the sum of the paper's r(s); inserted / tried with Wilson's interval, missing where nothing was tried.
+#: that were asked (a child that the gate rejected was tried, too, and inserted nowhere; a skipped one was not tried);
+#: children that the network archive took, the sum of the paper's r(s); inserted / tried with Wilson's interval, missing
+#: where nothing was tried.
 PRODUCTIVITY = {"name": "str"} | dict.fromkeys(("tried", "trained", "inserted"), "int64")
 PRODUCTIVITY |= dict.fromkeys(("rate", "rate_low", "rate_high"), "float64")
 
@@ -175,7 +176,7 @@ def improvement(run: RecordedRun) -> "pd.Series[Any]":
         "over_baseline": (baseline - last) / baseline if baseline else 0.0,
         "settled": next((generation for generation in gained if generation > before), None),
         **{f"by_{number}": gained[number] for number in PUBLISHED_GENERATIONS if number in gained},
-        "trainable": sum(line.trained / line.candidates for line in later) / len(later) if later else None,
+        "trainable": sum(line.trainable for line in later) / len(later) if later else None,
         "coverage": run.generations[-1].coverage,
         **_new_candidates(run),
     }
@@ -187,11 +188,11 @@ def _new_candidates(run: RecordedRun) -> dict[str, float | None]:
 
     Each is a draw of its own of a network whose parents were chosen by earlier draws, so luck does not pile up in it as
     it does in the best of many. New is a source that no slot had before; later are the generations after G / 2. A slot
-    that gave nothing that trains is worse than any fitness: None where so many of them are.
+    that gave nothing that trains is worse than any fitness: None where so many of them are. A skipped one is left out.
     """
     first = {line.source: line for line in reversed(run.candidates) if line.source is not None}
     later = [line for line in run.candidates if 2 * line.generation > run.generations[-1].generation]
-    new = [line for line in later if line.source is None or first[line.source] is line]
+    new = [line for line in later if line.source is None or (first[line.source] is line and not line.skipped)]
     ranked = sorted(math.inf if line.fitness is None else line.fitness for line in new)
     reached = (
         {"new_quartile": ranked[(len(ranked) - 1) // 4], "new_median": ranked[(len(ranked) - 1) // 2]} if ranked else {}
@@ -210,7 +211,8 @@ def mutations(run: RecordedRun) -> list[CandidateLine]:
 
 def _productivity(asked: Iterable[tuple[str, Sequence[CandidateLine]]]) -> pd.DataFrame:
     rows = []
-    for name, slots in asked:
+    for name, all_slots in asked:
+        slots = [one for one in all_slots if not one.skipped]  # of which nobody knows what they would have brought
         inserted, ends = sum(one.inserted for one in slots), {}
         if slots:
             low, high = _wilson(inserted, len(slots))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.runs.coverage_map import AXES, CoverageMap, coverage_map, effective_niches, fullest_tenth, reachable
-from analysis.runs.dynamics import by_prompt, copies, progress, repeats
+from analysis.runs.dynamics import by_prompt, copies, mutations, progress, repeats
 from tacevo.choices import Axis, BoundsRule, Scale, TemperatureRule
 from tacevo.evolution.lines import TEMPERATURE, gate_stages
 from tacevo.results.run import RecordedRun, descriptors_of
@@ -211,7 +211,8 @@ def _of_prompts(run: RecordedRun) -> Iterator[Alarm]:
     prompts = by_prompt(run)
     if not prompts.tried.any():
         return
-    untried = prompts.name[prompts.tried == 0].tolist()
+    drawn = {line.prompt for line in mutations(run)}
+    untried = [name for index, name in enumerate(prompts.name) if index not in drawn]
     if untried:
         yield Alarm(
             name="untried prompts",

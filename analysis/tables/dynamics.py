@@ -22,7 +22,7 @@ from analysis.runs.lineage import lineage
 from analysis.studies.reestimates import Reestimates, by_seeds
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
 from analysis.tables.instruction_tables import grammar_note
-from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported
+from tacevo.evolution.lines import TEMPERATURE, gate_stages, misreported, skipped_note
 from tacevo.records import Stage
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import TRIVIAL, worth
@@ -54,9 +54,11 @@ def generations_table(run: RecordedRun, centroids: NDArray[np.float64]) -> Table
     """Show every generation of a run."""
     unsent = [f"T is what was planned; {run.not_sent[TEMPERATURE]}."] if TEMPERATURE in run.not_sent else []
     medians = pd.Series(archive_medians(run, centroids), [line.generation for line in run.generations], dtype="float64")
+    generations = progress(run).assign(median=medians).reset_index()
     return Table.of(
-        progress(run).assign(median=medians).reset_index(),
+        generations,
         {"generation": "generation", "T": "temperature", "candidates": "candidates", "trained": "trained"}
+        | ({"skipped": "skipped"} if generations.skipped.any() else {})
         | {f"rejected: {stage}": f"rejected_{stage}" for stage in Stage}
         | {"best": "best", "archive median": "median", "median of new": "generation_median", "QD-score": "qd_score"}
         | {"coverage": (Percent, "coverage")}
@@ -110,7 +112,7 @@ def gate_table(run: RecordedRun) -> Table:
         caption=f"Where the gate rejected first answers of {run.name}; the baseline is not an answer.",
         columns=("stage", "rejected", "left", "share left", "reasons"),
         rows=rows,
-        notes=tuple(misreported(stages)),
+        notes=(*misreported(stages), *skipped_note(run.candidates)),
     )
 
 

@@ -43,8 +43,8 @@ from tacevo.evolution.proposals import (
 )
 from tacevo.evolution.reevaluation import Estimates, Reevaluation, compete_again, plan_reevaluations
 from tacevo.evolution.state import LedgerWriter, Observer, Plan, SearchState
-from tacevo.profile import Admitted
-from tacevo.records import Operator, Rejection, Task, to_json
+from tacevo.evolution.surrogate import features, skips
+from tacevo.records import Operator, Rejection, Task, Training, to_json
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import content_hash
 
@@ -73,7 +73,15 @@ def step(state: SearchState, plan: Plan, effects: Effects, ledger: LedgerWriter,
     """Run one generation: propose, develop, commit, close."""
     before = state
     lines: list[CandidateLine | ReevaluationLine] = []
-    for outcome in develop(propose(state, plan), effects, repairs=plan.repairs, seeds=plan.seeds, rule=plan.fitness):
+    outcomes = develop(
+        propose(state, plan),
+        effects,
+        repairs=plan.repairs,
+        seeds=plan.seeds,
+        rule=plan.fitness,
+        skips=skips(state.candidates.values(), plan.skipped),
+    )
+    for outcome in outcomes:
         check_given(outcome, plan.task)
         observer.developed(outcome)
         state, line = fold(state, plan, outcome)
@@ -135,7 +143,7 @@ def fold(state: SearchState, plan: Plan, outcome: Outcome) -> tuple[SearchState,
 def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome) -> tuple[SearchState, CandidateLine]:
     """Commit one candidate to the state (paper, Algorithm 1, lines 7 and 8); return the state and its ledger line.
 
-    A rejected candidate is discarded: it changes no archive.
+    A rejected candidate is discarded: it changes no archive. Nor does a skipped one.
     """
     line = _candidate_line(proposal, outcome, plan)
     admitted, result = outcome.admitted, outcome.result
@@ -143,7 +151,7 @@ def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome)
         return state, line
     descriptor = describe(admitted.profile)
     line = replace(line, **asdict(descriptor))
-    if isinstance(result, Rejection):
+    if not isinstance(result, Training):
         return state, line
     estimates, fitness = state.estimates, plan.fitness.of(result.validation_losses)
     if plan.reevaluations:
@@ -153,7 +161,15 @@ def commit(state: SearchState, plan: Plan, proposal: Proposal, outcome: Outcome)
     newcomer = Individual(elite=Elite(name=line.id, objective=-fitness), point=point)
     networks, niche, status = state.networks.offer(plan.networks, newcomer)
     score = curiosity(fitness, inserted=status is not AddStatus.rejected)
-    candidates = _learned(state.candidates, proposal, admitted, fitness, score)
+    child = Candidate(
+        id=proposal.id,
+        source=admitted.source,
+        fitness=fitness,
+        flops=admitted.profile.training_flops,
+        curiosities=Fraction(score),
+        features=features(admitted.profile) if plan.skipped else {},
+    )
+    candidates = _learned(state.candidates, proposal, child)
     line = replace(line, niche=niche, status=status, curiosity=score)
     best = min(state.best, fitness)
     state = replace(state, networks=networks, candidates=candidates, estimates=estimates, best=best)
@@ -212,6 +228,7 @@ def close(
         prompt_archive=state.prompts.digest,
         repaired=repaired if any(line.repairs for line in lines) else None,
         reevaluated=len(folded) - len(lines) or None,
+        skipped=sum(line.skipped for line in lines if not line.repairs) or None,
     )
     return replace(state, generation=state.generation + 1, temperature=temperature), line
 
@@ -232,7 +249,7 @@ def _record_prompt(
 # Not part of the paper's algorithm.
 def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchState:
     """Let the policy `effect` learn what an instruction did to the loss of its child."""
-    if plan.settings.prompts is not PromptPolicy.effect or line.prompt is None:
+    if plan.settings.prompts is not PromptPolicy.effect or line.prompt is None or line.skipped:
         return state
     parent = state.candidates.get(line.parents[0])
     if parent is None or not 0 < parent.fitness < math.inf or line.fitness == 0:
@@ -241,19 +258,10 @@ def _with_effect(state: SearchState, plan: Plan, line: CandidateLine) -> SearchS
     return replace(state, prompts=state.prompts.learning(line.prompt, change))
 
 
-def _learned(
-    candidates: Growing[str, Candidate], proposal: Proposal, admitted: Admitted, fitness: float, score: float
-) -> Growing[str, Candidate]:
+def _learned(candidates: Growing[str, Candidate], proposal: Proposal, child: Candidate) -> Growing[str, Candidate]:
     """Add a candidate, and its curiosity to that of the parent that it is a mutation of."""
     for name in proposal.parents if proposal.operator is Operator.mutation else ():
-        candidates = candidates.adding(name, candidates[name].with_child(score))
-    child = Candidate(
-        id=proposal.id,
-        source=admitted.source,
-        fitness=fitness,
-        flops=admitted.profile.training_flops,
-        curiosities=Fraction(score),
-    )
+        candidates = candidates.adding(name, candidates[name].with_child(child.curiosity))
     return candidates.adding(child.id, child)
 
 
@@ -274,6 +282,7 @@ def _candidate_line(proposal: Proposal, outcome: Outcome, plan: Plan) -> Candida
         temperature=None if proposal.request is None else proposal.request.temperature,
         answer=None if completion is None else content_hash(completion.content()),
         dropped=() if completion is None or not plan.names_dropped else completion.dropped,
+        skipped=outcome.result is None,
         repairs=tuple(
             RepairedAnswer(
                 answer=content_hash(attempt.completion.content()),
@@ -300,5 +309,7 @@ def _candidate_line(proposal: Proposal, outcome: Outcome, plan: Plan) -> Candida
 
 def _with_result(line: T, outcome: Outcome, plan: Plan) -> T:
     """Return a line with what gate and training found."""
+    if outcome.result is None:
+        return line
     trainings, keys = outcome.trainings, outcome.keys
     return with_result(line, outcome.result, seed=outcome.seed, trainings=trainings, keys=keys, rule=plan.fitness)

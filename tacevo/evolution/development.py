@@ -74,8 +74,8 @@ class Outcome:
     completion: Completion | None
     #: None where the gate rejected the answer.
     admitted: Admitted | None
-    #: Of several trainings the one with the median loss; where one failed, the first failure.
-    result: Training | Rejection
+    #: Of several trainings the one with the median loss; where one failed, the first failure; None of a skipped one.
+    result: Training | Rejection | None
     #: Wall time of gate and training; for people, never for the ledger.
     seconds: float
     #: Processor time of the trainings, 0 of those that were recalled; for people, too.
@@ -97,7 +97,13 @@ class Outcome:
 
 
 def develop(
-    proposals: Sequence[Job], effects: Effects, *, repairs: int, seeds: int, rule: FitnessRule
+    proposals: Sequence[Job],
+    effects: Effects,
+    *,
+    repairs: int,
+    seeds: int,
+    rule: FitnessRule,
+    skips: Callable[[Admitted], bool] = lambda admitted: False,
 ) -> Iterator[Outcome]:
     """Turn proposals into outcomes, in slot order.
 
@@ -105,13 +111,14 @@ def develop(
     candidates that wait, the one with most FLOPs is trained first, so that a generation does not end with one worker at
     a long training and the others idle; equal sources are trained once with each seed. What the gate rejected is sent
     back together when the gate is done, up to `repairs` times. A candidate is trained with the first `seeds` seeds, an
-    elite with the next ones; of several, the one of the median fitness stands for it.
+    elite with the next ones; of several, the one of the median fitness stands for it. An answer of the model that
+    `skips` names is not trained.
 
     Raises:
         LLMError: a request failed after all retries.
         SandboxError: the sandbox is broken.
     """
-    trainings = _Trainings(effects, range(seeds))
+    trainings = _Trainings(effects, range(seeds), skips)
     judged: dict[int, Future[_Slot]] = {}
     asked: dict[int, _Slot] = {}
     for index, proposal in enumerate(proposals):
@@ -176,16 +183,22 @@ class _Trained(NamedTuple):
 class _Trainings:
     """The trainings of a generation: each source and seed once; of those that wait, the one with most FLOPs first."""
 
-    def __init__(self, effects: Effects, seeds: Sequence[int]) -> None:
+    def __init__(self, effects: Effects, seeds: Sequence[int], skips: Callable[[Admitted], bool]) -> None:
         self._effects = effects
         self._first = seeds
+        self._skips = skips
         self._lock = threading.Lock()
         self._known: dict[tuple[str, int], Future[_Trained]] = {}
         #: A heap of what no worker has begun: FLOPs, negative; a number that decides ties; source and seed.
         self._waiting: list[tuple[int, int, tuple[str, int]]] = []
 
     def add(self, admitted: Admitted, proposal: Job) -> Mapping[int, Future[_Trained]]:
-        """Have a candidate trained with its seeds; return what will come of it, by the number of the seed."""
+        """Have a candidate trained with its seeds; return what will come of it, by the number of the seed.
+
+        Nothing comes of a skipped one. What a user gave, and what is trained again, is not skipped.
+        """
+        if proposal.request is not None and self._skips(admitted):
+            return {}
         seeds = proposal.seeds if isinstance(proposal, Reevaluation) else self._first
         return {seed: self._add(admitted, seed) for seed in seeds}
 
@@ -275,12 +288,12 @@ def _outcome(slot: _Slot, evaluation_key: Callable[[str, int], str], rule: Fitne
         results = {0: slot.gated}
     trainings = {seed: result for seed, result in results.items() if isinstance(result, Training)}
     admitted = slot.gated if isinstance(slot.gated, Admitted) else None
-    seed = _telling(results, rule)
+    seed = _telling(results, rule) if results else 0
     return Outcome(
         proposal=slot.proposal,
         completion=slot.completion,
         admitted=admitted,
-        result=results[seed],
+        result=results.get(seed),
         seconds=slot.seconds + sum(training.seconds for training in trained.values()),
         cpu_seconds=sum(training.cpu_seconds for training in trained.values()),
         attempts=slot.attempts,

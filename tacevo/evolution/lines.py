@@ -8,7 +8,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 from tacevo.choices import FitnessRule
 from tacevo.evolution.archive import AddStatus, AxisBounds
@@ -66,14 +66,14 @@ class TrainedLine(Record):
     id: str
     #: SHA-256 of the source; None where the gate rejected the candidate.
     source: str | None = None
-    #: Where and why the candidate was rejected; None of a trained one.
+    #: Where and why the candidate was rejected; None of another one.
     stage: Stage | None = None
     reason: Reason | None = None
-    #: Key of the training in its store; None where the gate rejected the candidate.
+    #: Key of the training in its store; None where nothing was trained.
     evaluation: str | None = None
     #: Kernels whose bits differ between CPUs.
     not_portable: tuple[str, ...] = ()
-    #: What the training gave; None of a rejected candidate.
+    #: What the training gave; None of a candidate that was rejected or skipped.
     fitness: float | None = None
     train_losses: tuple[float, ...] | None = None
     validation_losses: tuple[float, ...] | None = None
@@ -120,13 +120,17 @@ class CandidateLine(TrainedLine):
     density: float | None = None
     arch_div: float | None = None
     eff_ratio: float | None = None
-    #: What the archives did with it; None of a rejected candidate.
+    #: Whether a surrogate judged it among the worst, so that it was not trained.
+    skipped: bool = False
+    #: What the archives did with it; None of a candidate that was rejected or skipped.
     niche: int | None = None
     status: AddStatus | None = None
     curiosity: float | None = None
     prompt_niche: int | None = None
     prompt_status: AddStatus | None = None
     kind: Literal["candidate"] = "candidate"
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"skipped"})
 
     @property
     def sent_temperature(self) -> float | None:
@@ -138,7 +142,7 @@ class CandidateLine(TrainedLine):
 
     @property
     def first_rejection(self) -> tuple[Stage, Reason] | None:
-        """Where and why the first answer was rejected; None where it was trained."""
+        """Where and why the first answer was rejected; None where it was not."""
         first = self.repairs[0] if self.repairs else self
         return (first.stage, first.reason) if first.stage and first.reason else None
 
@@ -185,7 +189,16 @@ class GenerationLine(Record):
     repaired: int | None = None
     #: Slots that trained an elite again; they are not among the candidates. None where there were none.
     reevaluated: int | None = None
+    #: Candidates whose first answer a surrogate skipped; None where there were none.
+    skipped: int | None = None
     kind: Literal["generation"] = "generation"
+
+    LATER: ClassVar[frozenset[str]] = frozenset({"skipped"})
+
+    @property
+    def trainable(self) -> float:
+        """The part of the candidates, at least one, whose first answer was trained, or only skipped; in [0, 1]."""
+        return (self.trained + (self.skipped or 0)) / self.candidates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +207,7 @@ class GateStage:
 
     stage: Stage
     rejected: int
-    #: First answers that passed it and all stages before it; the baseline is not an answer.
+    #: First answers that no stage so far rejected, skipped ones among them; the baseline is not an answer.
     left: int
     #: Of all first answers, in [0, 1]; None where nothing was asked.
     left_share: float | None
@@ -284,7 +297,7 @@ def not_sent(dropped: Sequence[Collection[str]]) -> dict[str, str]:
 
 
 def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:
-    """Count where first answers were rejected; what the last stage leaves was trained.
+    """Count where first answers were rejected; what the last stage leaves was trained or skipped.
 
     The baseline and given networks are not answers. An answer that was rejected and then repaired counts as rejected,
     as the paper discards it.
@@ -307,6 +320,12 @@ def gate_stages(lines: Iterable[CandidateLine]) -> tuple[GateStage, ...]:
             )
         )
     return tuple(stages)
+
+
+def skipped_note(lines: Iterable[CandidateLine]) -> list[str]:
+    """Return a line with how many of the first answers that the gate left were skipped; no line where none was."""
+    count = sum(line.skipped for line in lines if not line.repairs)
+    return [f"Skipped, and not trained, of what is left (proposals.skipped): {count}."] if count else []
 
 
 def misreported(stages: Iterable[GateStage]) -> list[str]:

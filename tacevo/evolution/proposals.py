@@ -5,7 +5,7 @@ Pure: `plan_initial` and `plan_generation` turn the state of a search into propo
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -38,6 +38,8 @@ class Candidate:
     #: The exact sum of its own curiosity and those of its mutation children, and how many these are together.
     curiosities: Fraction
     scores: int = 1
+    #: What the surrogate sees of it (`tacevo.evolution.surrogate`); empty in a search without one.
+    features: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def curiosity(self) -> float:

@@ -58,6 +58,8 @@ class Plan:
     seeds: int = 1
     #: How many slots of a generation train elites again instead of asking for networks, at most.
     reevaluations: int = 0
+    #: The part of the networks that a surrogate judges worst, and that are not trained, in [0, 1).
+    skipped: float = 0.0
     #: The axes of the network archive.
     axes: tuple[Axis, ...] = PAPER_AXES
     #: Whether a line names the sampling settings that were not sent; the ledgers of earlier releases do not.

@@ -14,6 +14,7 @@ from tacevo.evolution.lines import (
     GenerationLine,
     gate_stages,
     misreported,
+    skipped_note,
 )
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.results.run import RecordedRun
@@ -169,8 +170,10 @@ def _gate(lines: Collection[CandidateLine]) -> tuple[str, ...]:
         return ("Gate: no model was asked.",)
     answers = counted(left + sum(one.rejected for one in stages), "first answer")
     rejected = listed(f"{one.stage} {one.rejected} ({_reasons(one)})" for one in stages if one.rejected)
-    rate = f"Gate: {left} of {answers} trained ({_percent(share)}); rejected: {rejected}."
-    return (rate, *misreported(stages), *_repaired(lines))
+    skipped = skipped_note(lines)
+    what = "trained or skipped" if skipped else "trained"
+    rate = f"Gate: {left} of {answers} {what} ({_percent(share)}); rejected: {rejected}."
+    return (rate, *skipped, *misreported(stages), *_repaired(lines))
 
 
 def _reasons(stage: GateStage) -> str:
@@ -236,7 +239,8 @@ def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:
 def _trained(line: GenerationLine) -> str:
     """Write how many candidates of a generation trained, with those after a repair apart."""
     repaired = "" if line.repaired is None else f" + {line.repaired} repaired"
-    return f"{line.trained}/{line.candidates}{repaired}"
+    skipped = "" if line.skipped is None else f" ({line.skipped} skipped)"
+    return f"{line.trained}/{line.candidates}{repaired}{skipped}"
 
 
 def _number(value: float | None) -> str:

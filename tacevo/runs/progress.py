@@ -230,7 +230,8 @@ class Watcher:
         else:
             again = "" if line.reevaluated is None else f", {counted(line.reevaluated, 'elite')} trained again"
             repaired = "" if line.repaired is None else f" and {line.repaired} after repair"
-            trained = f": {line.trained} of {line.candidates} candidates trained{repaired}{again}"
+            skipped = "" if line.skipped is None else f", {line.skipped} skipped"
+            trained = f": {line.trained} of {line.candidates} candidates trained{repaired}{skipped}{again}"
             did = " replayed:" if self._is_replay else f"{trained},"
             done = f"{self._done} of {self._most} slots done{self._left()}"
             self._view.say(f"generation {line.generation}{did} {reached} ({done})")

@@ -63,6 +63,7 @@ def build_plan(config: RunConfig, task: Task, facts: DataFacts, mode: Mode, *, s
         temperature_start=config.temperature.start,
         temperature_step=config.temperature.step,
         repairs=config.proposals.repair_attempts,
+        skipped=config.proposals.skipped,
         budget=_budget(config, facts),
         fitness=config.training.fitness,
         seeds=config.training.seeds,

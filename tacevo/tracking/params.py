@@ -30,6 +30,7 @@ _GENERATION_METRICS = (
     "trained",
     "repaired",
     "reevaluated",
+    "skipped",
     "temperature",
 )
 
@@ -159,13 +160,13 @@ class Totals:
 
         Returns:
             `improvement` on the best of the first generation in which anything was trained, a part of it in (-inf, 1];
-            `trainable_rate`, the mean over generations 1 to this one of the part of the slots whose first answer was
-            trained, in [0, 1]; `trained_candidates`, with those after a repair; and the costs as `total_answers` and so
-            on. What does not apply yet is left out.
+            `trainable_rate`, the mean of `GenerationLine.trainable` over generations 1 to this one, in [0, 1];
+            `trained_candidates`, with those after a repair; and the costs as `total_answers` and so on. What does not
+            apply yet is left out.
         """
         self._first = line.best if self._first is None else self._first
         self._trained += line.trained + (line.repaired or 0)
-        self._shares += [line.trained / line.candidates] if line.generation and line.candidates else []
+        self._shares += [line.trainable] if line.generation and line.candidates else []
         self._spent = total((self._spent, spent))
         figures: dict[str, float | None] = {"trained_candidates": self._trained}
         if self._first is not None and line.best is not None:

@@ -353,7 +353,7 @@ def test_configuration_of_an_older_run_is_read() -> None:
     """A run.json from before there were prices, budgets, repairs and axes stands for a run without them."""
     plain: Any = to_plain(composed())
     later = {"delivery", "top_p", "top_k", "stop_sequences", "thinking_tokens", "budget_usd", "prices"}
-    later |= {"repair_attempts", "operator_for", "axes", "population", "tournament", "training_flops"}
+    later |= {"repair_attempts", "operator_for", "axes", "population", "tournament", "training_flops", "skipped"}
     older = {
         group: {key: value for key, value in settings.items() if key not in later}
         if isinstance(settings, dict)

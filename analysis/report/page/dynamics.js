@@ -4,6 +4,7 @@ function drawDynamics() {
     const run = state.run;
     const lines = run.generations;
     const of = (name) => lines.map((line) => line[name]);
+    const ends = of("skipped").some(Boolean) ? ["trained", "skipped"] : ["trained"];
     const figures = [
         lineChart({
             caption:
@@ -31,10 +32,10 @@ function drawDynamics() {
             series: [{ name: "QD-score", values: of("qd_score") }],
         }),
         stackedBars({
-            caption: "First answers: trained, or the stage that rejected them.",
+            caption: "First answers: trained, skipped where there is a surrogate, or the stage that rejected them.",
             yName: "candidates",
-            names: ["trained", ...Object.keys(lines[0].rejected).map((stage) => `rejected at ${stage}`)],
-            rows: lines.map((line) => [line.trained, ...Object.values(line.rejected)]),
+            names: [...ends, ...Object.keys(lines[0].rejected).map((stage) => `rejected at ${stage}`)],
+            rows: lines.map((line) => [...ends.map((name) => line[name] ?? 0), ...Object.values(line.rejected)]),
         }),
         lineChart({
             caption: "Temperature of each generation.",

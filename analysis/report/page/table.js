@@ -1,6 +1,6 @@
 // All candidates in a table that filters and sorts.
 
-const outcomeOf = (one) => (one.stage === null ? "trained" : `rejected at ${one.stage}`);
+const outcomeOf = (one) => (one.skipped ? "skipped" : one.stage === null ? "trained" : `rejected at ${one.stage}`);
 
 const COLUMNS = [
     { name: "candidate", value: (run, one) => one.id, cell: (run, one) => linkTo(run, one.id) },
