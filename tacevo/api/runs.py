@@ -371,9 +371,9 @@ def _with_objectives(known: pd.DataFrame, objectives: Sequence[str | pd.Series[A
 
 
 def _outcome(line: CandidateLine) -> str:
-    """Return what became of a candidate: `rejected` by gate or training; or trained, and what the archive did."""
+    """Return what became of a candidate: `rejected` by gate or training, `skipped`; or trained, and what the archive did."""
     if line.status is None:
-        return "rejected"
+        return "skipped" if line.skipped else "rejected"
     return {"new": "new", "improved": "improved", "rejected": "not_kept"}[line.status.value]
 
 

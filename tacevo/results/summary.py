@@ -197,7 +197,9 @@ def _repaired(lines: Collection[CandidateLine]) -> list[str]:
 def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     """Name the candidates whose training need not come again bit by bit, and what they use, where there are such."""
     uses = {
-        "Bits depend on the CPU, even under portable numerics": {line.id: line.not_portable for line in lines},
+        "Bits depend on the CPU, even under portable numerics": {
+            line.id: line.not_portable for line in lines if not line.skipped
+        },
         "Bits may differ from one training to the next, where an operation has no deterministic form": {
             line.id: tuple(sorted({use for one in line.by_seed() for use in one.not_deterministic})) for line in lines
         },

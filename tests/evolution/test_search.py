@@ -46,6 +46,7 @@ PLANS = {
     "budget": replace(fakes.plan(generations=9), budget=BUDGET),
     "repairs": replace(fakes.plan(), repairs=2),
     "seeds": replace(fakes.plan(), seeds=3),
+    "skipped": replace(fakes.plan(generations=8), skipped=0.5),
     "reevaluations": replace(fakes.plan(generations=8), reevaluations=2),
 }
 

@@ -114,6 +114,38 @@ def test_looked_up_run_replays_and_its_rows_are_looked_up_again(table: SpaceTabl
     assert "bit for bit as recorded" in retrain([run], 2, 1, Progress())
 
 
+#: Opens the tiny space to more networks than a surrogate needs.
+WIDER = ("llm.space.width=[16,32]", "llm.space.activation=[relu,gelu]", "llm.space.norm=[none,batch]")
+
+
+def _skipping(folder: Path, generations: int) -> RecordedRun:
+    """Search a made-up table of 65 networks, and skip half."""
+    table = made_up_table(folder / "made up.zip", *TINY, *WIDER, *SIZES)
+    return _looked_up(table, folder, *WIDER, "proposals.skipped=0.5", f"search.generations={generations}")
+
+
+def test_search_that_skips_is_a_run_as_any_other(tmp_path: Path) -> None:
+    """It replays without a model, its trainings come again, and its noise is of what it trained."""
+    run = _skipping(tmp_path, 5)
+    skipped = {line.id for line in run.candidates if line.skipped}
+    assert skipped
+    assert replay(run, Progress()).digest == run.digest
+    assert "bit for bit as recorded" in retrain([run], 2, 1, Progress())
+    opened = tacevo.open(run.path)
+    assert isinstance(opened, tacevo.Run)
+    assert {*opened.candidates.index[opened.candidates.outcome == "skipped"]} == skipped
+    assert not skipped & {*tacevo.noise(run.path, quiet=True, elites=2, seeds=2).reestimates.network}
+
+
+@pytest.mark.slow
+def test_search_that_skips_is_extended(tmp_path: Path) -> None:
+    """To the digest of a search that was as long at once."""
+    run, longer = _skipping(tmp_path / "one", 5), _skipping(tmp_path / "two", 7)
+    place = ["tracking=none", f"run.dir={tmp_path / 'longer'}", f"store.root={tmp_path / 'one' / 'cache'}"]
+    extended = tacevo.extend(run.path, "search.generations=7", *place, quiet=True)
+    assert extended.recorded.digest == longer.digest != run.digest
+
+
 def test_noise_run_is_of_trainings_that_the_search_has_not_seen(table: SpaceTable, tmp_path: Path) -> None:
     """Each re-estimate is another recorded training; a study is refused, whose test predictions are in no table."""
     run = _looked_up(table, tmp_path)

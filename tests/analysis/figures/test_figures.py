@@ -123,6 +123,16 @@ def test_bars_add_up_to_the_answers() -> None:
     assert tops.tolist() == [2, 3, 1]
 
 
+def test_skipped_candidates_have_a_bar_of_their_own() -> None:
+    """It stands on that of the trained ones; a run without any has none."""
+    generations = progress(RUN)
+    (axes,) = trainable(generations.assign(skipped=2)).axes
+    (bars,) = [bars for bars in axes.containers if bars.get_label() == "skipped"]
+    assert [bar.get_y() for bar in bars] == generations.trained.tolist()
+    assert {bar.get_height() for bar in bars} == {2}
+    assert "skipped" not in [bars.get_label() for bars in trainable(generations).axes[0].containers]
+
+
 def test_growth_shows_both_archives() -> None:
     """Coverage in per cent above, of the prompt archive among the niches that could be reached; QD-score below."""
     run = altered(RUN, generations=(replace(RUN.generations[0], prompt_coverage=0.25),))

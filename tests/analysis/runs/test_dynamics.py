@@ -1,6 +1,10 @@
 """The dynamics of a search are the counts that a person would make from its ledger."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
+import pandas as pd
 import pytest
 from hand_runs import altered, closed, rejected, run, trained
 
@@ -14,6 +18,7 @@ from analysis.runs.dynamics import (
     progress,
     repeats,
 )
+from analysis.runs.health import alarms
 from analysis.table import Between, Percent
 from analysis.tables.dynamics import (
     costs_table,
@@ -25,9 +30,11 @@ from analysis.tables.dynamics import (
 )
 from tacevo.costs import Spending
 from tacevo.evolution.archive import AddStatus
-from tacevo.evolution.lines import ReevaluationLine, gate_stages
+from tacevo.evolution.lines import CandidateLine, ReevaluationLine, gate_stages
 from tacevo.records import Reason, Stage
 from tacevo.results.run import RecordedRun
+
+CENTROIDS = np.array([[0.25, 0.5], [0.75, 0.5]])
 
 PAID = Spending(answers=1, input_tokens=100, output_tokens=50, usd=0.25)
 
@@ -140,6 +147,38 @@ def test_rejected_child_was_tried_and_inserted_nowhere() -> None:
     assert (widen.tried, widen.trained, widen.inserted, widen.rate) == (1, 0, 0, 0.0)
 
 
+def skipped(generation: int, slot: int, *, prompt: int) -> CandidateLine:
+    """Make a mutation that a surrogate skipped."""
+    nothing: dict[str, Any] = dict.fromkeys(("evaluation", "fitness", "validation_losses", "niche", "status"))
+    return replace(trained(generation, slot, prompt=prompt), skipped=True, **nothing)
+
+
+def test_skipped_candidate_counts_for_nothing_and_stands_apart() -> None:
+    """It is no failure of the gate, of its instruction or of the search; other runs have no column for it."""
+    plain = two_generations()
+    more = [skipped(1, 4, prompt=0), skipped(1, 5, prompt=1)]
+    closing = replace(plain.generations[1], candidates=6, skipped=2)
+    told = run([*plain.candidates, *more], [plain.generations[0], closing])
+    assert by_prompt(told).equals(by_prompt(plain))
+    assert by_temperature(told).equals(by_temperature(plain))
+    assert progress(told).skipped.tolist() == [pd.NA, 2]
+    assert improvement(told).trainable == (3 + 2) / 6
+    assert improvement(told)[["new_quartile", "new_median"]].equals(improvement(plain)[["new_quartile", "new_median"]])
+    assert gate_stages(told.candidates)[-1].left == gate_stages(plain.candidates)[-1].left + 2
+    (note,) = gate_table(told).notes
+    assert note.endswith(": 2.")
+    assert not [alarm.name for alarm in alarms(told, CENTROIDS) if alarm.name.startswith(("untried", "strict"))]
+    told_columns, plain_columns = (generations_table(one, CENTROIDS).columns for one in (told, plain))
+    assert [*told_columns] == [*plain_columns[:4], "skipped", *plain_columns[4:]]
+
+
+def test_instruction_whose_children_were_all_skipped_was_drawn() -> None:
+    """Nothing is known of it, and no alarm says that it was never drawn."""
+    told = run([trained(0, 0), trained(1, 0, prompt=0), skipped(1, 1, prompt=1)], [closed(0), closed(1)])
+    assert by_prompt(told).tried.tolist() == [1, 0]
+    assert "untried prompts" not in [alarm.name for alarm in alarms(told, CENTROIDS)]
+
+
 def test_interval_is_the_one_of_wilson() -> None:
     """1 of 2: centre (p + z^2 / 2n) / (1 + z^2 / n), half width z / (1 + z^2 / n) sqrt(p (1 - p) / n + z^2 / 4 n^2)."""
     z, n, p = 1.959963984540054, 2, 0.5
@@ -232,7 +271,7 @@ def test_run_without_fitness_has_no_improvement() -> None:
 
 def test_tables_show_the_figures() -> None:
     """One row a generation, in the order of the columns."""
-    table = generations_table(two_generations(), np.array([[0.25, 0.5], [0.75, 0.5]]))
+    table = generations_table(two_generations(), CENTROIDS)
     assert dict(zip(table.columns, table.rows[1], strict=True)) == {
         "generation": 1,
         "T": 0.6,
