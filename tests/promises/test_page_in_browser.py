@@ -303,18 +303,21 @@ def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None
 
 
 def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -> None:
-    """What a trained network passed, each answer that was sent back, and where a rejected one ended."""
+    """What a trained or skipped network passed, each answer that was sent back, and where a rejected one ended."""
     run = shipped.runs[0]
-    trained, other, *_ = (one for one in run["candidates"] if one["stage"] is None and one["parents"])
+    trained, other, *_, last = (one for one in run["candidates"] if one["stage"] is None and one["parents"])
     lost = next(one for one in run["candidates"] if one["stage"] == "probe")
     repaired = {**other, "repairs": [{"stage": "policy", "reason": "forbidden_import"}]}
-    candidates = [repaired if one is other else one for one in run["candidates"]]
+    unknown = {**last, "skipped": True, "fitness": None, "loss": None, "status": None}
+    changed = {other["id"]: repaired, last["id"]: unknown}
+    candidates = [changed.get(one["id"], one) for one in run["candidates"]]
     page, _ = open_page(replace(shipped, runs=({**run, "candidates": candidates},)))
     whole = "extract: passed → policy: passed → probe: passed → train: passed"
     back = "extract: passed → policy: rejected (forbidden_import), sent back"
     for one, expected in (
         (run["candidates"][0], ["policy: passed → probe: passed → train: passed"]),
         (trained, [whole]),
+        (unknown, ["extract: passed → policy: passed → probe: passed → skipped"]),
         (repaired, [f"Answer 1. {back}", f"Answer 2. {whole}"]),
         (lost, [f"extract: passed → policy: passed → probe: rejected ({lost['reason']})"]),
     ):

@@ -131,6 +131,21 @@ PECULIAR: list[tuple[RecordedRun, list[str]]] = [
             "| 0          | 2/4 + 1 repaired |",
         ],
     ),
+    # A skipped candidate is no failure.
+    (
+        run_of(
+            trained("g00s00", 0.5),
+            trained("g01s00", 0.4),
+            trained("g01s01", None, evaluation=None, status=None, skipped=True),
+            replace(generation(1, trained=1, candidates=2, best=0.4, median=0.4), skipped=1),
+            elites=["g01s00"],
+        ),
+        [
+            "Gate: 2 of 2 first answers trained or skipped (100.0 %); rejected: none.",
+            "(proposals.skipped): 1.",
+            "| 1          | 1/2 (1 skipped) |",
+        ],
+    ),
     (
         run_of(*LINES, spent=SPENT),
         ["Cost: 3 answers, 4,000 + 2,000 tokens, 0.750 USD. That of 5 candidates is not in timings.jsonl.\n"],
