@@ -40,9 +40,7 @@ LONG = re.compile(
 )
 
 #: Of these, what the stores or a table have, and a network that learns in one epoch: to their end.
-SHORT = re.compile(
-    r"search experiment=(demo( llm=grammar| tracking\S+)*$|space data=table)|export runs/demo g04s01 -o network"
-)
+SHORT = re.compile(r"search experiment=(demo( llm=grammar| tracking\S+)*$|table )|export runs/demo g04s01 -o network")
 
 #: What this machine may lack: a key, a head of Ray, a server, a GPU.
 LACKS = re.compile(r"_API_KEY|HEAD:6379|localhost:8000|/dev/nvidiactl")
