@@ -127,7 +127,9 @@ def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Pat
 
 
 @pytest.mark.parametrize(("networks", "is_told"), [(1, False), (2, True)])
-def test_study_that_cannot_be_compared_keeps_its_scores(networks: int, is_told: bool, published: Path, place: Path) -> None:
+def test_study_that_cannot_be_compared_keeps_its_scores(
+    networks: int, is_told: bool, published: Path, place: Path
+) -> None:
     """With one seed the reason is told, and nothing failed; a baseline alone was asked for, and lacks nothing."""
     recorded = read_run(published / "run")
     header = study_header(run=recorded.digest, seeds=1, networks=study_header().networks[:networks])
