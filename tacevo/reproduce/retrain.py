@@ -71,7 +71,8 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Pro
             _retrain(run, lines, view, name)
     tables = dict.fromkeys(str(run.config.data.root) for run in runs if run.config.data.source is DataSource.table)
     looked_up = [
-        f"nothing was trained: these were looked up in {table} again; `tacevo replay {table} --retrain N` trains its rows"
+        f"nothing was trained: these were looked up in {table} again, whose rows `tacevo replay {table} --retrain N` "
+        "trains"
         for table in tables
     ]
     return "\n".join([describe([line for _, line in drawn], len(pairs), choice), *looked_up])
