@@ -102,7 +102,7 @@ $(PEERS)/.ready: $(DEV) benchmarks/peers.txt
 
 # Each line bears the name of its run, since two at a time print.
 replay: $(READY) ## replay the published runs that come with the project, two at a time, and compare everything
-	@ls cache/published/*.zip | xargs -P 2 -I % bash -o pipefail -c '$(BIN)/tacevo replay % 2>&1 | sed -u "s|^|$$(basename % .zip): |"'
+	@ls cache/published/*.zip cache/tables/*.zip | xargs -P 2 -I % bash -o pipefail -c '$(BIN)/tacevo replay % 2>&1 | sed -u "s|^|$$(basename % .zip): |"'
 
 # Published runs and sweeps, or directories of yours: make paper RUNS="DIR DIR" SWEEPS="DIR"
 ifndef RUNS

@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO
 
 import numpy as np
 
@@ -28,17 +28,7 @@ JOBS = 10
 #: Size of the images in pixels: by how many epochs a training is longer than the one that it is compared with.
 EPOCHS = {32: 8, 64: 3, 128: 1}
 
-#: What the bare loop is called.
-BARE = f"plain torch, {Numerics.fast}"
-
 _LIMITS = Limits(seconds=600, memory_mib=2048)  # of wall time, and the machine may be busy
-
-
-class Seconds(NamedTuple):
-    """What a training takes of a processor."""
-
-    start: float
-    epoch: float
 
 
 def walls(*, rounds: int = 9) -> Figure:
@@ -65,25 +55,12 @@ def training(*, epochs: Mapping[int, int] = EPOCHS, rounds: int = 3) -> Iterator
 
 
 def _training(size: int, epochs: int, rounds: int) -> Iterator[Figure]:
-    seconds = seconds_of_training(size, epochs=epochs, rounds=rounds)
-    for name in [name for name in seconds if name != BARE]:
-        pair = {one: seconds[one].epoch for one in (name, BARE)}
-        yield report(f"training at {size} px", pair, unit="images", count=plain.IMAGES)
-        title = f"start and end of a training at {size} px"
-        yield Figure(title=title, name=name, value=seconds[name].start, unit="s")
-
-
-def seconds_of_training(size: int, *, epochs: int, rounds: int) -> dict[str, Seconds]:
-    """Measure a baseline's trainings, confined with each numerics and in the bare loop, by name.
-
-    An epoch is of `plain.TRAINED` images, and predicts the others; the start is what a training of one epoch takes
-    beside it. It is measured by trainings that are so many epochs longer.
-    """
     _, task = task_without_data("force", size)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         source = Path(folder) / "baseline.py"
         source.write_text(task.baseline, encoding="utf-8")
         rivals: dict[str, Callable[[int], object]] = {}
+        bare = f"plain torch, {Numerics.fast}"
         for numerics in computable():
             sandbox = stack.enter_context(_sandbox(Path(folder), Confinement.kernel, size, numerics))
             rivals[f"confined, {numerics}"] = partial(_train, sandbox, task.baseline, to_json(task.contract))
@@ -96,12 +73,16 @@ def seconds_of_training(size: int, *, epochs: int, rounds: int) -> dict[str, Sec
         assert peer.stdout is not None
         stack.callback(peer.stdin.close)
         peer.stdout.readline()
-        rivals[BARE] = partial(_ask, peer.stdin, peer.stdout)
+        rivals[bare] = partial(_ask, peer.stdin, peer.stdout)
         _ask(peer.stdin, peer.stdout, 1)  # it is warm from here on
         work = {(name, count): partial(train, count) for name, train in rivals.items() for count in (1, 1 + epochs)}
         seconds = medians(work, rounds=rounds, clock=descendants_seconds)
     epoch = {name: (seconds[name, 1 + epochs] - seconds[name, 1]) / epochs for name in rivals}
-    return {name: Seconds(start=seconds[name, 1] - epoch[name], epoch=epoch[name]) for name in rivals}
+    for name in [name for name in rivals if name != bare]:
+        pair = {name: epoch[name], bare: epoch[bare]}
+        yield report(f"training at {size} px", pair, unit="images", count=plain.IMAGES)
+        title = f"start and end of a training at {size} px"
+        yield Figure(title=title, name=name, value=seconds[name, 1] - epoch[name], unit="s")
 
 
 def computable() -> list[Numerics]:

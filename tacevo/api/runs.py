@@ -371,7 +371,7 @@ def _with_objectives(known: pd.DataFrame, objectives: Sequence[str | pd.Series[A
 
 
 def _outcome(line: CandidateLine) -> str:
-    """Return what became of a candidate: `rejected` by gate or training, `skipped`; or trained, and what the archive did."""
+    """Return what became of a candidate: `rejected` by gate or training, `skipped`, or what the archive did with it."""
     if line.status is None:
         return "skipped" if line.skipped else "rejected"
     return {"new": "new", "improved": "improved", "rejected": "not_kept"}[line.status.value]

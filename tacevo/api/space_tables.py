@@ -13,6 +13,7 @@ import numpy as np
 from analysis.statistics.spaces import BY_EPOCHS, regret, worth_by_epochs
 from analysis.sweeps.rejections import rejection_rates
 from tacevo.api import frames
+from tacevo.api.runs import Run
 from tacevo.config.identity import twins_of
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.descriptors import describe
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
 
-    from tacevo.api.runs import Run
     from tacevo.api.sweeps import Sweep
 
 
@@ -106,7 +106,10 @@ class SpaceTable:
 
         Raises:
             RunError: the run is of other data, or has no elite; or that is not a network of this table, or failed.
+            ConfigError: it is a sweep.
         """
+        if not isinstance(run, Run):
+            raise ConfigError(repr(run), place="run", expected="one run", remedy="ask for each of sweep.runs")
         self._check_of(run)
         if run.elites.empty:
             raise RunError("none", place=run.name, expected="at least one elite")

@@ -10,7 +10,7 @@ a run rest on is trained in any case.
 from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import TypeVar
 
-from tacevo.choices import Device, Numerics
+from tacevo.choices import DataSource, Device, Numerics
 from tacevo.environment import deviations, machine, versions
 from tacevo.errors import DivergenceError
 from tacevo.evolution.lines import TrainedLine, of_training
@@ -69,7 +69,13 @@ def retrain(runs: Sequence[RecordedRun], count: int | None, draw: int, view: Pro
         name = f"{run.path.name} " if len(runs) > 1 else ""
         if lines := [line for of, line in drawn if of is run]:
             _retrain(run, lines, view, name)
-    return describe([line for _, line in drawn], len(pairs), choice)
+    tables = dict.fromkeys(str(run.config.data.root) for run in runs if run.config.data.source is DataSource.table)
+    looked_up = [
+        f"nothing was trained: these were looked up in {table} again, whose rows `tacevo replay {table} --retrain N` "
+        "trains"
+        for table in tables
+    ]
+    return "\n".join([describe([line for _, line in drawn], len(pairs), choice), *looked_up])
 
 
 def decisive(runs: Iterable[RecordedRun]) -> set[str]:

@@ -270,7 +270,7 @@ def read_table(path: Path) -> SpaceTable:
     try:
         status = path.stat()
     except OSError as error:
-        remedy = "`tacevo tabulate` makes one"
+        remedy = "that of the project lies in its checkout, below cache/tables; `tacevo tabulate` makes others"
         got = error.strerror or "nothing"
         raise BundleError(got, place=str(path), expected="the table of a space", remedy=remedy) from error
     return _read(path.resolve(), status.st_mtime_ns, status.st_size)

@@ -144,8 +144,8 @@ def test_demo_is_small() -> None:
     assert config.llm.provider == "grammar"
 
 
-def test_fast_search_trains_as_many_epochs_on_more_networks() -> None:
-    """It may end a generation earlier, and never costs more."""
+def test_fast_search_trains_at_most_as_many_epochs_for_more_answers() -> None:
+    """It may end a generation earlier, and never costs more; what it skips is not known before."""
     searches = [composed(f"experiment={name}") for name in ("published_ablation", "fast")]
     networks = [1 + one.search.initial + one.search.generations * one.search.candidates for one in searches]
     usual, fast = (one.training.epochs * count for one, count in zip(searches, networks, strict=True))

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import fakes
 import numpy as np
@@ -28,7 +29,7 @@ PLAN = replace(fakes.plan(generations=12), skipped=0.5)
 Networks = list[tuple[dict[str, float], float]]
 
 
-def _searched(plan: Plan, **changes: object) -> tuple[list[CandidateLine], list[GenerationLine], list[str]]:
+def _searched(plan: Plan, **changes: Any) -> tuple[list[CandidateLine], list[GenerationLine], list[str]]:
     """Search; return the lines of candidates and of generations, and the hashes of what was trained."""
     trained: list[str] = []
 

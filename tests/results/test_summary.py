@@ -136,7 +136,7 @@ PECULIAR: list[tuple[RecordedRun, list[str]]] = [
         run_of(
             trained("g00s00", 0.5),
             trained("g01s00", 0.4),
-            trained("g01s01", None, evaluation=None, status=None, skipped=True),
+            replace(trained("g01s01", 0.4), fitness=None, evaluation=None, status=None, skipped=True),
             replace(generation(1, trained=1, candidates=2, best=0.4, median=0.4), skipped=1),
             elites=["g01s00"],
         ),

@@ -111,7 +111,9 @@ def test_looked_up_run_replays_and_its_rows_are_looked_up_again(table: SpaceTabl
     """It is a run as any other; a retraining compares it with the table."""
     run = _looked_up(table, tmp_path)
     assert replay(run, Progress()).digest == run.digest
-    assert "bit for bit as recorded" in retrain([run], 2, 1, Progress())
+    told = retrain([run], 2, 1, Progress())
+    assert "bit for bit as recorded" in told
+    assert f"nothing was trained: these were looked up in {table.path}" in told
 
 
 #: Opens the tiny space to more networks than a surrogate needs.
@@ -520,6 +522,8 @@ def test_size_of_a_test_is_of_sweeps_of_the_table(table: SpaceTable, tmp_path: P
     assert {*rates["arm"], *rates["against"]} == {"none"}
     with refused(ConfigError, place="seeds", got="3"):
         tacevo.open_table(table.path).size_and_power(swept, seeds=3)
+    with refused(ConfigError, place="run", expected="one run"):
+        tacevo.open_table(table.path).regret(swept)  # type: ignore[arg-type]
     other = made_up_table(tmp_path / "other.zip", *TINY, *SIZES, failing=3)
     with refused(RunError, got="of the fingerprint"):
         tacevo.open_table(other.path).size_and_power(swept, seeds=2)

@@ -1,4 +1,4 @@
-"""What the pages presuppose in the directory where a reader stands: a run, a sweep, recordings, a table."""
+"""What the pages presuppose in the directory where a reader stands: a run, a sweep, recordings."""
 
 import re
 import shutil
@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from checkout import GOLDEN, LIBRARY, PUBLISHED, ROOT
 from commands import tacevo
-from made_up import made_up_table
 from PIL import Image
 from small_recordings import save_arrays, save_image
 from smallest import SMALLEST, UNTRACKED
@@ -23,6 +22,7 @@ def write_presupposed(folder: Path) -> None:
     """Record the demo again from its bundle, study it, and write all else; networks have the names that pages use."""
     (folder / "cache").mkdir()
     (folder / "cache" / "published").symlink_to(PUBLISHED)
+    (folder / "cache" / "tables").symlink_to(ROOT / "cache" / "tables")
     (folder / "docs").symlink_to(ROOT / "docs")
     (folder / "grating-claude.zip").symlink_to(PUBLISHED / "grating-claude.zip")
     shutil.copytree(ROOT / "conf", folder / "conf")
@@ -35,7 +35,6 @@ def write_presupposed(folder: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         run_sweep(Path("sweeps/tiny"), Path("cache"))
-        made_up_table(Path("space.zip"))
     write_recordings(folder / "IMAGES")
     save_arrays(folder / "FILE.npz", labels=np.linspace(0, 1, 36).reshape(12, 3))
     write_release(folder / "tacverse")
