@@ -65,10 +65,11 @@ def fit(networks: Sequence[tuple[Mapping[str, float], float]]) -> Surrogate:
         values = [known.get(name, 0.0) for known, _ in networks]
         if min(values) < max(values):
             mean = _mean(values)
-            scale = math.sqrt(_mean([(value - mean) ** 2 for value in values]))
+            apart = [value - mean for value in values]
+            scale = math.sqrt(_dot(apart, apart) / len(apart))  # not `** 2`, which is the C library's
             names.append(name)
             scales.append((mean, scale))
-            columns.append([(value - mean) / scale for value in values])
+            columns.append([value / scale for value in apart])
     matrix = [[_dot(row, column) + ALPHA * (row is column) for column in columns] for row in columns]
     weights = _solve(matrix, [_dot(column, residuals) for column in columns])
     terms = tuple((name, *scale, weight) for name, scale, weight in zip(names, scales, weights, strict=True))
