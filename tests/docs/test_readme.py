@@ -12,6 +12,7 @@ import pytest
 from checkout import GOLDEN, PUBLISHED, ROOT
 from rich.console import Console
 
+import tacevo
 from analysis.report.collection import outcomes, read_studies
 from analysis.tables.rendering import as_markdown
 from tacevo.bundles.open import opened
@@ -176,3 +177,11 @@ def test_readme_shows_what_the_demo_prints() -> None:
         as_markdown(outcome).splitlines()[0],
         f"digest: {noise.record.digest}",
     ]
+
+
+def test_python_of_readme_runs() -> None:
+    """Each line but the search."""
+    (block,) = blocks_of("From Python")
+    *lines, search = block.splitlines()
+    assert "tacevo.search(" in search
+    exec("\n".join(lines).replace('"cache/', f'"{ROOT}/cache/'), {"tacevo": tacevo})

@@ -80,9 +80,15 @@ function gatePath(run, one) {
     const stages = one.temperature === null ? all.filter((stage) => stage !== "extract") : all;
     const answers = [...one.repairs, one];
     const ways = answers.map(({ stage, reason }, at) => {
-        const isSkipped = one.skipped && at === one.repairs.length;
-        const passed = stage === null ? stages.slice(0, isSkipped ? -1 : undefined) : stages.slice(0, stages.indexOf(stage));
-        const end = isSkipped ? ["skipped"] : stage === null ? [] : [`${stage}: rejected (${reason})${at < one.repairs.length ? ", sent back" : ""}`];
+        let passed = stages;
+        let end = [];
+        if (stage !== null) {
+            passed = stages.slice(0, stages.indexOf(stage));
+            end = [`${stage}: rejected (${reason})${at < one.repairs.length ? ", sent back" : ""}`];
+        } else if (one.skipped) {
+            passed = stages.slice(0, -1); // all but the training
+            end = ["skipped"];
+        }
         const way = [...passed.map((name) => `${name}: passed`), ...end].join(" → ");
         return h("li", null, answers.length > 1 ? `Answer ${at + 1}. ${way}` : way);
     });
