@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,20 @@ JOBS = 10
 #: Size of the images in pixels: by how many epochs a training is longer than the one that it is compared with.
 EPOCHS = {32: 8, 64: 3, 128: 1}
 
+#: What the bare loop is called.
+BARE = f"plain torch, {Numerics.fast}"
+
 _LIMITS = Limits(seconds=600, memory_mib=2048)  # of wall time, and the machine may be busy
+
+
+class Seconds(NamedTuple):
+    """What judging a network takes of a processor."""
+
+    #: The gate's probe; the bare loop has none.
+    probe: float
+    #: What a training takes beside its epochs.
+    start: float
+    epoch: float
 
 
 def walls(*, rounds: int = 9) -> Figure:
@@ -55,34 +68,57 @@ def training(*, epochs: Mapping[int, int] = EPOCHS, rounds: int = 3) -> Iterator
 
 
 def _training(size: int, epochs: int, rounds: int) -> Iterator[Figure]:
+    seconds = seconds_of_training(size, epochs=epochs, rounds=rounds)
+    for name in [name for name in seconds if name != BARE]:
+        pair = {one: seconds[one].epoch for one in (name, BARE)}
+        yield report(f"training at {size} px", pair, unit="images", count=plain.TRAINED + plain.PREDICTED)
+        title = f"start and end of a training at {size} px"
+        yield Figure(title=title, name=name, value=seconds[name].start, unit="s")
+
+
+def seconds_of_training(
+    size: int, *, epochs: int, rounds: int, trained: int = plain.TRAINED, predicted: int = plain.PREDICTED
+) -> dict[str, Seconds]:
+    """Measure a baseline's probes and trainings, confined with each numerics and in the bare loop, by name.
+
+    Args:
+        size: of the images, in pixels.
+        epochs: by how many a training is longer than the one of a single epoch that it is compared with.
+        rounds: how often each is measured.
+        trained: images that an epoch trains on.
+        predicted: further images, which it predicts.
+    """
     _, task = task_without_data("force", size)
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
-        source = Path(folder) / "baseline.py"
+        place = Path(folder)
+        source = place / "baseline.py"
         source.write_text(task.baseline, encoding="utf-8")
-        rivals: dict[str, Callable[[int], object]] = {}
-        bare = f"plain torch, {Numerics.fast}"
+        header: Json = {"source": task.baseline, "contract": to_json(task.contract)}
+        work: dict[tuple[str, int], Callable[[], object]] = {}
+        counts = (1, 1 + epochs)
         for numerics in computable():
-            sandbox = stack.enter_context(_sandbox(Path(folder), Confinement.kernel, size, numerics))
-            rivals[f"confined, {numerics}"] = partial(_train, sandbox, task.baseline, to_json(task.contract))
+            name = f"confined, {numerics}"
+            sandbox = stack.enter_context(_sandbox(place, Confinement.kernel, size, numerics, trained + predicted))
+            work[name, 0] = partial(_probe, sandbox, header)
+            work |= {(name, count): partial(_train, sandbox, header, count, trained, predicted) for count in counts}
         path = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
         order = environment(Numerics.fast) | path  # one thread, memory that is kept, any instruction set
-        command = [sys.executable, "-m", plain.__name__, str(source), str(size)]
+        command = [sys.executable, "-m", plain.__name__, str(source), *map(str, (size, trained, predicted))]
         peer = subprocess.Popen(command, env=order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         stack.callback(peer.wait)
         assert peer.stdin is not None
         assert peer.stdout is not None
         stack.callback(peer.stdin.close)
         peer.stdout.readline()
-        rivals[bare] = partial(_ask, peer.stdin, peer.stdout)
+        work |= {(BARE, count): partial(_ask, peer.stdin, peer.stdout, count) for count in counts}
         _ask(peer.stdin, peer.stdout, 1)  # it is warm from here on
-        work = {(name, count): partial(train, count) for name, train in rivals.items() for count in (1, 1 + epochs)}
         seconds = medians(work, rounds=rounds, clock=descendants_seconds)
-    epoch = {name: (seconds[name, 1 + epochs] - seconds[name, 1]) / epochs for name in rivals}
-    for name in [name for name in rivals if name != bare]:
-        pair = {name: epoch[name], bare: epoch[bare]}
-        yield report(f"training at {size} px", pair, unit="images", count=plain.IMAGES)
-        title = f"start and end of a training at {size} px"
-        yield Figure(title=title, name=name, value=seconds[name, 1] - epoch[name], unit="s")
+    found = {}
+    for name in dict.fromkeys(name for name, _ in work):
+        one, long = (seconds[name, count] for count in counts)
+        epoch = (long - one) / epochs
+        found[name] = Seconds(probe=seconds.get((name, 0), 0.0), start=one - epoch, epoch=epoch)
+    return found
 
 
 def computable() -> list[Numerics]:
@@ -101,11 +137,17 @@ def _ask(requests: IO[str], answers: IO[str], epochs: int) -> None:
     answers.readline()
 
 
-def _sandbox(folder: Path, strongest: Confinement, size: int = 32, numerics: Numerics = Numerics.portable) -> Sandbox:
+def _sandbox(
+    folder: Path,
+    strongest: Confinement,
+    size: int = 32,
+    numerics: Numerics = Numerics.portable,
+    count: int = 1,
+) -> Sandbox:
     """Open a sandbox with random images, and have its zygote start."""
     images = folder / "images.npy"
     rng = np.random.default_rng(0)
-    np.save(images, rng.integers(0, 256, (plain.IMAGES, 3, size, size), dtype=np.uint8))
+    np.save(images, rng.integers(0, 256, (count, 3, size, size), dtype=np.uint8))
     opened = Sandbox(entries=ENTRIES, environment=environment(numerics), arrays={"images": images}, strongest=strongest)
     _starts(opened, jobs=1)
     return opened
@@ -117,8 +159,17 @@ def _starts(sandbox: Sandbox, jobs: int = JOBS) -> None:
         sandbox.run("probe", {}, b"", _LIMITS)
 
 
-def _train(sandbox: Sandbox, source: str, contract: Json, epochs: int) -> None:
+def _probe(sandbox: Sandbox, header: Json) -> None:
+    """Have the gate's probe measure a candidate."""
+    assert isinstance(header, dict)
+    sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
+    answer = sandbox.run("probe", {**header, "limits": sizes}, b"", _LIMITS)
+    assert isinstance(answer, Finished), answer
+
+
+def _train(sandbox: Sandbox, header: Json, epochs: int, trained: int, predicted: int) -> None:
     """Have a confined candidate train on the random images."""
+    assert isinstance(header, dict)
     recipe = Recipe(
         epochs=epochs,
         batch_size=plain.BATCH,
@@ -126,16 +177,15 @@ def _train(sandbox: Sandbox, source: str, contract: Json, epochs: int) -> None:
         optimiser="adam",
         limits=_LIMITS,
     )
-    header = {
-        "source": source,
-        "contract": contract,
+    setting: dict[str, Json] = {
         "recipe": to_json(recipe),
         "seed": 0,
         "mean": [plain.MEAN] * 3,
         "deviation": [plain.DEVIATION] * 3,
-        "train": plain.TRAINED,
-        "validation": plain.IMAGES - plain.TRAINED,
+        "train": trained,
+        "validation": predicted,
     }
-    targets = np.random.default_rng(1).random((plain.TRAINED, 3), dtype=np.float32)
-    answer = sandbox.run("train", header, np.arange(plain.IMAGES).tobytes() + targets.tobytes(), _LIMITS)
+    targets = np.random.default_rng(1).random((trained, 3), dtype=np.float32)
+    payload = np.arange(trained + predicted).tobytes() + targets.tobytes()
+    answer = sandbox.run("train", {**header, **setting}, payload, _LIMITS)
     assert isinstance(answer, Finished), answer

@@ -124,7 +124,7 @@ def peers(
             for name, contender in contenders.items():
                 place = Path(folder) / f"{name}{number}"
                 place.mkdir()
-                with serving(served) as url:
+                with serving(in_order(served)) as url:
                     work = Work(
                         place=place,
                         url=url,
@@ -134,7 +134,7 @@ def peers(
                         epochs=epochs,
                     )
                     search = contender(work)
-                    costs[name].append(search_cost(search))
+                    costs[name].append(search_cost(search.command, search.environment))
                 check_trained(name, search.trained(), [task.baseline, *served])
     counted = {name: seconds[1:] or seconds for name, seconds in costs.items()}
     for choice in numerics:
@@ -205,19 +205,28 @@ def _write_data(folder: Path) -> None:
     np.savez(folder / "data.npz", images=images, targets=data.targets, train=data.train, validation=data.validation)
 
 
+def in_order(answers: Sequence[str]) -> Callable[[str], str | None]:
+    """Give each answer once, whatever is asked."""
+    left = iter(answers)
+    return lambda _: next(left, None)
+
+
 @contextmanager
-def serving(answers: Sequence[str]) -> Iterator[str]:
-    """Serve the chat-completions API: each answer once, in their order, without delay; yield the address.
+def serving(answer_to: Callable[[str], str | None]) -> Iterator[str]:
+    """Serve the chat-completions API without delay; yield the address.
 
     A peer's worker waits for its answer, while ours asks for a generation at a time: a server that takes no time
     favours the peer.
+
+    Args:
+        answer_to: the network that answers the last message of a request; None for an error. Requests wait for it in
+            threads of their own.
     """
-    left = iter(answers)
 
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
-            self.rfile.read(int(self.headers["content-length"]))
-            answer = next(left, None)
+            asked = json.loads(self.rfile.read(int(self.headers["content-length"])))
+            answer = answer_to(asked["messages"][-1]["content"])
             if answer is None:
                 self.send_error(410)
                 return
@@ -241,23 +250,26 @@ def serving(answers: Sequence[str]) -> Iterator[str]:
         server.shutdown()
 
 
-def search_cost(search: Search) -> Cost:
+def search_cost(command: Sequence[str], more: Mapping[str, str]) -> Cost:
     """Run a contender's command to its end; its memory is the peak of all its processes together.
+
+    Args:
+        command: with its arguments.
+        more: variables of the environment, beside those of this process.
 
     Raises:
         RuntimeError: it failed; with its output.
     """
     before, began, peak = children_seconds(), time.perf_counter(), 0
     with tempfile.TemporaryFile("w+") as log:
-        variables = {**os.environ, **search.environment}
-        with subprocess.Popen(search.command, env=variables, stdout=log, stderr=log) as process:
+        with subprocess.Popen(command, env={**os.environ, **more}, stdout=log, stderr=log) as process:
             while process.poll() is None:
                 peak = max(peak, _memory(process.pid))
                 time.sleep(0.25)
         seconds = time.perf_counter() - began
         if process.returncode:
             log.seek(0)
-            raise RuntimeError(f"{' '.join(search.command)} failed: {log.read()}")
+            raise RuntimeError(f"{' '.join(command)} failed: {log.read()}")
     return Cost(seconds=seconds, processor_seconds=children_seconds() - before, memory=peak * 1024 / 1e6)
 
 

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
-#: Images, of which the first `TRAINED` are trained on and the rest predicted.
-IMAGES, TRAINED = 320, 256
+#: Images that are trained on, and further ones that are predicted, of the table's figures.
+TRAINED, PREDICTED = 256, 64
 BATCH, LEARNING_RATE = 32, 1e-3
 MEAN, DEVIATION = 127.5, 74.0
 
@@ -23,33 +23,33 @@ def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int
 
     Args:
         network: makes itself without arguments.
-        images: standardised, float32, shape (IMAGES, 3, H, W).
-        targets: float32, shape (TRAINED, 3).
+        images: standardised, float32, shape (n + m, 3, H, W); the last m are predicted after every epoch.
+        targets: float32, shape (n, 3).
         epochs: at least 1.
     """
     model = network()
     optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE, fused=True)
     for _ in range(epochs):
         model.train()
-        for rows in torch.split(torch.randperm(TRAINED), BATCH):
+        for rows in torch.split(torch.randperm(len(targets)), BATCH):
             loss = mse_loss(model(images[rows]), targets[rows])
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()
         model.eval()
         with torch.no_grad():
-            predictions = [model(part) for part in torch.split(images[TRAINED:], BATCH)]
+            predictions = [model(part) for part in torch.split(images[len(targets) :], BATCH)]
     return torch.cat(predictions)
 
 
-def main(source: Path, size: int) -> None:
+def main(source: Path, size: int, trained: int, predicted: int) -> None:
     """Train the class that a file defines on images of size x size pixels, for every line."""
     names: dict[str, type[nn.Module]] = {}
     exec(source.read_text(encoding="utf-8"), names)
     torch.manual_seed(0)
-    stored = torch.randint(0, 256, (IMAGES, 3, size, size), dtype=torch.uint8)
+    stored = torch.randint(0, 256, (trained + predicted, 3, size, size), dtype=torch.uint8)
     images = stored.to(torch.float32, memory_format=torch.channels_last).sub_(MEAN).div_(DEVIATION)
-    targets = torch.rand(TRAINED, 3)
+    targets = torch.rand(trained, 3)
     print("ready", flush=True)
     for epochs in sys.stdin:
         train(names["ImageRegressionCNN"], images, targets, int(epochs))
@@ -57,4 +57,4 @@ def main(source: Path, size: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), *map(int, sys.argv[2:]))

@@ -8,19 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.peers import Search, check_trained, published, search_cost, serving
+from benchmarks.peers import check_trained, in_order, published, search_cost, serving
 
 
 def ask(url: str) -> str:
     """Ask the server something; it does not matter what."""
-    request = urllib.request.Request(f"{url}/chat/completions", data=b"{}")
+    request = urllib.request.Request(
+        f"{url}/chat/completions", data=json.dumps({"messages": [{"content": "any"}]}).encode()
+    )
     with urllib.request.urlopen(request) as answer:
         return str(json.load(answer)["choices"][0]["message"]["content"])
 
 
 def test_server_gives_each_answer_once_in_order() -> None:
     """Every search gets the same networks, fenced as a model's; one request too many is an error."""
-    with serving(["first\n", "second\n"]) as url:
+    with serving(in_order(["first\n", "second\n"])) as url:
         assert [ask(url), ask(url)] == ["```python\nfirst\n```", "```python\nsecond\n```"]
         with pytest.raises(urllib.error.HTTPError) as refusal:
             ask(url)
@@ -47,12 +49,10 @@ def test_cost_counts_processes_below_the_command(tmp_path: Path) -> None:
     """A worker's memory is its search's."""
     worker = "import time; block = bytearray(200_000_000); time.sleep(1.5)"
     script = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {worker!r}], check=True)"
-    search = Search(command=[sys.executable, "-c", script], environment={}, trained=list)
-    assert search_cost(search).memory > 200
+    assert search_cost([sys.executable, "-c", script], {}).memory > 200
 
 
 def test_failed_contender_shows_its_output() -> None:
     """A broken peer is not a quick one."""
-    search = Search(command=[sys.executable, "-c", "exit('no such thing')"], environment={}, trained=list)
     with pytest.raises(RuntimeError, match="no such thing"):
-        search_cost(search)
+        search_cost([sys.executable, "-c", "exit('no such thing')"], {})
