@@ -278,6 +278,11 @@ class Primary(StrEnum):
     qd_score = "qd_score"
     coverage = "coverage"
 
+    @property
+    def is_tested(self) -> bool:
+        """Whether networks must be trained fully for it, and tested."""
+        return self in {Primary.test_score, Primary.test_loss}
+
 
 class Varied(StrEnum):
     """A setting that each job of a sweep may take from its seed."""

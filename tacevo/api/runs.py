@@ -21,6 +21,7 @@ from tacevo.api.replaying import replay
 from tacevo.api.studies import Study
 from tacevo.api.tables import Named, Table, with_plain_names
 from tacevo.bundles.open import Opened, check_walls
+from tacevo.choices import DataSource
 from tacevo.config.schema import RunConfig
 from tacevo.errors import CacheMissError, ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
@@ -336,7 +337,8 @@ def remarks_on(run: Run) -> list[str]:
         *(f"left out: {reason}" for reason in collection.left_out),
         *collection.remarks,
     ]
-    if not collection.studies and not collection.left_out:
+    is_looked_up = run.config.data.source is DataSource.table  # nothing of it can be studied
+    if not collection.studies and not collection.left_out and not is_looked_up:
         make = f"`tacevo study {shlex.quote(str(run.path))}` makes one, with its tables and figures"
         is_bundle = run.place.digest is not None
         remarks.append("no study: it was published without one" if is_bundle else f"no finished study yet: {make}")

@@ -131,9 +131,11 @@ class SpaceTable:
         other seeds gives the size of a test, an arm compared with the sweep's reference its power.
 
         Raises:
-            ConfigError: the sweep has too few seeds for one comparison of an arm with itself.
+            ConfigError: the sweep has too few seeds for one comparison of an arm with itself; or it is a run.
             RunError: a run is not of this table.
         """
+        if isinstance(sweep, Run):
+            raise ConfigError(repr(sweep), place="sweep", expected="a sweep, whose arms are compared")
         few = ConfigError(
             str(seeds),
             place="seeds",

@@ -159,7 +159,7 @@ def add_multirun(search: argparse.ArgumentParser) -> None:
         choices=[metric.value for metric in Primary],
         metavar="METRIC",
         help=f"of a sweep: what arms are compared by first: {', '.join(Primary)} (default: test_score, which `tacevo "
-        "study sweep=DIR` gives)",
+        "study sweep=DIR` gives; new_quartile with data=table)",
     )
     search.add_argument(
         "--vary",
@@ -200,7 +200,7 @@ def run_sweep(options: argparse.Namespace) -> int:
 def _after(sweep: Path) -> str:
     """Return the command that a finished sweep is for: the tests of its networks, or else the comparison."""
     terms = SweepDirectory(sweep).read().terms
-    if terms.primary in {Primary.test_score, Primary.test_loss} and terms.retraining is None:
+    if terms.primary is not None and terms.primary.is_tested and terms.retraining is None:
         return f"{as_typed('tacevo')} study {shlex.quote(as_override('sweep', str(sweep)))} seeds=5"
     return f"{as_typed('tacevo')} ablations {shlex.quote(str(sweep))}"
 

@@ -15,6 +15,7 @@ from analysis.studies.transfer import transfers
 from analysis.tables.plan import plan_table
 from analysis.tables.transfer import transfer_tables
 from tacevo.api.planning import planned_from, write_plan
+from tacevo.choices import DataSource
 from tacevo.cli.common import DIFFERENT, DONE, output_directory
 from tacevo.cli.tables import print_table, say
 from tacevo.config.compose import compose_data, compose_noise, compose_study, spread
@@ -146,7 +147,7 @@ def run_noise(options: argparse.Namespace) -> int:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")
     run = _show(studied, config.store.root)
-    if run.answered and not run.shortfall:
+    if run.answered and not run.shortfall and run.config.data.source is not DataSource.table:
         usual = compose_study(["run=RUN"])
         elites = min(len(StudyDirectory(studied.directory).read().networks) - 1, usual.elites)
         trainings = f"{counted((elites + 1) * usual.seeds, 'training')} of {counted(usual.epochs, 'epoch')}"

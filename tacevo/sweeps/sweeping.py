@@ -70,7 +70,7 @@ def sweep(
     shared, own = part(settings, () if into is None else _own_keys(SweepDirectory(Path(into))))
     (first,) = plan(shared, own[:1]).values()
     directory = SweepDirectory(folder(shared, first) if into is None else Path(into))
-    terms = settled(directory, asked, first.task)
+    terms = settled(directory, asked, first)
     planned = plan(shared, own, terms.vary)
     for job, config in planned.items():
         check_temperature(job.overrides, config)
@@ -87,7 +87,7 @@ def sweep(
             if status.standing is Standing.finished:
                 directory.succeed(status.job)  # it may have been finished by `tacevo search`
         every = (*before, *(job for job in jobs if job not in before))
-        terms = settled(directory, asked, first.task)  # again, since nobody else can write now
+        terms = settled(directory, asked, first)  # again, since nobody else can write now
         if not directory.is_one:
             terms = with_reference(terms, {job.arm for job in every})
             if terms.reference is None:

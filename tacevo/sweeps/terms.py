@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tacevo.choices import DataSource, Primary, SplitRule, Varied
 from tacevo.config.arms import NONE
-from tacevo.config.schema import RunConfig, TaskConfig
+from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.sweep_directory import SweepDirectory, SweepTerms
@@ -27,16 +27,26 @@ class Asked:
     plan: Path | None = None
 
 
-def settled(directory: SweepDirectory, asked: Asked, task: TaskConfig) -> SweepTerms:
+def settled(directory: SweepDirectory, asked: Asked, config: RunConfig) -> SweepTerms:
     """Return the terms of a sweep: those that it began with, or, of one that is about to begin, those asked for.
 
+    Args:
+        directory: of the sweep.
+        asked: what the command says of them.
+        config: of one of its jobs.
+
     Raises:
-        ConfigError: the plan cannot be read, or is not one for a sweep of this task.
+        ConfigError: the plan cannot be read, or is not one for a sweep of this task; or test scores of networks that
+            are looked up in a table, which has no test images, are asked for.
         RunError: it began on other terms, or sweep.json is damaged.
     """
-    plan = None if asked.plan is None else read_plan(asked.plan, "sweep", task.name)
+    plan = None if asked.plan is None else read_plan(asked.plan, "sweep", config.task.name)
     if not directory.is_one:
-        primary = asked.primary or Primary.test_score
+        is_looked_up = config.data.source is DataSource.table
+        primary = asked.primary or (Primary.new_quartile if is_looked_up else Primary.test_score)
+        if is_looked_up and primary.is_tested:
+            expected = "another metric with data=table, which has no test images"
+            raise ConfigError(primary, place="--primary", expected=expected)
         return SweepTerms(primary=primary, reference=asked.reference, vary=asked.vary or (), plan=plan)
     terms = directory.read().terms
     wanted = {"primary": asked.primary, "reference": asked.reference, "vary": asked.vary, "plan": plan}

@@ -13,7 +13,7 @@ from refusals import refused
 
 import tacevo
 from analysis.statistics.spaces import regret
-from tacevo.choices import FitnessRule
+from tacevo.choices import FitnessRule, Primary
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError
@@ -42,6 +42,7 @@ from tacevo.storage.entries import ReadBudget
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, packed, read_members
 from tacevo.studies.tabulate import tabulate
 from tacevo.sweeps.sweeping import sweep
+from tacevo.sweeps.terms import Asked
 from tacevo.training.full import FullTraining
 
 #: Of the tests' tables that nothing was trained for.
@@ -190,6 +191,23 @@ def test_sweep_with_a_job_that_the_table_does_not_suit_is_refused_before_one_run
     with refused(ConfigError, place="archive.kind"):
         sweep([*settings, "ablation=none,extract", f"store.root={tmp_path}"], str(tmp_path / "sweep"), Progress())
     assert not (tmp_path / "sweep").exists()
+
+
+def test_no_study_is_the_next_step_of_what_was_looked_up(
+    table: SpaceTable, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A sweep states a metric that needs none, its noise runs name none, and test scores as its metric are refused."""
+    settings = ["experiment=space", *TINY, "data=table", f"data.root={table.path}", "training.epochs=2", "seed=0,1"]
+    settings += ["search.generations=1", "search.candidates=2", "tracking=none"]
+    with refused(ConfigError, place="--primary", expected="no test images"):
+        sweep(settings, "tested", Progress(), asked=Asked(primary=Primary.test_loss))
+    assert not Path("tested").exists()
+    for command in (["search", "-m", *settings, "--into", "all"], ["ablations", "all"], ["tables", "all/none-seed0"]):
+        assert main(command) == 0
+    assert main(["noise", "all/none-seed0", "elites=1", "seeds=2"]) == 0
+    said = capsys.readouterr()
+    assert re.search("next: .*tacevo ablations all$", said.out, re.MULTILINE)
+    assert "tacevo study" not in said.out + said.err
 
 
 @pytest.mark.parametrize("part", ["static", "probe", "training"])
@@ -524,6 +542,8 @@ def test_size_of_a_test_is_of_sweeps_of_the_table(table: SpaceTable, tmp_path: P
         tacevo.open_table(table.path).size_and_power(swept, seeds=3)
     with refused(ConfigError, place="run", expected="one run"):
         tacevo.open_table(table.path).regret(swept)  # type: ignore[arg-type]
+    with refused(ConfigError, place="sweep", got="<run"):
+        tacevo.open_table(table.path).size_and_power(swept.runs[0], seeds=2)  # type: ignore[arg-type]
     other = made_up_table(tmp_path / "other.zip", *TINY, *SIZES, failing=3)
     with refused(RunError, got="of the fingerprint"):
         tacevo.open_table(other.path).size_and_power(swept, seeds=2)
