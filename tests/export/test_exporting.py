@@ -1,5 +1,6 @@
 """Promise: an exported network is the one that was recorded, needs no tacevo, and is whole or absent."""
 
+import contextlib
 import json
 import os
 import re
@@ -7,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import venv
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib import metadata
 from importlib.util import find_spec
@@ -35,13 +37,13 @@ from tacevo.results.study_lines import ScoreLine
 from tacevo.rules import STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
+from tacevo.sandbox.client import Sandbox
 from tacevo.storage.array_store import ArrayStore
 from tacevo.storage.store import Entry, Store
 from tacevo.training.full import read_kept
 from tacevo.training.weights import weights_digest
 
-#: Of one run each.
-BUNDLES = [path for path in sorted((ROOT / "cache" / "published").glob("*.zip")) if "ablation" not in path.name]
+BUNDLES = sorted((ROOT / "cache" / "published").glob("*.zip"))
 
 #: Runs a program where only the packages of its second argument, and what these need, can be imported.
 ALONE = """
@@ -413,16 +415,38 @@ def test_programs_of_the_card_run_in_a_fresh_environment(
     assert subprocess.run([python, "-c", "import tacevo"], capture_output=True, check=False).returncode != 0
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(7200)
+@pytest.fixture
+def one_converter(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Convert the networks of one data set in one sandbox, whose start takes longer than a conversion."""
+    with contextlib.ExitStack() as stack:
+        known: list[tuple[dict[str, Any], Sandbox]] = []
+
+        @contextlib.contextmanager
+        def sandbox(**settings: Any) -> Iterator[Sandbox]:
+            if not known or known[-1][0] != settings:
+                stack.close()
+                known.append((settings, stack.enter_context(Sandbox(**settings))))
+            yield known[-1][1]
+
+        monkeypatch.setattr(directory, "Sandbox", sandbox)
+        yield
+
+
+@pytest.mark.long
+@pytest.mark.timeout(4 * 3600)
 @pytest.mark.parametrize("bundle", BUNDLES, ids=lambda path: path.stem)
-def test_every_elite_of_the_shipped_bundles_exports(bundle: Path, place: Path) -> None:
-    """Like the search, with the recorded weights."""
-    run = tacevo.open(bundle)
+def test_every_elite_of_the_shipped_bundles_exports(bundle: Path, place: Path, one_converter: None) -> None:
+    """Each source once: the first of a run like its search, with the recorded weights, the others for one epoch."""
+    run, known = tacevo.open(bundle), set[str]()
     for number, one in enumerate([run] if isinstance(run, tacevo.Run) else run.runs):
-        for name in one.elites["id"]:
-            target = place / str(number) / name
-            one.export(name, target, like="search", quiet=True)
+        for rank, (name, source) in enumerate(one.candidates.loc[one.elites["id"], "source"].items()):
+            if source in known:
+                continue
+            known.add(source)
+            target = place / str(number) / str(name)
+            shorter: dict[str, Any] = {"epochs": 1} if rank else {}
+            one.export(str(name), target, like="search", quiet=True, **shorter)
             told = json.loads((target / "run.json").read_text())
-            assert [training["differs_from_record"] for training in told["trainings"]] == [[]]
+            assert [each["differs_from_record"] for each in told["trainings"]] == [None if rank else []]
             shutil.rmtree(target)  # all of them would fill a disk
+    assert known
