@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import nn
-from torch.nn.functional import mse_loss
+from torch.nn.functional import cross_entropy, mse_loss
 
 torch.set_num_threads(1)
 
@@ -27,6 +27,7 @@ BATCH, LEARNING_RATE = int(os.environ["PEER_BATCH"]), float(os.environ["PEER_LEA
 DATA = {name: torch.from_numpy(array) for name, array in np.load(os.environ["PEER_DATA"]).items()}
 IMAGES = DATA["images"].contiguous(memory_format=torch.channels_last)
 TARGETS, TRAIN, VALIDATION = DATA["targets"], DATA["train"], DATA["validation"]
+LOSS = mse_loss if TARGETS.is_floating_point() else cross_entropy
 
 
 def evaluate(program_path: str) -> dict[str, float]:
@@ -41,19 +42,19 @@ def train(source: str) -> float:
     names: dict[str, Any] = {"torch": torch, "nn": nn, "F": nn.functional, "math": math}
     exec(source, names)
     torch.manual_seed(0)
-    model = names["ImageRegressionCNN"]().to(memory_format=torch.channels_last)
+    model = names[os.environ["PEER_CLASS"]]().to(memory_format=torch.channels_last)
     optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE, fused=True)
     losses = []
     for _ in range(EPOCHS):
         model.train()
         for rows in torch.split(TRAIN[torch.randperm(len(TRAIN))], BATCH):
             if len(rows) == BATCH:
-                loss = mse_loss(model(IMAGES[rows]), TARGETS[rows])
+                loss = LOSS(model(IMAGES[rows]), TARGETS[rows])
                 optimiser.zero_grad()
                 loss.backward()  # type: ignore[no-untyped-call]
                 optimiser.step()
         model.eval()
         with torch.no_grad():
             predictions = torch.cat([model(IMAGES[rows]) for rows in torch.split(VALIDATION, BATCH)])
-            losses.append(float(mse_loss(predictions, TARGETS[VALIDATION])))
+            losses.append(float(LOSS(predictions, TARGETS[VALIDATION])))
     return min(losses)

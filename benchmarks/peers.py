@@ -118,7 +118,7 @@ def peers(
     }
     costs: dict[str, list[Cost]] = {name: [] for name in contenders}
     with tempfile.TemporaryDirectory() as folder:
-        _write_data(Path(folder))
+        write_data(Path(folder), SETTINGS)
         given = [sources[:WARM_UP], *rounds * [sources]]
         for number, served in enumerate(given):
             for name, contender in contenders.items():
@@ -184,22 +184,33 @@ def openevolve(work: Work) -> Search:
         *("--config", f"{work.place}/config.yaml", "--output", f"{work.place}/output"),
         *("--iterations", str(work.answers)),
     ]
-    recipe = compose(SETTINGS).training
-    given = {
-        "PEER_DATA": f"{work.data}/data.npz",
-        "PEER_EPOCHS": str(work.epochs),
-        "PEER_BATCH": str(recipe.batch_size),
-        "PEER_LEARNING_RATE": str(recipe.learning_rate),
+    given = evaluator_environment(SETTINGS, work.epochs, data=work.data, trained=trained)
+    return Search(command=command, environment=given, trained=lambda: list(trained.iterdir()))
+
+
+def evaluator_environment(settings: Sequence[str], epochs: int, *, data: Path, trained: Path) -> dict[str, str]:
+    """Return the variables by which the peer trains as ours would with these settings.
+
+    Args:
+        settings: of a search of ours.
+        epochs: of each training.
+        data: a directory that `write_data` wrote.
+        trained: a directory that gets a copy of each network.
+    """
+    config = compose(settings)
+    return environment(Numerics.fast) | {
+        "PEER_CLASS": config.task.class_name,
+        "PEER_DATA": f"{data}/data.npz",
+        "PEER_EPOCHS": str(epochs),
+        "PEER_BATCH": str(config.training.batch_size),
+        "PEER_LEARNING_RATE": str(config.training.learning_rate),
         "PEER_TRAINED": str(trained),
     }
-    return Search(
-        command=command, environment=environment(Numerics.fast) | given, trained=lambda: list(trained.iterdir())
-    )
 
 
-def _write_data(folder: Path) -> None:
-    """Make the data set, for ours in a store and for the peer as standardised arrays."""
-    data = load_data(compose([*SETTINGS, f"store.root={folder}/cache"]), Progress(Console(file=io.StringIO())))
+def write_data(folder: Path, settings: Sequence[str]) -> None:
+    """Make the data set of a search of ours, for ours in a store and for the peer as standardised arrays."""
+    data = load_data(compose([*settings, f"store.root={folder}/cache"]), Progress(Console(file=io.StringIO())))
     mean, deviation = (np.array(of, np.float32)[:, None, None] for of in (data.mean, data.deviation))
     images = (np.load(data.images).astype(np.float32) - mean) / deviation
     np.savez(folder / "data.npz", images=images, targets=data.targets, train=data.train, validation=data.validation)

@@ -1,6 +1,7 @@
 """Processor time until a search hands a good network over, beside openevolve, on the table of a space.
 
-    make bench          or, alone: python -m benchmarks.reach
+    make bench                               on the table; or, alone: python -m benchmarks.reach
+    python -m benchmarks.reach --real 5      with real trainings: two hours of a core
 
 A user waits for a good network, not for many candidates. Here a good one is among the best twentieth of the table that
 comes with the project (docs/table.md), by its mean test loss over all seeds. A contender's five fittest networks are
@@ -14,11 +15,15 @@ each search and network one of the table's seeds, for either the lowest validati
 a probe, a start and epochs of a baseline are measured in this run, for as many images as the table's, and epochs count
 in proportion to a network's FLOPs. The search itself is measured, and counts in proportion to its trainings.
 
+With `--real` the searches train, and all of their processor time is measured. The table then tells test losses, and
+what two further trainings give, which are paid by price.
+
 In favour of the peer: it pays neither probe nor start, since its workers stay warm; nor the grammar, which answers in
 a process of the benchmark but in ours; nor a network that it trains again; and it is looked at after each training,
 ours after each generation.
 """
 
+import argparse
 import heapq
 import itertools
 import json
@@ -35,7 +40,7 @@ import yaml
 
 import tacevo
 from benchmarks.confinement import BARE, EPOCHS, Seconds, seconds_of_training
-from benchmarks.peers import PYTHON, search_cost, serving
+from benchmarks.peers import PYTHON, evaluator_environment, search_cost, serving, write_data
 from benchmarks.timing import Figure
 from tacevo.choices import Numerics
 from tacevo.config.compose import compose
@@ -49,8 +54,6 @@ from tacevo.training.numerics import environment
 
 EVALUATOR = Path(__file__).with_name("reach_evaluator.py")
 
-SETTINGS = ("experiment=table", "tracking=none")
-
 #: How many of the fittest are trained again, and for how many epochs.
 FITTEST, LONG = 5, 10
 
@@ -62,11 +65,18 @@ _CURRENT = re.compile(r"# Current Program\n" + FENCED.pattern, re.DOTALL)
 class Visit(NamedTuple):
     """A network that a search trains for the first time."""
 
-    #: Row of the network and of the seed in the table.
+    #: Its row in the table.
     network: int
+    #: Its lowest validation loss.
+    loss: float
+    #: Row of the seed in the table that no re-estimate takes: its own; the first one where it was really trained.
     seed: int
     #: When it was trained; after all of one number a search can be looked at.
     generation: int
+
+
+#: The trainings of a search, in order, and its processor seconds, without them where they are looked up.
+Searched = tuple[list[Visit], float]
 
 
 class Way(NamedTuple):
@@ -74,9 +84,12 @@ class Way(NamedTuple):
 
     #: Of a training.
     epochs: int
+    #: Of each; it is nothing where the time of the search holds its trainings.
     price: Seconds
-    #: Searches with a seed; returns the trainings in order, and the processor seconds of the search itself.
-    search: Callable[[int], tuple[list[Visit], float]]
+    #: Of what is trained again.
+    again: Seconds
+    #: Searches with a seed.
+    search: Callable[[int], Searched]
 
 
 class Space:
@@ -100,50 +113,65 @@ class Space:
         return float(price.probe + price.start + epochs * price.epoch * self.flops[visit.network])
 
     def again(self, visit: Visit) -> float:
-        """Return the mean validation loss of a network under the seeds that its search has not seen."""
+        """Return the mean validation loss of a network under two seeds that its search has not seen."""
         return float(np.delete(self.lowest[visit.network, :, LONG - 1], visit.seed).mean())
 
 
 def reach(
-    *, searches: int = 20, answers: int = 200, best: float = 0.05, epochs: int = EPOCHS[32], rounds: int = 3
+    *,
+    searches: int = 20,
+    is_real: bool = False,
+    answers: int = 200,
+    best: float = 0.05,
+    epochs: int = EPOCHS[32],
+    rounds: int = 3,
 ) -> Iterator[Figure]:
-    """Search the table in two ways of ours and in two of openevolve's.
+    """Search in two ways of ours and in two of openevolve's.
 
     Args:
         searches: of each; the seeds are the same.
+        is_real: whether they train, and do not look trainings up.
         answers: that a search may ask for; twice as many where half of them are skipped.
         best: which part of the space is good.
         epochs: that the prices are measured by, as `seconds_of_training` has it.
         rounds: how often.
     """
-    config = compose(SETTINGS)
+    config = compose(["experiment=table"])
     table = read_table(Path(config.data.root or ""))
     space, (trained, predicted, _) = Space(table.path), table.header.data.counts
     prices = seconds_of_training(32, epochs=epochs, rounds=rounds, trained=trained, predicted=predicted)
-    price, bare = prices[f"confined, {config.numerics.kind}"], prices[BARE]._replace(start=0.0)
-    ours = {
-        "as published, 10 epochs": Way(10, price, lambda seed: _ours(space, seed, answers, "training.epochs=10")),
-        "fast, 5 epochs": Way(
-            5, price, lambda seed: _ours(space, seed, 2 * answers, "training.epochs=5", "proposals.skipped=0.5")
-        ),
+    confined, bare = prices[f"confined, {config.numerics.kind}"], prices[BARE]._replace(start=0.0)
+    experiment = "experiment=space" if is_real else "experiment=table"
+
+    def way(epochs: int, again: Seconds, search: Callable[[int], Searched]) -> Way:
+        return Way(epochs, Seconds(0, 0, 0) if is_real else again, again, search)
+
+    def ours(epochs: int, answers: int, *settings: str) -> Way:
+        given = (experiment, f"training.epochs={epochs}", *settings)
+        return way(epochs, confined, lambda seed: _ours(space, seed, answers, *given))
+
+    def peer(epochs: int) -> Way:
+        return way(epochs, bare, lambda seed: _openevolve(table, space, seed, answers, epochs, is_real=is_real))
+
+    mine = {
+        "as published, 10 epochs": ours(10, answers),
+        "fast, 5 epochs": ours(5, 2 * answers, "proposals.skipped=0.5"),
     }
-    peers = {
-        "openevolve, 10 epochs": Way(10, bare, lambda seed: _openevolve(table, space, seed, answers, 10)),
-        "openevolve, 5 epochs": Way(5, bare, lambda seed: _openevolve(table, space, seed, answers, 5)),
-    }
+    peers = {f"openevolve, {epochs} epochs": peer(epochs) for epochs in (10, 5)}
     level = float(np.quantile(space.test, best))
     found = {
         name: [reached(space, way, *way.search(seed), level) for seed in range(searches)]
-        for name, way in (ours | peers).items()
+        for name, way in (mine | peers).items()
     }
-    for name, peer in itertools.product(ours, peers):
+    what = "with real trainings" if is_real else "on the table"
+    for name, rival in itertools.product(mine, peers):
         yield Figure(
-            title=f"until one of the best {best:.0%} is handed over",
+            title=f"until one of the best {best:.0%} is handed over, {what}",
             name=f"{name} ({_told(found[name])})",
             value=expected_seconds(found[name]),
             unit="CPU s",
-            peer=f"{peer} ({_told(found[peer])})",
-            peer_value=expected_seconds(found[peer]),
+            peer=f"{rival} ({_told(found[rival])})",
+            peer_value=expected_seconds(found[rival]),
         )
 
 
@@ -154,7 +182,7 @@ def reached(space: Space, way: Way, visits: Sequence[Visit], own: float, level: 
         space: of the networks.
         way: how it searched.
         visits: its trainings, in order.
-        own: the seconds that it took itself, without them.
+        own: its seconds.
         level: the test loss of a network that is good enough.
     """
     seen: list[Visit] = []
@@ -164,12 +192,12 @@ def reached(space: Space, way: Way, visits: Sequence[Visit], own: float, level: 
         for visit in group:
             spent += space.seconds(visit, way.epochs, way.price)
             seen.append(visit)
-        fittest = heapq.nsmallest(FITTEST, seen, key=lambda one: space.lowest[one.network, one.seed, way.epochs - 1])
+        fittest = heapq.nsmallest(FITTEST, seen, key=lambda visit: visit.loss)
         good = bool(space.test[min(fittest, key=space.again).network] <= level)
         if good:
             break
-    seeds = space.lowest.shape[1]
-    again = (seeds - 1) * sum(space.seconds(visit, LONG, way.price) for visit in fittest)
+    seeds = space.lowest.shape[1] - 1
+    again = seeds * sum(space.seconds(visit, LONG, way.again) for visit in fittest)
     return spent + own * len(seen) / len(visits) + again, good
 
 
@@ -194,25 +222,25 @@ def _told(found: Sequence[tuple[float, bool]]) -> str:
     return f"{int(good.sum())} of {len(found)}; {low:.0f} to {high:.0f}"
 
 
-def _ours(space: Space, seed: int, answers: int, *settings: str) -> tuple[list[Visit], float]:
+def _ours(space: Space, seed: int, answers: int, *settings: str) -> Searched:
     """Search as a user does, with new stores."""
-    sizes = compose(SETTINGS).search
+    sizes = compose(settings).search
     generations = (answers - sizes.initial) // sizes.candidates
     with tempfile.TemporaryDirectory() as folder:
-        place = (f"run.dir={folder}/run", f"store.root={folder}/cache")
-        given = (*SETTINGS, *settings, f"seed={seed}", f"search.generations={generations}")
+        place = (f"run.dir={folder}/run", f"store.root={folder}/cache", "tracking=none")
+        given = (*settings, f"seed={seed}", f"search.generations={generations}")
         cost = search_cost([sys.executable, "-m", "tacevo.cli.app", "search", *given, *place], {})
         lines = read_run(Path(folder) / "run").trained
     visits: dict[int, Visit] = {}
     for line in lines:
         assert line.validation_losses is not None
-        row, losses = space.rows[str(line.source)], line.validation_losses
-        (drawn,) = np.flatnonzero(space.lowest[row, :, len(losses) - 1] == min(losses))
-        visits.setdefault(row, Visit(row, int(drawn), line.generation))
+        row, lowest = space.rows[str(line.source)], min(line.validation_losses)
+        drawn = np.flatnonzero(space.lowest[row, :, len(line.validation_losses) - 1] == lowest)
+        visits.setdefault(row, Visit(row, lowest, int(drawn[0]) if len(drawn) else 0, line.generation))
     return list(visits.values()), cost.processor_seconds
 
 
-def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs: int) -> tuple[list[Visit], float]:
+def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs: int, *, is_real: bool) -> Searched:
     """Search as a user of openevolve does; a server answers as the grammar does when it is asked for a mutation."""
     task, rng = table.header.task, stream(seed, "reach")
     drawn = rng.integers(space.lowest.shape[1], size=len(table.networks)).tolist()
@@ -240,14 +268,14 @@ def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs
 
     with tempfile.TemporaryDirectory() as folder, serving(answer_to) as url:
         place = Path(folder)
-        settings = {
+        peer = {
             "language": "python",
             "diff_based_evolution": False,
             "random_seed": seed,
             "llm": {"models": [{"name": "grammar", "api_base": url, "api_key": "none"}]},
             "evaluator": {"parallel_evaluations": 2, "cascade_evaluation": False},
         }
-        (place / "config.yaml").write_text(yaml.safe_dump(settings), encoding="utf-8")
+        (place / "config.yaml").write_text(yaml.safe_dump(peer), encoding="utf-8")
         (place / "initial.py").write_text(task.baseline, encoding="utf-8")
         losses = {
             network.source.strip(): (row, float(space.lowest[row, drawn[row], epochs - 1]))
@@ -258,15 +286,29 @@ def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs
             *(str(PYTHON), "-m", "openevolve.cli", f"{place}/initial.py", str(EVALUATOR)),
             *("--config", f"{place}/config.yaml", "--output", f"{place}/output", "--iterations", str(answers)),
         ]
-        files = {"PEER_LOSSES": f"{place}/losses.json", "PEER_LOG": f"{place}/log"}
-        cost = search_cost(command, environment(Numerics.fast) | files)
-        asked = [int(line) for line in (place / "log").read_text(encoding="utf-8").split()]
+        given = {"PEER_LOSSES": f"{place}/losses.json", "PEER_LOG": f"{place}/log"}
+        if is_real:
+            settings = ["experiment=space"]
+            (place / "trained").mkdir()
+            write_data(place, settings)
+            given |= evaluator_environment(settings, epochs, data=place, trained=place / "trained")
+            given["PYTHONPATH"] = str(EVALUATOR.parent)
+        cost = search_cost(command, environment(Numerics.fast) | given)
+        asked = [json.loads(line) for line in (place / "log").read_text(encoding="utf-8").splitlines()]
     if unread or len(asked) < answers / 2:  # it refuses an answer that equals the parent
         raise RuntimeError(f"openevolve had {len(asked)} of {answers} networks; unread requests: {unread[:1]}")
-    visits = [Visit(row, drawn[row], number) for number, row in enumerate(dict.fromkeys(asked))]
+    visits = [Visit(row, loss, drawn[row], number) for number, (row, loss) in enumerate(dict(asked).items())]
     return visits, cost.processor_seconds
 
 
-if __name__ == "__main__":
-    for figure in reach():
+def main() -> None:
+    """Print a line a figure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--real", type=int, metavar="N", help="N searches a way, with real trainings")
+    real = parser.parse_args().real
+    for figure in reach() if real is None else reach(searches=real, is_real=True):
         print(figure)
+
+
+if __name__ == "__main__":
+    main()

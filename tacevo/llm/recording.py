@@ -130,23 +130,19 @@ class RecordingLLM:
         recorded = self.store.find(before)
         if recorded is None:
             return None
-        completion = replace(_completion(self.store, before, recorded), model=request.model)
-        self.store.write(question, to_json(completion))
-        return completion
+        labelled = replace(_completion(self.store, before, recorded), model=request.model)
+        return _completion(self.store, question, self.store.keep(question, to_json(labelled)))
 
     def _keep(self, request: Request, completion: Completion) -> Completion:
         """Put the price on, replace lone surrogates (half an emoji, say), which no UTF-8 file can hold, and store.
 
         Where another process has asked the same meanwhile, its answer stands: a ledger may have it already.
         """
-        question = to_json(request)
-        standing = self.store.find(question)
-        if standing is not None:
-            return _completion(self.store, question, standing)
         price = None if self.price is None else self.price(request, completion)
         sound = {name: getattr(completion, name).encode(errors="replace").decode() for name in _TEXTS}
         if self.unlabelled is not None:
             sound["model"] = request.model
         kept = replace(completion, **sound, price=price, elsewhere=self.elsewhere)
-        self.store.write(question, to_json(kept))
-        return kept
+        question, answer = to_json(request), to_json(kept)
+        standing = self.store.keep(question, answer)
+        return kept if standing is answer else _completion(self.store, question, standing)

@@ -28,6 +28,9 @@ _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 #: What `flock` answers where a file system has no locks.
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
+#: What a second name for a file answers where a file system has one name a file.
+_NO_LINKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM}
+
 
 @contextlib.contextmanager
 def locked(folder: Path, setting: str) -> Iterator[None]:
@@ -122,8 +125,16 @@ def is_in_use(place: Path, *, shared: bool = False) -> bool:
         os.close(handle)
 
 
-def write_durably(path: Path, content: str | bytes) -> None:
+def write_durably(path: Path, content: str | bytes, *, replace: bool = True) -> bool:
     """Write a whole file (text as UTF-8) in one step: a reader sees the old content or the new, even after a crash.
+
+    Args:
+        path: its directories are made.
+        content: of the file.
+        replace: whether it takes the place of a file that stands there, which stays otherwise.
+
+    Returns:
+        Whether it was written.
 
     Raises:
         StoreError: the disk is full or the directory cannot be written; the old content stays.
@@ -138,7 +149,10 @@ def write_durably(path: Path, content: str | bytes) -> None:
             os.fsync(file.fileno())
             if not HAS_LOCKS:  # Windows renames no open file
                 file.close()
-            os.replace(file.name, path)  # atomic: a reader never sees half an entry
+            if replace:
+                os.replace(file.name, path)  # atomic: a reader never sees half an entry
+            elif not _named(file.name, path):
+                return False
         for folder in (path.parent, *(folder.parent for folder in made)):
             sync(folder)  # the names, too, must survive a crash
     except OSError as error:
@@ -147,6 +161,22 @@ def write_durably(path: Path, content: str | bytes) -> None:
             place=str(path),
             remedy="make room, or choose a directory that can be written to, and repeat the command",
         ) from error
+    return True
+
+
+def _named(part: str, path: Path) -> bool:
+    """Give a finished file its name, unless another has it; two writers at once may both have it without links."""
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        if path.exists():
+            return False
+        os.replace(part, path)
+    return True
 
 
 def remove_leftovers(folder: Path) -> None:

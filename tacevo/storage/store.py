@@ -124,10 +124,7 @@ class Store:
             StoreError: the entry is damaged.
         """
         answer = self.find(request)
-        if answer is None:
-            answer = compute()
-            self.write(request, answer)
-        return answer
+        return self.keep(request, compute()) if answer is None else answer
 
     def find(self, request: Json) -> Json | None:
         """Look a request up as the mode says; None means that it is to be computed.
@@ -168,6 +165,25 @@ class Store:
         """Record an answer, durably and in one step; an entry of the same key is replaced."""
         entry = Entry(kind=self._kind, request=request, answer=answer)
         write_durably(self._folder.parent / entry.place, readable(entry.sealed()))
+
+    def keep(self, request: Json, answer: Json) -> Json:
+        """Record an answer, and return the one that stands: this one in mode `live`, else the first of all processes.
+
+        Another process may have recorded one since this one looked, and gone on with it.
+
+        Raises:
+            StoreError: that entry is damaged; or nothing can be written.
+        """
+        if self._mode is Mode.live:
+            self.write(request, answer)
+            return answer
+        entry = Entry(kind=self._kind, request=request, answer=answer)
+        path, text = self._folder.parent / entry.place, readable(entry.sealed())
+        while not write_durably(path, text, replace=False):
+            standing = self.read(request)
+            if standing is not None:  # else it was removed meanwhile
+                return standing
+        return answer
 
     def entries(self) -> Iterator[Entry]:
         """Yield every entry, checked, in the order of their keys.

@@ -12,7 +12,9 @@ from benchmarks.reach import LONG, Space, Visit, Way, expected_seconds, reached
 
 PRICE = Seconds(probe=0.5, start=0.5, epoch=2)
 
-WAY = Way(5, PRICE, lambda seed: ([], 0.0))
+FREE = Seconds(probe=0, start=0, epoch=0)
+
+WAY = Way(5, PRICE, PRICE, lambda seed: ([], 0.0))
 
 
 @pytest.fixture
@@ -23,30 +25,41 @@ def space(place: Path) -> Space:
 
 def test_baseline_has_the_measured_price(space: Space) -> None:
     """Five epochs of its search, ten with each of two other seeds, and what the search took itself."""
-    seconds, good = reached(space, WAY, [Visit(0, 0, 0)], own=8.0, level=math.inf)
-    assert seconds == (1 + 5 * 2) + 2 * (1 + LONG * 2) + 8
-    assert good
+    visits = [Visit(network=0, loss=1.0, seed=0, generation=0)]
+    again = 2 * (1 + LONG * 2)
+    assert reached(space, WAY, visits, own=8.0, level=math.inf) == ((1 + 5 * 2) + again + 8, True)
+    assert reached(space, WAY._replace(price=FREE), visits, own=8.0, level=math.inf) == (again + 8, True)
 
 
 def test_search_ends_after_the_generation_that_finds_a_good_network(space: Space) -> None:
     """Later generations are not charged, and their part of the search's own time neither; its generation is, whole."""
-    by_loss = np.argsort(space.test)
-    bad, good = int(by_loss[-1]), int(by_loss[0])
-    space.lowest[good] = space.lowest.min() - 1  # the fittest, under each seed
-    visits = [Visit(bad, 0, 0), Visit(good, 0, 1), Visit(0, 0, 1), *(Visit(bad, 0, 2) for _ in range(3))]
-    seconds, found = reached(space, WAY, visits, own=6.0, level=float(space.test[good]))
+    bad, good = int(space.test.argmax()), int(space.test.argmin())
+    space.lowest[good] = space.lowest.min() - 1  # under each seed
+    found = [(bad, 2.0, 0), (good, 1.0, 1), (0, 3.0, 1), (bad, 2.0, 2), (bad, 2.0, 2), (bad, 2.0, 2)]
+    visits = [Visit(network, loss, 0, generation) for network, loss, generation in found]
+    seconds, is_there = reached(space, WAY, visits, own=6.0, level=float(space.test[good]))
     whole = sum(space.seconds(visit, 5, PRICE) for visit in visits[:3])
     again = 2 * sum(space.seconds(visit, LONG, PRICE) for visit in visits[:3])
-    assert found
+    assert is_there
     assert seconds == pytest.approx(whole + again + 3)
 
 
 def test_fit_network_that_is_not_good_does_not_count(space: Space) -> None:
-    """What is handed over is chosen by validation losses, and judged by test losses."""
-    bad = int(space.test.argmax())
-    space.lowest[bad] = space.lowest.min() - 1
-    _, found = reached(space, WAY, [Visit(int(space.test.argmin()), 0, 0), Visit(bad, 0, 0)], 0.0, space.test.min())
-    assert not found
+    """What is handed over is chosen by the losses of other seeds than its search's, and judged by test losses."""
+    bad, good = int(space.test.argmax()), int(space.test.argmin())
+    space.lowest[bad, 1:] = space.lowest.min() - 1
+    visits = [Visit(good, 0.1, 0, 0), Visit(bad, 0.2, 0, 0)]
+    assert not reached(space, WAY, visits, own=0.0, level=float(space.test[good]))[1]
+    visits[1] = visits[1]._replace(seed=1)
+    space.lowest[bad, 2] = np.inf  # of the seed that is left beside 0
+    assert reached(space, WAY, visits, own=0.0, level=float(space.test[good]))[1]
+
+
+def test_only_the_fittest_are_trained_again(space: Space) -> None:
+    """A good network that is the sixth by its own search is not found."""
+    good, *others = np.argsort(space.test)[:6]
+    visits = [Visit(int(row), 1.0, 0, 0) for row in others] + [Visit(int(good), 2.0, 0, 0)]
+    assert not reached(space, WAY, visits, own=0.0, level=float(space.test[good]))[1]
 
 
 def test_search_in_vain_is_charged_to_those_that_succeed() -> None:

@@ -1,11 +1,16 @@
 """Promise: an answer is kept under everything that determines it, and comes back as it was written."""
 
 import dataclasses
+import errno
 import itertools
 import json
+import os
 import random
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given
@@ -133,6 +138,36 @@ def test_mode_says_what_is_read_and_computed(tmp_path: Path) -> None:
         replay.recall({"x": 3}, forbidden)
     with refused(CacheMissError, remedy="that store is empty or absent: name it by"):
         Store(tmp_path, "others", Mode.replay).find({"x": 1})
+
+
+@pytest.mark.parametrize("error", [None, errno.EPERM, errno.EOPNOTSUPP])
+def test_first_recorded_answer_stands(error: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever asked the same meanwhile goes on with what a replay will read; also where a file has one name only."""
+    if error is not None:
+        monkeypatch.setattr(os, "link", Mock(side_effect=OSError(error, "no links")))
+    store = Store(tmp_path, "things")
+
+    def late() -> Json:
+        store.write({"x": 1}, "of another process")
+        return "mine"
+
+    assert store.recall({"x": 1}, late) == store.read({"x": 1}) == "of another process"
+    assert not list(tmp_path.rglob("*.part"))
+
+
+def test_all_who_ask_at_once_get_the_answer_that_stands(tmp_path: Path) -> None:
+    """None of eight found one when it began to ask."""
+    store, together = Store(tmp_path, "things"), threading.Barrier(8)
+
+    def ask(number: int) -> Json:
+        def compute() -> Json:
+            together.wait()
+            return number
+
+        return store.recall({"x": 1}, compute)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert set(pool.map(ask, range(8))) == {store.read({"x": 1})}
 
 
 def test_failed_computation_stores_nothing(tmp_path: Path) -> None:
