@@ -292,7 +292,7 @@ def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs
             (place / "trained").mkdir()
             write_data(place, settings)
             given |= evaluator_environment(settings, epochs, data=place, trained=place / "trained")
-            given["PYTHONPATH"] = str(EVALUATOR.parent)
+            given["PYTHONPATH"] = str(EVALUATOR.parents[1])
         cost = search_cost(command, environment(Numerics.fast) | given)
         asked = [json.loads(line) for line in (place / "log").read_text(encoding="utf-8").splitlines()]
     if unread or len(asked) < answers / 2:  # it refuses an answer that equals the parent
