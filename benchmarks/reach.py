@@ -1,7 +1,7 @@
 """Processor time until a search hands a good network over, beside openevolve, on the table of a space.
 
-    make bench                               on the table; or, alone: python -m benchmarks.reach
-    python -m benchmarks.reach --real 5      with real trainings: two hours of a core
+    make bench                                            on the table; or, alone: python -m benchmarks.reach
+    python -m benchmarks.reach --real --searches 5        with real trainings: two hours of a core
 
 A user waits for a good network, not for many candidates. Here a good one is among the best twentieth of the table that
 comes with the project (docs/table.md), by its mean test loss over all seeds. A contender's five fittest networks are
@@ -304,9 +304,10 @@ def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs
 def main() -> None:
     """Print a line a figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--real", type=int, metavar="N", help="N searches a way, with real trainings")
-    real = parser.parse_args().real
-    for figure in reach() if real is None else reach(searches=real, is_real=True):
+    parser.add_argument("--real", action="store_true", help="train, and do not look trainings up")
+    parser.add_argument("--searches", type=int, default=20, metavar="N", help="of each way (default: 20)")
+    options = parser.parse_args()
+    for figure in reach(searches=options.searches, is_real=options.real):
         print(figure)
 
 
