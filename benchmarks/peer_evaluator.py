@@ -21,6 +21,7 @@ torch.set_num_threads(1)
 #: A copy of every network that was trained goes here, so that the benchmark can check which they were.
 TRAINED = os.environ["PEER_TRAINED"]
 EPOCHS = int(os.environ["PEER_EPOCHS"])
+SEED = int(os.environ["PEER_SEED"])
 BATCH, LEARNING_RATE = int(os.environ["PEER_BATCH"]), float(os.environ["PEER_LEARNING_RATE"])
 
 #: `images` (float32, standardised), `targets`, and the rows `train` and `validation`.
@@ -41,7 +42,7 @@ def train(source: str) -> float:
     """Train for all epochs; return the best validation loss."""
     names: dict[str, Any] = {"torch": torch, "nn": nn, "F": nn.functional, "math": math}
     exec(source, names)
-    torch.manual_seed(0)
+    torch.manual_seed(SEED)
     model = names[os.environ["PEER_CLASS"]]().to(memory_format=torch.channels_last)
     optimiser = torch.optim.Adam(model.parameters(), LEARNING_RATE, fused=True)
     losses = []

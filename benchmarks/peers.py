@@ -184,11 +184,13 @@ def openevolve(work: Work) -> Search:
         *("--config", f"{work.place}/config.yaml", "--output", f"{work.place}/output"),
         *("--iterations", str(work.answers)),
     ]
-    given = evaluator_environment(SETTINGS, work.epochs, data=work.data, trained=trained)
+    given = evaluator_environment(SETTINGS, work.epochs, data=work.data, trained=trained, seed=0)
     return Search(command=command, environment=given, trained=lambda: list(trained.iterdir()))
 
 
-def evaluator_environment(settings: Sequence[str], epochs: int, *, data: Path, trained: Path) -> dict[str, str]:
+def evaluator_environment(
+    settings: Sequence[str], epochs: int, *, data: Path, trained: Path, seed: int
+) -> dict[str, str]:
     """Return the variables by which the peer trains as ours would with these settings.
 
     Args:
@@ -196,6 +198,7 @@ def evaluator_environment(settings: Sequence[str], epochs: int, *, data: Path, t
         epochs: of each training.
         data: a directory that `write_data` wrote.
         trained: a directory that gets a copy of each network.
+        seed: of all trainings.
     """
     config = compose(settings)
     return environment(Numerics.fast) | {
@@ -204,6 +207,7 @@ def evaluator_environment(settings: Sequence[str], epochs: int, *, data: Path, t
         "PEER_EPOCHS": str(epochs),
         "PEER_BATCH": str(config.training.batch_size),
         "PEER_LEARNING_RATE": str(config.training.learning_rate),
+        "PEER_SEED": str(seed),
         "PEER_TRAINED": str(trained),
     }
 

@@ -2,7 +2,7 @@
 
 Run as a program, it prints a line when it is ready, and trains for every line that it reads, which is a number of
 epochs. Images are standardised once and lie in channels_last (weights that lie so, too, gain nothing at these sizes),
-and Adam is fused; the environment decides threads and instruction sets.
+Adam is fused, and batches are full; the environment decides threads and instruction sets.
 """
 
 import sys
@@ -32,10 +32,11 @@ def train(network: type[nn.Module], images: Tensor, targets: Tensor, epochs: int
     for _ in range(epochs):
         model.train()
         for rows in torch.split(torch.randperm(len(targets)), BATCH):
-            loss = mse_loss(model(images[rows]), targets[rows])
-            optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
+            if len(rows) == BATCH:
+                loss = mse_loss(model(images[rows]), targets[rows])
+                optimiser.zero_grad()
+                loss.backward()  # type: ignore[no-untyped-call]
+                optimiser.step()
         model.eval()
         with torch.no_grad():
             predictions = [model(part) for part in torch.split(images[len(targets) :], BATCH)]

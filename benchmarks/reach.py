@@ -1,32 +1,35 @@
 """Processor time until a search hands a good network over, beside openevolve, on the table of a space.
 
     make bench                                            on the table; or, alone: python -m benchmarks.reach
-    python -m benchmarks.reach --real --searches 5        with real trainings: two hours of a core
+    python -m benchmarks.reach --real --searches 5        with real trainings: hours
 
 A user waits for a good network, not for many candidates. Here a good one is among the best twentieth of the table that
 comes with the project (docs/table.md), by its mean test loss over all seeds. A contender's five fittest networks are
 trained again with the two seeds that its search has not seen, and the one with the lowest mean loss of these is handed
-over. The figure is the expected running time (ERT, as in COCO, hansen2021coco): the processor seconds of all searches,
-each until it could first hand a good one over or to its end, divided by the number of searches that could.
+over. The figure is the expected running time (ERT, as in COCO, hansen2021coco): all processor seconds, those of
+searches that find no good network included, divided by the number of searches that do. It is of an ideal stop: a search
+ends as soon as what it would hand over is good, and pays for the last re-estimates alone.
 
-Both ask the same grammar for networks of the same space, ours as an experiment does, with crossover; the peer for
-a mutation of its current program, with an instruction and a temperature drawn from all. Trainings are looked up: for
-each search and network one of the table's seeds, for either the lowest validation loss so far. They are paid by price:
-a probe, a start and epochs of a baseline are measured in this run, for as many images as the table's, and epochs count
-in proportion to a network's FLOPs. The search itself is measured, and counts in proportion to its trainings.
+One grammar answers for the same space; ours is asked as an experiment asks, with crossover; the peer for a mutation of
+its current program, with an instruction and a temperature drawn from all. Trainings are looked up: for each search and
+network one of the table's seeds, for all the lowest validation loss so far. They are paid by price: a probe, a start
+and epochs of the baseline for forces are measured in this run, for as many images as the table's, and epochs count in
+proportion to a network's FLOPs. The search itself is measured, and counts in proportion to its answers. A third way
+draws networks of the space at random, and pays as ours for trainings and probes, and for nothing else.
+
+In favour of the peer: its trainings have any instruction set, while ours are portable; it pays neither probe nor start,
+since its workers stay warm; nor the grammar, which answers in a process of the benchmark but in ours; nor a network
+that it trains again; and it is looked at after each training, ours after each generation.
 
 With `--real` the searches train, and all of their processor time is measured. The table then tells test losses, and
 what two further trainings give, which are paid by price.
-
-In favour of the peer: it pays neither probe nor start, since its workers stay warm; nor the grammar, which answers in
-a process of the benchmark but in ours; nor a network that it trains again; and it is looked at after each training,
-ours after each generation.
 """
 
 import argparse
 import heapq
 import itertools
 import json
+import math
 import re
 import sys
 import tempfile
@@ -37,6 +40,7 @@ from typing import NamedTuple
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 import tacevo
 from benchmarks.confinement import BARE, EPOCHS, Seconds, seconds_of_training
@@ -57,6 +61,9 @@ EVALUATOR = Path(__file__).with_name("reach_evaluator.py")
 #: How many of the fittest are trained again, and for how many epochs.
 FITTEST, LONG = 5, 10
 
+#: Searches that an interval needs.
+FEWEST = 10
+
 FENCED = re.compile(r"```python\n(.*?)```", re.DOTALL)
 
 _CURRENT = re.compile(r"# Current Program\n" + FENCED.pattern, re.DOTALL)
@@ -69,13 +76,13 @@ class Visit(NamedTuple):
     network: int
     #: Its lowest validation loss.
     loss: float
-    #: Row of the seed in the table that no re-estimate takes: its own; the first one where it was really trained.
+    #: Row of the seed in the table that no re-estimate takes: its own; any where it was really trained.
     seed: int
     #: When it was trained; after all of one number a search can be looked at.
     generation: int
 
 
-#: The trainings of a search, in order, and its processor seconds, without them where they are looked up.
+#: The trainings of a search, in order, and all other processor seconds of it.
 Searched = tuple[list[Visit], float]
 
 
@@ -84,9 +91,9 @@ class Way(NamedTuple):
 
     #: Of a training.
     epochs: int
-    #: Of each; it is nothing where the time of the search holds its trainings.
+    #: Of a training of the search; zero where it trains, which its own time holds.
     price: Seconds
-    #: Of what is trained again.
+    #: Of a training again.
     again: Seconds
     #: Searches with a seed.
     search: Callable[[int], Searched]
@@ -98,7 +105,7 @@ class Space:
     def __init__(self, path: Path) -> None:
         table = tacevo.open_table(path)
         networks, scores = table.networks, table.scores
-        shape = (len(networks), scores["seed"].nunique(), -1)  # fails where a training has
+        shape = (len(networks), scores["seed"].nunique(), -1)  # fails if a training was rejected
         losses = table.trainings["validation_loss"].to_numpy().reshape(shape)
         #: The lowest validation loss, by network, seed, and number of epochs less one.
         self.lowest = np.minimum.accumulate(losses, axis=2)
@@ -109,19 +116,23 @@ class Space:
         self.rows = {source: row for row, source in enumerate(networks["source"])}
 
     def seconds(self, visit: Visit, epochs: int, price: Seconds) -> float:
-        """Return what judging a network takes of a processor."""
-        return float(price.probe + price.start + epochs * price.epoch * self.flops[visit.network])
+        """Return what training a network takes of a processor."""
+        return float(price.start + epochs * price.epoch * self.flops[visit.network])
 
     def again(self, visit: Visit) -> float:
         """Return the mean validation loss of a network under two seeds that its search has not seen."""
         return float(np.delete(self.lowest[visit.network, :, LONG - 1], visit.seed).mean())
 
+    def drawn(self, seed: int) -> NDArray[np.int64]:
+        """Draw a seed of the table for each network, for a search that does not draw them itself."""
+        return stream(seed, "reach", "noise").integers(self.lowest.shape[1], size=len(self.rows))
+
 
 def reach(
     *,
-    searches: int = 20,
+    searches: int = 40,
     is_real: bool = False,
-    answers: int = 200,
+    answers: int = 100,
     best: float = 0.05,
     epochs: int = EPOCHS[32],
     rounds: int = 3,
@@ -141,36 +152,42 @@ def reach(
     space, (trained, predicted, _) = Space(table.path), table.header.data.counts
     prices = seconds_of_training(32, epochs=epochs, rounds=rounds, trained=trained, predicted=predicted)
     confined, bare = prices[f"confined, {config.numerics.kind}"], prices[BARE]._replace(start=0.0)
-    experiment = "experiment=space" if is_real else "experiment=table"
 
     def way(epochs: int, again: Seconds, search: Callable[[int], Searched]) -> Way:
         return Way(epochs, Seconds(0, 0, 0) if is_real else again, again, search)
 
     def ours(epochs: int, answers: int, *settings: str) -> Way:
-        given = (experiment, f"training.epochs={epochs}", *settings)
-        return way(epochs, confined, lambda seed: _ours(space, seed, answers, *given))
+        given, probe = (f"training.epochs={epochs}", *settings), None if is_real else confined.probe
+        return way(epochs, confined, lambda seed: _ours(space, seed, answers, given, probe))
 
     def peer(epochs: int) -> Way:
         return way(epochs, bare, lambda seed: _openevolve(table, space, seed, answers, epochs, is_real=is_real))
 
-    mine = {
-        "as published, 10 epochs": ours(10, answers),
-        "fast, 5 epochs": ours(5, 2 * answers, "proposals.skipped=0.5"),
-    }
+    def drawn(epochs: int) -> Way:
+        return Way(epochs, confined, confined, lambda seed: at_random(space, seed, answers, epochs, confined.probe))
+
+    usual, fast = "as published, 10 epochs", "fast, 5 epochs"
     peers = {f"openevolve, {epochs} epochs": peer(epochs) for epochs in (10, 5)}
+    random = {f"at random, {epochs} epochs": drawn(epochs) for epochs in (10, 5)}
+    mine = {usual: ours(10, answers), fast: ours(5, 2 * answers, "proposals.skipped=0.5")}
     level = float(np.quantile(space.test, best))
-    found = {
-        name: [reached(space, way, *way.search(seed), level) for seed in range(searches)]
-        for name, way in (mine | peers).items()
-    }
+    found: dict[str, list[tuple[float, bool]]] = {}
+    for name, one in (mine | peers | ({} if is_real else random)).items():
+        found[name] = []
+        for seed in range(searches):
+            found[name].append(reached(space, one, *one.search(seed), level))
+            if is_real:
+                print(f"{name}, seed {seed}: {found[name][-1]}", file=sys.stderr, flush=True)
     what = "with real trainings" if is_real else "on the table"
-    for name, rival in itertools.product(mine, peers):
+    for name, rival in itertools.product(mine, [name for name in found if name not in mine]):
+        if mine[name].epochs > (peers | random)[rival].epochs:
+            continue
         yield Figure(
             title=f"until one of the best {best:.0%} is handed over, {what}",
-            name=f"{name} ({_told(found[name])})",
+            name=f"{name} ({told(found[name])})",
             value=expected_seconds(found[name]),
             unit="CPU s",
-            peer=f"{rival} ({_told(found[rival])})",
+            peer=f"{rival} ({told(found[rival])})",
             peer_value=expected_seconds(found[rival]),
         )
 
@@ -198,52 +215,74 @@ def reached(space: Space, way: Way, visits: Sequence[Visit], own: float, level: 
             break
     seeds = space.lowest.shape[1] - 1
     again = seeds * sum(space.seconds(visit, LONG, way.again) for visit in fittest)
-    return spent + own * len(seen) / len(visits) + again, good
+    part = (1 + seen[-1].generation) / (1 + visits[-1].generation)
+    return spent + own * part + again, good
 
 
 def expected_seconds(found: Sequence[tuple[float, bool]]) -> float:
-    """Return the expected running time: all that was spent, for each time that it sufficed.
-
-    Raises:
-        RuntimeError: it never did.
-    """
+    """Return the expected running time of searches: of each its seconds, and whether it succeeded; may be infinite."""
     successes = sum(good for _, good in found)
-    if not successes:
-        raise RuntimeError(f"none of {len(found)} searches hands a good network over; ask for more answers")
-    return sum(seconds for seconds, _ in found) / successes
+    return sum(seconds for seconds, _ in found) / successes if successes else math.inf
 
 
-def _told(found: Sequence[tuple[float, bool]]) -> str:
+def told(found: Sequence[tuple[float, bool]]) -> str:
     """Say how many searches succeeded, and between what the figure is with 95 % (bootstrap, percentiles)."""
     seconds, good = np.array(found).T
+    told = f"{int(good.sum())} of {len(found)}"
+    if len(found) < FEWEST:
+        return told
     rows = stream(0, "reach", "bootstrap").integers(len(found), size=(2_000, len(found)))
     with np.errstate(divide="ignore"):  # of a sample without a success it is infinite
         low, high = np.quantile(seconds[rows].sum(axis=1) / good[rows].sum(axis=1), [0.025, 0.975], method="nearest")
-    return f"{int(good.sum())} of {len(found)}; {low:.0f} to {high:.0f}"
+    return f"{told}; {low:.0f} to {high:.0f}"
 
 
-def _ours(space: Space, seed: int, answers: int, *settings: str) -> Searched:
-    """Search as a user does, with new stores."""
-    sizes = compose(settings).search
+def at_random(space: Space, seed: int, answers: int, epochs: int, probe: float) -> Searched:
+    """Draw networks of the space, none twice."""
+    drawn = space.drawn(seed)
+    rows = stream(seed, "reach", "random").permutation(len(space.rows))[:answers].tolist()
+    losses = space.lowest[:, :, epochs - 1]
+    return [Visit(row, losses[row, drawn[row]], drawn[row], at) for at, row in enumerate(rows)], probe * len(rows)
+
+
+def _ours(space: Space, seed: int, answers: int, settings: Sequence[str], probe: float | None) -> Searched:
+    """Search as a user does, with new stores.
+
+    Args:
+        space: of the networks.
+        seed: of the search.
+        answers: that it may ask for.
+        settings: beside the experiment's.
+        probe: the price of one, of each network that is asked for; None of a search that trains.
+    """
+    experiment = "experiment=space" if probe is None else "experiment=table"
+    sizes = compose([experiment]).search
     generations = (answers - sizes.initial) // sizes.candidates
     with tempfile.TemporaryDirectory() as folder:
         place = (f"run.dir={folder}/run", f"store.root={folder}/cache", "tracking=none")
-        given = (*settings, f"seed={seed}", f"search.generations={generations}")
-        cost = search_cost([sys.executable, "-m", "tacevo.cli.app", "search", *given, *place], {})
-        lines = read_run(Path(folder) / "run").trained
+        given = (experiment, *settings, f"seed={seed}", f"search.generations={generations}", *place)
+        cost = search_cost([sys.executable, "-m", "tacevo.cli.app", "search", *given], {})
+        run = read_run(Path(folder) / "run")
+    drawn = space.drawn(seed)
     visits: dict[int, Visit] = {}
-    for line in lines:
+    for line in run.trained:
         assert line.validation_losses is not None
         row, lowest = space.rows[str(line.source)], min(line.validation_losses)
-        drawn = np.flatnonzero(space.lowest[row, :, len(line.validation_losses) - 1] == lowest)
-        visits.setdefault(row, Visit(row, lowest, int(drawn[0]) if len(drawn) else 0, line.generation))
-    return list(visits.values()), cost.processor_seconds
+        out = drawn[row]
+        if probe is not None:
+            (out,) = np.flatnonzero(space.lowest[row, :, len(line.validation_losses) - 1] == lowest)
+        visits.setdefault(row, Visit(row, lowest, int(out), line.generation))
+    probes = len({line.source for line in run.candidates if line.source is not None})
+    return list(visits.values()), cost.processor_seconds + probes * (probe or 0.0)
 
 
 def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs: int, *, is_real: bool) -> Searched:
-    """Search as a user of openevolve does; a server answers as the grammar does when it is asked for a mutation."""
+    """Search as a user of openevolve does; a server answers as the grammar does when it is asked for a mutation.
+
+    Its workers ask in any order, so no search of it can be repeated.
+    """
     task, rng = table.header.task, stream(seed, "reach")
-    drawn = rng.integers(space.lowest.shape[1], size=len(table.networks)).tolist()
+    drawn = space.drawn(seed).tolist()
     lock, numbers, unread = threading.Lock(), itertools.count(), list[str]()
 
     def answer_to(text: str) -> str | None:
@@ -291,7 +330,7 @@ def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs
             settings = ["experiment=space"]
             (place / "trained").mkdir()
             write_data(place, settings)
-            given |= evaluator_environment(settings, epochs, data=place, trained=place / "trained")
+            given |= evaluator_environment(settings, epochs, data=place, trained=place / "trained", seed=seed)
             given["PYTHONPATH"] = str(EVALUATOR.parents[1])
         cost = search_cost(command, environment(Numerics.fast) | given)
         asked = [json.loads(line) for line in (place / "log").read_text(encoding="utf-8").splitlines()]
@@ -305,7 +344,7 @@ def main() -> None:
     """Print a line a figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--real", action="store_true", help="train, and do not look trainings up")
-    parser.add_argument("--searches", type=int, default=20, metavar="N", help="of each way (default: 20)")
+    parser.add_argument("--searches", type=int, default=40, metavar="N", help="of each way (default: 40)")
     options = parser.parse_args()
     for figure in reach(searches=options.searches, is_real=options.real):
         print(figure)
