@@ -29,7 +29,7 @@ _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
 #: What a second name for a file answers where a file system has one name a file.
-_NO_LINKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.EPERM}
+_NO_LINKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EPERM, errno.EINVAL}
 
 
 @contextlib.contextmanager
@@ -151,21 +151,23 @@ def write_durably(path: Path, content: str | bytes, *, replace: bool = True) -> 
                 file.close()
             if replace:
                 os.replace(file.name, path)  # atomic: a reader never sees half an entry
-            elif not _named(file.name, path):
-                return False
+            is_new = replace or _named(file.name, path)
         for folder in (path.parent, *(folder.parent for folder in made)):
-            sync(folder)  # the names, too, must survive a crash
+            sync(folder)  # the names, too, must survive a crash; also that of a file which another has just written
     except OSError as error:
         raise StoreError(
             f"cannot be written: {error.strerror}; what stood there is unchanged",
             place=str(path),
             remedy="make room, or choose a directory that can be written to, and repeat the command",
         ) from error
-    return True
+    return is_new
 
 
 def _named(part: str, path: Path) -> bool:
-    """Give a finished file its name, unless another has it; two writers at once may both have it without links."""
+    """Give a finished file its name, unless another has it.
+
+    Where a file system has no links, the later one of two writers at the same moment replaces the other's file.
+    """
     try:
         os.link(part, path)
     except FileExistsError:

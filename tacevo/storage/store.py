@@ -179,11 +179,12 @@ class Store:
             return answer
         entry = Entry(kind=self._kind, request=request, answer=answer)
         path, text = self._folder.parent / entry.place, readable(entry.sealed())
-        while not write_durably(path, text, replace=False):
-            standing = self.read(request)
-            if standing is not None:  # else it was removed meanwhile
-                return standing
-        return answer
+        if write_durably(path, text, replace=False):
+            return answer
+        standing = self.read(request)
+        if standing is None:  # a name without a file (a link of git-annex, say), or it was removed meanwhile
+            write_durably(path, text)
+        return answer if standing is None else standing
 
     def entries(self) -> Iterator[Entry]:
         """Yield every entry, checked, in the order of their keys.

@@ -155,9 +155,18 @@ def test_first_recorded_answer_stands(error: int | None, tmp_path: Path, monkeyp
     assert not list(tmp_path.rglob("*.part"))
 
 
+def test_name_without_a_file_is_no_answer(tmp_path: Path) -> None:
+    """As where a store is kept in git-annex, and its content is elsewhere: the answer takes its place."""
+    store = Store(tmp_path, "things")
+    path = store.path(store.key({"x": 1}))
+    path.parent.mkdir(parents=True)
+    path.symlink_to(tmp_path / "elsewhere")
+    assert store.recall({"x": 1}, lambda: "mine") == store.read({"x": 1}) == "mine"
+
+
 def test_all_who_ask_at_once_get_the_answer_that_stands(tmp_path: Path) -> None:
     """None of eight found one when it began to ask."""
-    store, together = Store(tmp_path, "things"), threading.Barrier(8)
+    store, together = Store(tmp_path, "things"), threading.Barrier(8, timeout=60)
 
     def ask(number: int) -> Json:
         def compute() -> Json:
