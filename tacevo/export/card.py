@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from statistics import median
+from statistics import quantiles
 from string import Template
 
 import yaml
@@ -13,7 +13,7 @@ from tacevo.choices import DataSource
 from tacevo.data.labels import plain_name
 from tacevo.environment import machine, versions
 from tacevo.export.contents import RUNTIMES, Exported, spread_of
-from tacevo.export.conversion import BOUND
+from tacevo.export.conversion import BOUND, OPSET
 from tacevo.export.trainings import Like, Trained
 from tacevo.text import counted, listed, printable
 
@@ -185,11 +185,17 @@ def _tables(model: Exported) -> dict[str, str]:
         rows.append(f"| {_plain(name)} | {value:.4g}{unit and f' {_plain(unit)}'} | {low:.4g} to {high:.4g} |")
     return {
         "metrics": "\n".join(rows),
-        "runtimes": " | ".join(RUNTIMES.values()),
+        "runtimes": " | ".join(f"{runtime} (model.{form})" for form, runtime in RUNTIMES.items()),
         "latency": "\n".join(
-            f"| {size} | {' | '.join(f'{median(each[size]):.3g}' for each in times)} |" for size in times[0]
+            f"| {size} | {' | '.join(_quartiles(each[size]) for each in times)} |" for size in times[0]
         ),
+        "passes": str(min(len(passes) for each in times for passes in each.values())),
     }
+
+
+def _quartiles(passes: Sequence[float]) -> str:
+    low, median, high = quantiles(passes, n=4, method="inclusive")
+    return f"{median:.3g} ({low:.3g} to {high:.3g})"
 
 
 def _tested(model: Exported) -> dict[str, object]:
@@ -198,6 +204,7 @@ def _tested(model: Exported) -> dict[str, object]:
     return {
         "differences": listed([f"{made.difference:.1g} (model.{form})" for form, made in model.files.items()]),
         "bound": f"{BOUND:g}",
+        "opset": str(OPSET),
         "tested": "one training" if count == 1 else f"an ensemble of {count} trainings",
         "study": _studied(model),
         "cpu": machine()["cpu"],

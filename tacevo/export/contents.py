@@ -24,6 +24,9 @@ from tacevo.runs.wiring import recipe_of
 from tacevo.training.full import score
 from tacevo.training.weights import Weights, weights_digest
 
+#: Of `tacevo[export]`.
+PACKAGES = ("onnx", "onnxruntime", "onnxscript", "safetensors")
+
 #: What the two forms are timed with.
 RUNTIMES = {"onnx": "onnxruntime", "pt2": "torch"}
 
@@ -171,6 +174,10 @@ def spread_of(values: Sequence[float]) -> dict[str, Json]:
     return {"median": median, "lower_quartile": low, "upper_quartile": high, "count": len(values)}
 
 
+def _converted_with() -> dict[str, str]:
+    return {name: version(name) for name in PACKAGES}
+
+
 def _compared(one: Trained) -> dict[str, Json]:
     """Return what differs from the record; or from the training beside it, where there is none."""
     differing: Json = None if one.differing is None else list(one.differing)
@@ -210,5 +217,9 @@ def run_of(model: Exported) -> dict[str, Json]:
         "numerics": model.numerics.value,
         "trainings": trainings,
         "not_promised": list(model.doubts),
-        "made_by": {"versions": versions(), "code": None if code is None else to_json(code), "machine": machine()},
+        "made_by": {
+            "versions": versions() | _converted_with(),
+            "code": None if code is None else to_json(code),
+            "machine": machine(),
+        },
     }

@@ -15,7 +15,7 @@ from tacevo.environment import install
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.card import card
-from tacevo.export.contents import Exported, config_of, latency_of, run_of
+from tacevo.export.contents import PACKAGES, Exported, config_of, latency_of, run_of
 from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, convert
 from tacevo.export.trainings import ExportSettings, design, train
 from tacevo.gate.imports import with_imports
@@ -33,9 +33,6 @@ from tacevo.training.weights import Weights
 
 #: Bytes of all weights of an ensemble; twice as many may come as a file.
 LARGEST = 512 * 2**20
-
-#: Of `tacevo[export]`.
-_PACKAGES = ("onnx", "onnxruntime", "onnxscript", "safetensors")
 
 
 def export(
@@ -124,11 +121,11 @@ def _as_safetensors(weights: Weights) -> bytes:
 
 
 def _check_packages() -> None:
-    if missing := [name for name in _PACKAGES if find_spec(name) is None]:
+    if missing := [name for name in PACKAGES if find_spec(name) is None]:
         raise ConfigError(
             f"no {listed(missing)}",
             place="tacevo export",
-            expected=f"the packages {listed(_PACKAGES)}",
+            expected=f"the packages {listed(PACKAGES)}",
             remedy=install("export"),
         )
 

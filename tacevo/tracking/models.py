@@ -34,8 +34,17 @@ VERSION_TAG = "tacevo.version"
 #: Packages that the model needs to be loaded.
 _PACKAGES = ("numpy", "onnx", "onnxruntime")
 
-#: What the model carries beside itself: names and units, the card, and where it comes from.
-_CARRIED = ("config.json", "README.md", "run.json")
+#: What the model carries beside itself: names and units, and where it comes from; its card is the description.
+_CARRIED = ("config.json", "run.json")
+
+#: Above the card, whose programs find their files in the exported directory alone.
+_USE = """Only the ONNX model is here:
+
+    mlflow.pyfunc.load_model("models:/{name}/VERSION").predict(images)["outputs"]
+
+The programs below are for the directory that `tacevo export` writes.
+
+"""
 
 #: A name that neither MLflow nor an address `models:/NAME/1` takes for something else.
 _NAME = re.compile(r"[\w.\- ]{1,200}")
@@ -90,9 +99,8 @@ def register(export: Path, name: str, *, search: str, uri: str, experiment: str,
             return str(known.data.tags[VERSION_TAG])
         client.delete_run(known.info.run_id)  # it was left unfinished
     config, recorded = (json.loads((export / file).read_text(encoding="utf-8")) for file in ("config.json", "run.json"))
-    card = note(
-        (export / "README.md").read_text(encoding="utf-8").split("---\n", 2)[-1].lstrip(), "README.md"
-    )  # without YAML
+    card = (export / "README.md").read_text(encoding="utf-8").split("---\n", 2)[-1].lstrip()  # without YAML
+    card = note(_USE.format(name=name) + card, "README.md")
     tags = {EXPORT_TAG: key, NOTE_TAG: card, "mlflow.source.name": "tacevo export", "mlflow.source.type": "LOCAL"}
     if (parent := next(tagged_runs(client, place, RUN_TAG, search), None)) is not None:
         tags[PARENT_TAG] = parent.info.run_id

@@ -112,9 +112,10 @@ def test_model_is_nested_in_its_search_with_its_card_and_no_pickle(
         "FINISHED", "g00s00", "1", [(0, 0.5)],
     )  # fmt: skip
     (version,) = versions(uri)
-    assert version.description == "# run-g00s00\n"
+    assert version.description.endswith("# run-g00s00\n")
+    assert "models:/shear/VERSION" in version.description
     files = {path.name: path for path in (tmp_path / "mlartifacts").rglob("models/**/*") if path.is_file()}
-    assert {"model.onnx", "MLmodel", "requirements.txt", "config.json", "README.md"} <= files.keys()
+    assert {"model.onnx", "MLmodel", "requirements.txt", "config.json", "run.json"} <= files.keys()
     assert "onnxruntime==" in files["requirements.txt"].read_text()
     assert not [name for name in files if name.endswith((".pkl", ".pth", ".pt", ".bin"))]
     assert not [name for name, path in files.items() if path.read_bytes().startswith(b"\x80")]
