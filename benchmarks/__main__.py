@@ -31,7 +31,7 @@ from tacevo.config.compose import compose
 from tacevo.data.sources.image_files import decode
 from tacevo.evolution.archive import Archive, Elite, Tessellation, insert
 from tacevo.randomness import stream
-from tacevo.records import Json, Limits, to_json
+from tacevo.records import Json, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.results.run import read_run
 from tacevo.runs.answers import task_without_data
@@ -76,17 +76,15 @@ def archive_insertions(*, insertions: int = 5_000, rounds: int = 5) -> Figure:
 def candidate_processes(*, forks: int = 8, rounds: int = 3) -> Figure:
     """Judge a baseline in a confined fork; the peer starts an interpreter and imports torch, as usual elsewhere."""
     _, task = task_without_data("force", 32)
-    sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
-    header: Json = {"source": task.baseline, "contract": to_json(task.contract), "limits": sizes}
-    limits = Limits(seconds=60, memory_mib=2048)
+    header: Json = {"source": task.baseline, "contract": to_json(task.contract)}
     with Sandbox(
         entries={"probe": "tacevo.gate.probe:run"}, environment=environment(Numerics.portable), arrays={}
     ) as sandbox:
-        sandbox.run("probe", header, b"", limits)  # the zygote starts with the first job
+        confinement.probe(sandbox, header)  # the zygote starts with the first job
 
         def ours() -> None:
             for _ in range(forks):
-                sandbox.run("probe", header, b"", limits)
+                confinement.probe(sandbox, header)
 
         def peer() -> None:
             for _ in range(forks):

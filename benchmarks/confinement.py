@@ -99,7 +99,7 @@ def seconds_of_training(
         for numerics in computable():
             name = f"confined, {numerics}"
             sandbox = stack.enter_context(_sandbox(place, Confinement.kernel, size, numerics, trained + predicted))
-            work[name, 0] = partial(_probe, sandbox, header)
+            work[name, 0] = partial(probe, sandbox, header)
             work |= {(name, count): partial(_train, sandbox, header, count, trained, predicted) for count in counts}
         path = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
         order = environment(Numerics.fast) | path  # one thread, memory that is kept, any instruction set
@@ -113,12 +113,12 @@ def seconds_of_training(
         work |= {(BARE, count): partial(_ask, peer.stdin, peer.stdout, count) for count in counts}
         _ask(peer.stdin, peer.stdout, 1)  # it is warm from here on
         seconds = medians(work, rounds=rounds, clock=descendants_seconds)
-    found = {}
+    told = {}
     for name in dict.fromkeys(name for name, _ in work):
         one, long = (seconds[name, count] for count in counts)
         epoch = (long - one) / epochs
-        found[name] = Seconds(probe=seconds.get((name, 0), 0.0), start=one - epoch, epoch=epoch)
-    return found
+        told[name] = Seconds(probe=seconds.get((name, 0), 0.0), start=one - epoch, epoch=epoch)
+    return told
 
 
 def computable() -> list[Numerics]:
@@ -159,8 +159,8 @@ def _starts(sandbox: Sandbox, jobs: int = JOBS) -> None:
         sandbox.run("probe", {}, b"", _LIMITS)
 
 
-def _probe(sandbox: Sandbox, header: Json) -> None:
-    """Have the gate's probe measure a candidate."""
+def probe(sandbox: Sandbox, header: Json) -> None:
+    """Have the gate's probe measure a candidate; the header holds its source and contract."""
     assert isinstance(header, dict)
     sizes = {"parameters": 10**9, "flops": 10**12, "modules": 10_000}
     answer = sandbox.run("probe", {**header, "limits": sizes}, b"", _LIMITS)

@@ -169,23 +169,41 @@ def ours(numerics: Numerics, work: Work) -> Search:
 
 def openevolve(work: Work) -> Search:
     """Search as a user of openevolve does."""
+    trained = work.place / "trained"
+    trained.mkdir()
+    command = openevolve_command(
+        work.place, url=work.url, baseline=work.baseline, evaluator=EVALUATOR, answers=work.answers
+    )
+    given = evaluator_environment(SETTINGS, work.epochs, data=work.data, trained=trained, seed=0)
+    return Search(command=command, environment=given, trained=lambda: list(trained.iterdir()))
+
+
+def openevolve_command(
+    place: Path, *, url: str, baseline: str, evaluator: Path, answers: int, seed: int | None = None
+) -> list[str]:
+    """Write what the peer reads, and return its command: whole answers, one request and one evaluation a candidate.
+
+    Args:
+        place: a directory, in which it writes, too.
+        url: of the server that answers.
+        baseline: the source that it begins with.
+        evaluator: the program that it calls for each network.
+        answers: to ask for.
+        seed: of its own draws; None for its default.
+    """
     config = {
         "language": "python",
         "diff_based_evolution": False,
-        "llm": {"models": [{"name": "recorded", "api_base": work.url, "api_key": "none"}]},
+        "llm": {"models": [{"name": "recorded", "api_base": url, "api_key": "none"}]},
         "evaluator": {"parallel_evaluations": 2, "cascade_evaluation": False},
+        **({} if seed is None else {"random_seed": seed}),
     }
-    (work.place / "config.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
-    (work.place / "initial.py").write_text(work.baseline, encoding="utf-8")
-    trained = work.place / "trained"
-    trained.mkdir()
-    command = [
-        *(str(PYTHON), "-m", "openevolve.cli", f"{work.place}/initial.py", str(EVALUATOR)),
-        *("--config", f"{work.place}/config.yaml", "--output", f"{work.place}/output"),
-        *("--iterations", str(work.answers)),
+    (place / "config.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+    (place / "initial.py").write_text(baseline, encoding="utf-8")
+    return [
+        *(str(PYTHON), "-m", "openevolve.cli", f"{place}/initial.py", str(evaluator)),
+        *("--config", f"{place}/config.yaml", "--output", f"{place}/output", "--iterations", str(answers)),
     ]
-    given = evaluator_environment(SETTINGS, work.epochs, data=work.data, trained=trained, seed=0)
-    return Search(command=command, environment=given, trained=lambda: list(trained.iterdir()))
 
 
 def evaluator_environment(

@@ -39,21 +39,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-import tacevo
 from benchmarks.confinement import BARE, EPOCHS, Seconds, seconds_of_training
-from benchmarks.peers import PYTHON, evaluator_environment, search_cost, serving, write_data
+from benchmarks.peers import evaluator_environment, openevolve_command, search_cost, serving, write_data
 from benchmarks.timing import Figure
+from tacevo.api.space_tables import SpaceTable as Frames
 from tacevo.choices import Numerics
 from tacevo.config.compose import compose
 from tacevo.evolution.prompts import mutation_text
+from tacevo.gate.extraction import extract
 from tacevo.llm.grammar.provider import answer
 from tacevo.randomness import stream
-from tacevo.records import ChatMessage, Request
+from tacevo.records import ChatMessage, Rejection, Request
 from tacevo.results.run import read_run
-from tacevo.results.space_table import SpaceTable, read_table
+from tacevo.results.space_table import Header, SpaceTable, read_table
 from tacevo.training.numerics import environment
 
 EVALUATOR = Path(__file__).with_name("reach_evaluator.py")
@@ -64,9 +64,7 @@ FITTEST, LONG = 5, 10
 #: Searches that an interval needs.
 FEWEST = 10
 
-FENCED = re.compile(r"```python\n(.*?)```", re.DOTALL)
-
-_CURRENT = re.compile(r"# Current Program\n" + FENCED.pattern, re.DOTALL)
+_CURRENT = re.compile(r"# Current Program\n```python\n(.*?)```", re.DOTALL)
 
 
 class Visit(NamedTuple):
@@ -102,11 +100,11 @@ class Way(NamedTuple):
 class Space:
     """What the table knows of each network."""
 
-    def __init__(self, path: Path) -> None:
-        table = tacevo.open_table(path)
-        networks, scores = table.networks, table.scores
+    def __init__(self, table: SpaceTable) -> None:
+        self.table, frames = table, Frames(table)
+        networks, scores = frames.networks, frames.scores
         shape = (len(networks), scores["seed"].nunique(), -1)  # fails if a training was rejected
-        losses = table.trainings["validation_loss"].to_numpy().reshape(shape)
+        losses = frames.trainings["validation_loss"].to_numpy().reshape(shape)
         #: The lowest validation loss, by network, seed, and number of epochs less one.
         self.lowest = np.minimum.accumulate(losses, axis=2)
         #: The mean test loss of each network.
@@ -148,8 +146,8 @@ def reach(
         rounds: how often.
     """
     config = compose(["experiment=table"])
-    table = read_table(Path(config.data.root or ""))
-    space, (trained, predicted, _) = Space(table.path), table.header.data.counts
+    space = Space(read_table(Path(config.data.root or "")))
+    trained, predicted, _ = space.table.header.data.counts
     prices = seconds_of_training(32, epochs=epochs, rounds=rounds, trained=trained, predicted=predicted)
     confined, bare = prices[f"confined, {config.numerics.kind}"], prices[BARE]._replace(start=0.0)
 
@@ -161,7 +159,7 @@ def reach(
         return way(epochs, confined, lambda seed: _ours(space, seed, answers, given, probe))
 
     def peer(epochs: int) -> Way:
-        return way(epochs, bare, lambda seed: _openevolve(table, space, seed, answers, epochs, is_real=is_real))
+        return way(epochs, bare, lambda seed: _openevolve(space, seed, answers, epochs, is_real=is_real))
 
     def drawn(epochs: int) -> Way:
         return Way(epochs, confined, confined, lambda seed: at_random(space, seed, answers, epochs, confined.probe))
@@ -174,22 +172,22 @@ def reach(
     }
     level = float(np.quantile(space.test, best))
     ways = mine | peers | ({} if is_real else random)
-    found: dict[str, list[tuple[float, bool]]] = {name: [] for name in ways}
+    outcomes: dict[str, list[tuple[float, bool]]] = {name: [] for name in ways}
     for seed, (name, one) in itertools.product(range(searches), ways.items()):  # they take turns
-        found[name].append(reached(space, one, *one.search(seed), level))
+        outcomes[name].append(reached(space, one, *one.search(seed), level))
         if is_real:
-            print(f"{name}, seed {seed}: {found[name][-1]}", file=sys.stderr, flush=True)
+            print(f"{name}, seed {seed}: {outcomes[name][-1]}", file=sys.stderr, flush=True)
     what = "with real trainings" if is_real else "on the table"
     for name, rival in itertools.product(mine, ways):
         if rival in mine or ways[name].epochs > ways[rival].epochs:
             continue
         yield Figure(
             title=f"until one of the best {best:.0%} is handed over, {what}",
-            name=f"{name} ({told(found[name])})",
-            value=expected_seconds(found[name]),
+            name=f"{name} ({told(outcomes[name])})",
+            value=expected_seconds(outcomes[name]),
             unit="CPU s",
-            peer=f"{rival} ({told(found[rival])})",
-            peer_value=expected_seconds(found[rival]),
+            peer=f"{rival} ({told(outcomes[rival])})",
+            peer_value=expected_seconds(outcomes[rival]),
         )
 
 
@@ -220,22 +218,22 @@ def reached(space: Space, way: Way, visits: Sequence[Visit], own: float, level: 
     return spent + own * part + again, good
 
 
-def expected_seconds(found: Sequence[tuple[float, bool]]) -> float:
+def expected_seconds(outcomes: Sequence[tuple[float, bool]]) -> float:
     """Return the expected running time of searches: of each its seconds, and whether it succeeded; may be infinite."""
-    successes = sum(good for _, good in found)
-    return sum(seconds for seconds, _ in found) / successes if successes else math.inf
+    successes = sum(good for _, good in outcomes)
+    return sum(seconds for seconds, _ in outcomes) / successes if successes else math.inf
 
 
-def told(found: Sequence[tuple[float, bool]]) -> str:
+def told(outcomes: Sequence[tuple[float, bool]]) -> str:
     """Say how many searches succeeded, and between what the figure is with 95 % (bootstrap, percentiles)."""
-    seconds, good = np.array(found).T
-    told = f"{int(good.sum())} of {len(found)}"
-    if len(found) < FEWEST:
-        return told
-    rows = stream(0, "reach", "bootstrap").integers(len(found), size=(2_000, len(found)))
+    seconds, good = np.array(outcomes).T
+    succeeded = f"{int(good.sum())} of {len(outcomes)}"
+    if len(outcomes) < FEWEST:
+        return succeeded
+    rows = stream(0, "reach", "bootstrap").integers(len(outcomes), size=(2_000, len(outcomes)))
     with np.errstate(divide="ignore"):  # of a sample without a success it is infinite
         low, high = np.quantile(seconds[rows].sum(axis=1) / good[rows].sum(axis=1), [0.025, 0.975], method="nearest")
-    return f"{told}; {low:.0f} to {high:.0f}"
+    return f"{succeeded}; {low:.0f} to {high:.0f}"
 
 
 def at_random(space: Space, seed: int, answers: int, epochs: int, probe: float) -> Searched:
@@ -277,14 +275,37 @@ def _ours(space: Space, seed: int, answers: int, settings: Sequence[str], probe:
     return list(visits.values()), cost.processor_seconds + probes * (probe or 0.0)
 
 
-def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs: int, *, is_real: bool) -> Searched:
-    """Search as a user of openevolve does; a server answers as the grammar does when it is asked for a mutation.
+def _openevolve(space: Space, seed: int, answers: int, epochs: int, *, is_real: bool) -> Searched:
+    """Search as a user of openevolve does. Its workers ask in any order, so no search of it can be repeated."""
+    drawn, unread = space.drawn(seed).tolist(), list[str]()
+    losses = {
+        network.source.strip(): (row, float(space.lowest[row, drawn[row], epochs - 1]))
+        for row, network in enumerate(space.table.networks)
+    }
+    with tempfile.TemporaryDirectory() as folder, serving(_grammar(space.table.header, seed, unread)) as url:
+        place = Path(folder)
+        (place / "losses.json").write_text(json.dumps(losses), encoding="utf-8")
+        baseline = space.table.header.task.baseline
+        command = openevolve_command(place, url=url, baseline=baseline, evaluator=EVALUATOR, answers=answers, seed=seed)
+        given = environment(Numerics.fast) | {"PEER_LOSSES": f"{place}/losses.json", "PEER_LOG": f"{place}/log"}
+        if is_real:
+            settings = ["experiment=space"]
+            (place / "trained").mkdir()
+            write_data(place, settings)
+            given |= evaluator_environment(settings, epochs, data=place, trained=place / "trained", seed=seed)
+            given["PYTHONPATH"] = str(EVALUATOR.parents[1])
+        cost = search_cost(command, given)
+        asked = [json.loads(line) for line in (place / "log").read_text(encoding="utf-8").splitlines()]
+    if unread or len(asked) < answers / 2:  # it refuses an answer that equals the parent
+        raise RuntimeError(f"openevolve had {len(asked)} of {answers} networks; unread requests: {unread[:1]}")
+    visits = [Visit(row, loss, drawn[row], number) for number, (row, loss) in enumerate(dict(asked).items())]
+    return visits, cost.processor_seconds
 
-    Its workers ask in any order, so no search of it can be repeated.
-    """
-    task, rng = table.header.task, stream(seed, "reach")
-    drawn = space.drawn(seed).tolist()
-    lock, numbers, unread = threading.Lock(), itertools.count(), list[str]()
+
+def _grammar(header: Header, seed: int, unread: list[str]) -> Callable[[str], str | None]:
+    """Answer as the grammar does when it is asked for a mutation; requests that cannot be read go to `unread`."""
+    rng, lock, numbers = stream(seed, "reach"), threading.Lock(), itertools.count()
+    task, space = header.task, header.settings.llm.space
 
     def answer_to(text: str) -> str | None:
         current = _CURRENT.search(text)
@@ -301,44 +322,13 @@ def _openevolve(table: SpaceTable, space: Space, seed: int, answers: int, epochs
                 max_tokens=4096,
                 draw=next(numbers),
             )
-        said = FENCED.search(answer(request, slip_rate=0, space=table.header.settings.llm.space).text)
-        if said is None:
+        said = extract(answer(request, slip_rate=0, space=space), task.contract)
+        if isinstance(said, Rejection):
             unread.append(text)
-        return None if said is None else said[1]
+            return None
+        return said
 
-    with tempfile.TemporaryDirectory() as folder, serving(answer_to) as url:
-        place = Path(folder)
-        peer = {
-            "language": "python",
-            "diff_based_evolution": False,
-            "random_seed": seed,
-            "llm": {"models": [{"name": "grammar", "api_base": url, "api_key": "none"}]},
-            "evaluator": {"parallel_evaluations": 2, "cascade_evaluation": False},
-        }
-        (place / "config.yaml").write_text(yaml.safe_dump(peer), encoding="utf-8")
-        (place / "initial.py").write_text(task.baseline, encoding="utf-8")
-        losses = {
-            network.source.strip(): (row, float(space.lowest[row, drawn[row], epochs - 1]))
-            for row, network in enumerate(table.networks)
-        }
-        (place / "losses.json").write_text(json.dumps(losses), encoding="utf-8")
-        command = [
-            *(str(PYTHON), "-m", "openevolve.cli", f"{place}/initial.py", str(EVALUATOR)),
-            *("--config", f"{place}/config.yaml", "--output", f"{place}/output", "--iterations", str(answers)),
-        ]
-        given = {"PEER_LOSSES": f"{place}/losses.json", "PEER_LOG": f"{place}/log"}
-        if is_real:
-            settings = ["experiment=space"]
-            (place / "trained").mkdir()
-            write_data(place, settings)
-            given |= evaluator_environment(settings, epochs, data=place, trained=place / "trained", seed=seed)
-            given["PYTHONPATH"] = str(EVALUATOR.parents[1])
-        cost = search_cost(command, environment(Numerics.fast) | given)
-        asked = [json.loads(line) for line in (place / "log").read_text(encoding="utf-8").splitlines()]
-    if unread or len(asked) < answers / 2:  # it refuses an answer that equals the parent
-        raise RuntimeError(f"openevolve had {len(asked)} of {answers} networks; unread requests: {unread[:1]}")
-    visits = [Visit(row, loss, drawn[row], number) for number, (row, loss) in enumerate(dict(asked).items())]
-    return visits, cost.processor_seconds
+    return answer_to
 
 
 def main() -> None:

@@ -56,10 +56,10 @@ def checked_out(root: Path = _ROOT) -> Code | None:
     return Code(commit=commit, dirty=bool(dirty))
 
 
-def versions() -> dict[str, str]:
-    """List the versions of Python and of the packages that matter; `absent` where one is not installed."""
+def versions(*more: str) -> dict[str, str]:
+    """List the versions of Python, of the packages that matter and of `more`; `absent` where one is not installed."""
     known = {"python": platform.python_version()}
-    for package in PACKAGES:
+    for package in (*PACKAGES, *more):
         try:
             known[package] = version(package)
         except PackageNotFoundError:

@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from statistics import quantiles
 from string import Template
 
 import yaml
@@ -187,15 +186,16 @@ def _tables(model: Exported) -> dict[str, str]:
         "metrics": "\n".join(rows),
         "runtimes": " | ".join(f"{runtime} (model.{form})" for form, runtime in RUNTIMES.items()),
         "latency": "\n".join(
-            f"| {size} | {' | '.join(_quartiles(each[size]) for each in times)} |" for size in times[0]
+            f"| {size} | {' | '.join(_quartiles(each[size], 3) for each in times)} |" for size in times[0]
         ),
         "passes": str(min(len(passes) for each in times for passes in each.values())),
     }
 
 
-def _quartiles(passes: Sequence[float]) -> str:
-    low, median, high = quantiles(passes, n=4, method="inclusive")
-    return f"{median:.3g} ({low:.3g} to {high:.3g})"
+def _quartiles(values: Sequence[float], digits: int) -> str:
+    spread = spread_of(values)
+    median, low, high = (f"{spread[name]:.{digits}g}" for name in ("median", "lower_quartile", "upper_quartile"))
+    return f"{median} ({low} to {high})"
 
 
 def _tested(model: Exported) -> dict[str, object]:
@@ -217,8 +217,7 @@ def _studied(model: Exported) -> str:
         return "No study of the run trained this network so with several seeds: another seed may give other figures."
     told = []
     for name in ("mse", "r2") if model.is_regression else ("accuracy", "macro_f1"):
-        spread = spread_of([score.metrics[name] for score in model.plan.scores])
-        told.append(f"{name} {spread['median']:.4g} ({spread['lower_quartile']:.4g} to {spread['upper_quartile']:.4g})")
+        told.append(f"{name} {_quartiles([score.metrics[name] for score in model.plan.scores], 4)}")
     return f"Over {len(model.plan.scores)} seeds the run's study found, as median and quartiles: {listed(told)}."
 
 

@@ -174,10 +174,6 @@ def spread_of(values: Sequence[float]) -> dict[str, Json]:
     return {"median": median, "lower_quartile": low, "upper_quartile": high, "count": len(values)}
 
 
-def _converted_with() -> dict[str, str]:
-    return {name: version(name) for name in PACKAGES}
-
-
 def _compared(one: Trained) -> dict[str, Json]:
     """Return what differs from the record; or from the training beside it, where there is none."""
     differing: Json = None if one.differing is None else list(one.differing)
@@ -218,7 +214,7 @@ def run_of(model: Exported) -> dict[str, Json]:
         "trainings": trainings,
         "not_promised": list(model.doubts),
         "made_by": {
-            "versions": versions() | _converted_with(),
+            "versions": versions(*PACKAGES),
             "code": None if code is None else to_json(code),
             "machine": machine(),
         },

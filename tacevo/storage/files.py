@@ -149,9 +149,11 @@ def write_durably(path: Path, content: str | bytes, *, replace: bool = True) -> 
             os.fsync(file.fileno())
             if not HAS_LOCKS:  # Windows renames no open file
                 file.close()
+            is_written = True
             if replace:
                 os.replace(file.name, path)  # atomic: a reader never sees half an entry
-            is_new = replace or _named(file.name, path)
+            else:
+                is_written = _named(file.name, path)
         for folder in (path.parent, *(folder.parent for folder in made)):
             sync(folder)  # the names, too, must survive a crash; also that of a file which another has just written
     except OSError as error:
@@ -160,7 +162,7 @@ def write_durably(path: Path, content: str | bytes, *, replace: bool = True) -> 
             place=str(path),
             remedy="make room, or choose a directory that can be written to, and repeat the command",
         ) from error
-    return is_new
+    return is_written
 
 
 def _named(part: str, path: Path) -> bool:

@@ -161,10 +161,10 @@ class Store:
         """Return whether there is an entry of a key, sound or not."""
         return self.path(key).exists()
 
-    def write(self, request: Json, answer: Json) -> None:
-        """Record an answer, durably and in one step; an entry of the same key is replaced."""
+    def write(self, request: Json, answer: Json, *, replace: bool = True) -> bool:
+        """Record an answer, durably and in one step, and return whether it was; `replace` as of `write_durably`."""
         entry = Entry(kind=self._kind, request=request, answer=answer)
-        write_durably(self._folder.parent / entry.place, readable(entry.sealed()))
+        return write_durably(self._folder.parent / entry.place, readable(entry.sealed()), replace=replace)
 
     def keep(self, request: Json, answer: Json) -> Json:
         """Record an answer, and return the one that stands: this one in mode `live`, else the first of all processes.
@@ -174,17 +174,13 @@ class Store:
         Raises:
             StoreError: that entry is damaged; or nothing can be written.
         """
-        if self._mode is Mode.live:
-            self.write(request, answer)
-            return answer
-        entry = Entry(kind=self._kind, request=request, answer=answer)
-        path, text = self._folder.parent / entry.place, readable(entry.sealed())
-        if write_durably(path, text, replace=False):
+        if self.write(request, answer, replace=self._mode is Mode.live):
             return answer
         standing = self.read(request)
         if standing is None:  # a name without a file (a link of git-annex, say), or it was removed meanwhile
-            write_durably(path, text)
-        return answer if standing is None else standing
+            self.write(request, answer)
+            return answer
+        return standing
 
     def entries(self) -> Iterator[Entry]:
         """Yield every entry, checked, in the order of their keys.
