@@ -5,8 +5,8 @@
 For the baseline and four networks of the first published force run, at 256 px, in each precision: images/s of the
 trainer's own loop, in one process. Beside it the two limits that the device has for that network: its arithmetic, by
 the rate of a large matrix product, and its memory, by the rate of a large copy. And baselines an hour through the whole
-sandbox, with one, two and four on the GPU at once. Without CUDA it says so and measures nothing. docs/scale.md has what
-it said of an H200.
+sandbox, with one, two and four on the GPU at once. Without CUDA it says so and measures nothing. benchmarks/README.md
+has what it said of an H200.
 """
 
 import sys
@@ -126,16 +126,18 @@ def images_per_second(
     steps: int = STEPS,
     batch: int = BATCH,
 ) -> float:
-    """Time the trainer's loop, images resident on the device, without its start."""
+    """Time the steps of the trainer's loop, images resident on the device, without its start and its predictions."""
     gpu = Gpu(model="any", precision=precision, memory_mib=8192)
     multiply_in(precision)
-    rng, rows = np.random.default_rng(0), np.arange(2 * batch)
-    size = (2 * batch, contract.in_channels, contract.image_size, contract.image_size)
-    images = Resident(rng.integers(0, 256, size, dtype=np.uint8), rows, device)
-    payload = rows.tobytes() + rng.random((batch, contract.outputs), dtype=np.float32).tobytes()
+    rng, size = np.random.default_rng(0), (2 * batch, contract.in_channels, contract.image_size, contract.image_size)
+    images = Resident(rng.integers(0, 256, size, dtype=np.uint8), np.arange(2 * batch), device)
 
-    def train(epochs: int) -> None:
-        recipe = replace(recipe_of(compose([])), epochs=epochs, batch_size=batch, gpu=gpu)
+    def train(steps: int) -> None:
+        """Train for one epoch of so many steps on the same few images, and predict one."""
+        rows = np.resize(np.arange(2 * batch), steps * batch)
+        targets = rng.random((len(rows), contract.outputs), dtype=np.float32)
+        payload = rows.tobytes() + rows[:1].tobytes() + targets.tobytes()
+        recipe = replace(recipe_of(compose([])), epochs=1, batch_size=batch, gpu=gpu)
         header = {
             "source": source,
             "contract": written(contract),
@@ -143,8 +145,8 @@ def images_per_second(
             "seed": 0,
             "mean": [127.5] * contract.in_channels,
             "deviation": [74.0] * contract.in_channels,
-            "train": batch,
-            "validation": batch,
+            "train": len(rows),
+            "validation": 1,
             "device": device.type,
         }
         ends: list[Any] = []
@@ -153,7 +155,7 @@ def images_per_second(
             raise RuntimeError(f"expected a training; got {ends[-1]['rejection']}")
 
     train(1)  # so that kernels are chosen and memory is taken
-    short, long = (_timed(lambda epochs=epochs: train(epochs), device, 1) for epochs in (1, 1 + steps))  # type: ignore[misc]
+    short, long = (_timed(lambda count=count: train(count), device, 1) for count in (1, 1 + steps))  # type: ignore[misc]
     return steps * batch / (long - short)
 
 

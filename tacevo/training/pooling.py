@@ -1,13 +1,13 @@
 """Backward passes of adaptive pooling that a GPU repeats bit for bit (child side).
 
-CUDA's own add with atomics, in whatever order the threads arrive. All baselines and nearly all candidates have such a
-pooling, so without these no training on a GPU could promise its bits. Forward passes stay torch's.
+Those of CUDA use atomic additions, in whatever order the threads arrive. All baselines and nearly all candidates have
+such a pooling, so without these no training on a GPU could promise its bits. Forward passes stay torch's.
 """
 
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -49,11 +49,11 @@ def _shared_out(gradient: torch.Tensor, axis: int, size: int) -> torch.Tensor:
     first, *others = windows
     total = each.index_select(axis, first[0])
     for window, is_held in others:
-        total = total + each.index_select(axis, window) * is_held.reshape(shape)
+        total = total + torch.where(is_held.reshape(shape), each.index_select(axis, window), 0)
     return total
 
 
-@cache
+@lru_cache(maxsize=64)
 def _windows(
     count: int, size: int, device: torch.device
 ) -> tuple[torch.Tensor, tuple[tuple[torch.Tensor, torch.Tensor], ...]]:
@@ -77,9 +77,10 @@ def _of_maximum(gradient: torch.Tensor, images: torch.Tensor, chosen: torch.Tens
     height, width = images.shape[-2:]
     planes = images.numel() // (height * width)
     start = torch.arange(planes, device=chosen.device)[:, None] * (height * width)
+    places = start.expand(planes, chosen.shape[-2] * chosen.shape[-1]).reshape(-1) + chosen.reshape(-1)
     added = _widened(gradient).reshape(-1)
     total = added.new_zeros(images.numel())
-    total.index_put_(((start + chosen.reshape(planes, -1)).reshape(-1),), added, accumulate=True)
+    total.index_put_((places,), added, accumulate=True)
     return total.reshape(images.shape).to(gradient.dtype)
 
 

@@ -5,6 +5,7 @@ They are put in place of the CPU's here, and compared with them; that a GPU repe
 """
 
 from collections.abc import Callable
+from unittest import mock
 
 import pytest
 import torch
@@ -12,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch.nn import functional
 
+from tacevo.training import pooling
 from tacevo.training.pooling import repeating_pooling
 
 CPU = torch.device("cpu")
@@ -27,53 +29,69 @@ def gradient(pool: Callable[..., torch.Tensor], images: torch.Tensor, size: tupl
     return found
 
 
+def drawn(*shape: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
+    """Draw images, the same each time."""
+    return torch.rand(shape, dtype=torch.float64, generator=torch.Generator().manual_seed(0)).to(dtype)
+
+
 @pytest.mark.parametrize("pool", POOLINGS)
-@given(shape=st.lists(LENGTHS, min_size=3, max_size=4), size=st.tuples(LENGTHS, LENGTHS))
-def test_gradients_are_torchs_own(pool: Callable[..., torch.Tensor], shape: list[int], size: tuple[int, int]) -> None:
-    """Of more windows than places too, of one image and of many."""
-    images = torch.rand(shape, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    expected = gradient(pool, images, size)
-    with repeating_pooling(CPU):
-        found = gradient(pool, images, size)
-    torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
+@given(number=st.integers(0, 3), shape=st.tuples(LENGTHS, LENGTHS, LENGTHS), size=st.tuples(LENGTHS, LENGTHS))
+def test_gradients_are_torchs_own(
+    pool: Callable[..., torch.Tensor], number: int, shape: tuple[int, int, int], size: tuple[int, int]
+) -> None:
+    """Of more windows than places too, and of no image, one and several."""
+    for images in (drawn(number, *shape), drawn(*shape)):
+        expected = gradient(pool, images, size)
+        with repeating_pooling(CPU):
+            found = gradient(pool, images, size)
+        torch.testing.assert_close(found, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("pool", POOLINGS)
 def test_bfloat16_is_summed_in_float32(pool: Callable[..., torch.Tensor]) -> None:
-    """The gradient has the type of the images, and is no further from the exact one than its rounding."""
-    images = torch.rand(2, 3, 9, 9, generator=torch.Generator().manual_seed(0)).to(torch.bfloat16)
-    exact = gradient(pool, images.double(), (4, 4))
+    """The gradient, here a sum of many, is that of float32, rounded once."""
+    images = drawn(2, 3, 5, 5, dtype=torch.bfloat16)
     with repeating_pooling(CPU):
-        found = gradient(pool, images, (4, 4))
+        found, exact = gradient(pool, images, (32, 32)), gradient(pool, images.detach().float(), (32, 32))
     assert found.dtype is torch.bfloat16
-    torch.testing.assert_close(found.double(), exact, rtol=2**-7, atol=2**-8)
+    assert torch.equal(found, exact.to(torch.bfloat16))
 
 
-def test_pooling_of_one_axis_is_replaced_with_it() -> None:
-    """Torch computes it by that of two."""
-    images = torch.rand(2, 3, 7, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    expected = gradient(functional.adaptive_avg_pool1d, images, (3,))
+def test_infinite_gradient_stays_with_its_window() -> None:
+    """As with torch's own."""
+    images = drawn(1, 1, 5, 5).requires_grad_()
     with repeating_pooling(CPU):
-        torch.testing.assert_close(gradient(functional.adaptive_avg_pool1d, images, (3,)), expected)
+        pooled = functional.adaptive_avg_pool2d(images, 2)
+        (found,) = torch.autograd.grad(pooled, images, torch.tensor([[[[torch.inf, 1.0], [1.0, 1.0]]]]).double())
+    assert found.isinf().sum() == 9
+    assert not found.isnan().any()
 
 
-def test_torchs_own_are_back_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
-    """After an error, too."""
+@pytest.mark.parametrize(
+    ("replaced", "pool", "size"),
+    [
+        ("_of_mean", functional.adaptive_avg_pool2d, (2, 2)),
+        ("_of_mean", functional.adaptive_avg_pool1d, (2,)),
+        ("_of_maximum", functional.adaptive_max_pool2d, (2, 2)),
+        ("_of_maximum", functional.adaptive_max_pool1d, (2,)),
+    ],
+)
+def test_torchs_own_are_replaced_and_back_afterwards(
+    replaced: str, pool: Callable[..., torch.Tensor], size: tuple[int, ...]
+) -> None:
+    """Those of one axis too, which torch computes by those of two; and after an error, too."""
+    images, found = drawn(1, 4, 4), []
 
-    def wrong(_: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
+    def wrong(_: torch.Tensor, images: torch.Tensor, *__: torch.Tensor) -> torch.Tensor:
         return torch.full_like(images, 7.0)
 
-    monkeypatch.setattr("tacevo.training.pooling._of_mean", wrong)
-    images = torch.rand(1, 1, 4, 4)
-
-    def replaced() -> torch.Tensor:
-        with repeating_pooling(CPU):
-            found.append(gradient(functional.adaptive_avg_pool2d, images, (2, 2)))
+    def failing() -> None:
+        with mock.patch.object(pooling, replaced, wrong), repeating_pooling(CPU):
+            found.append(gradient(pool, images, size))
             raise KeyError
 
-    found: list[torch.Tensor] = []
     with pytest.raises(KeyError) as raised:
-        replaced()
+        failing()
     assert raised.tb  # which keeps alive what was there
-    found.append(gradient(functional.adaptive_avg_pool2d, images, (2, 2)))
+    found.append(gradient(pool, images, size))
     assert [bool((each == 7.0).all()) for each in found] == [True, False]
