@@ -29,8 +29,8 @@ _FLAGS: Mapping[Numerics, Sequence[str]] = {
     Numerics.portable512: ["avx2", "fma", "avx512f", "avx512bw", "avx512dq", "avx512vl"],
 }
 #: In bytes: below these glibc's malloc keeps what is freed. Otherwise every step returns its tensors' pages, and the
-#: kernel zeroes them again, which took a tenth of a training's time (the baseline's, at 32 pixels). Both are needed: page
-#: faults fell from 380,000 to 17,000; with the trim threshold alone they rose to 1,250,000.
+#: kernel zeroes them again, which took a tenth of a training's time (the baseline's, at 32 pixels). Both are needed:
+#: page faults fell from 380,000 to 17,000; with the trim threshold alone they rose to 1,250,000.
 _KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 30), "MALLOC_TRIM_THRESHOLD_": str(1 << 30)}
 #: Without a workspace of fixed size, the order of cuBLAS's sums may change between runs.
 _CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
