@@ -38,8 +38,9 @@ _MARKERS = ("o", "s", "D", "^", "v", "P", "X", "<", ">", "*", "p", "h")
 #: In inches: the height of a panel of curves, of an arm's row among final values, and of a further line of its name.
 _PANEL, _ROW, _LINE = 2.1, 0.26, 0.1
 
-#: In characters: the width of the legend, what the line of an entry takes of it, and that of a name beside its row.
-_LEGEND, _HANDLE, _NAME = 130, 8, 28
+#: In characters: the widths of the legend, of what the line of an entry takes of it, of a name beside its row, and of
+#: the words below all panels.
+_LEGEND, _HANDLE, _NAME, _FIGURE = 130, 8, 28, 88
 
 #: What final values are drawn of: the words below, and what values are multiplied by.
 _ENDS = {
@@ -47,7 +48,7 @@ _ENDS = {
     Metric.test_accuracy: ("test accuracy (%)", 100),
     Metric.test_loss: ("test loss, geometric mean", 1),
     Metric.best_fitness: ("best validation loss", 1),
-    Metric.new_quartile: ("fitness, lower quartile of new candidates", 1),
+    Metric.new_quartile: ("new candidates, lower quartile", 1),
     Metric.qd_score: ("QD-score (common archive)", 1),
     Metric.coverage: ("coverage (common archive, %)", 100),
 }
@@ -102,7 +103,7 @@ def final_values(ablation: Ablation) -> Figure:
             axes.plot(values, points, look.marker, color=look.colour, mec="white", mew=0.3, markersize=3.6, zorder=3)
         if ablation.reference is not None and len(samples[0]):
             axes.axvline(float(np.median(samples[0])), color=GREY, linestyle=":", linewidth=0.8, zorder=0)
-        axes.set_xlabel(label)
+        axes.set_xlabel(fill(label, _FIGURE // len(shown)))
         axes.set_yticks(range(len(names)), names, parse_math=False)
         axes.set_ylim(len(names) - 0.5, -0.5)
     for axes in panels[1:]:

@@ -1,6 +1,7 @@
 """Promise: the figures of a sweep draw medians over quartiles and every seed, and tell no two arms by colour alone."""
 
 import functools
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ from hand_sweeps import NONE, WORSE, compared, curves_of, jobs_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures.ablations import curves, final_values
+from analysis.figures.ablations import _ENDS, curves, final_values
 from analysis.figures.style import BLACK
 from analysis.sweeps.ablation import compare_arms
+from analysis.sweeps.arm_metrics import Metric
 from tacevo.storage.sweep_directory import Job
 
 TWO = (*jobs_of("none", NONE), *jobs_of("worse", WORSE))
@@ -48,8 +50,18 @@ def test_archives_are_those_in_common() -> None:
     assert heights(figure.axes[2], "none") == [50, 100]
     assert heights(figure.axes[1], "none") == pytest.approx([1 / 1.8, 1 / 1.8 + 1 / 1.42])
     for drawn in (figure, final_values(FOUND)):
-        words = [axes.get_ylabel() + axes.get_xlabel() for axes in drawn.axes[-2:]]
+        words = [axes.get_ylabel() + axes.get_xlabel().replace("\n", " ") for axes in drawn.axes[-2:]]
         assert all("common archive" in word for word in words)
+
+
+def test_words_below_one_panel_do_not_reach_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many they are."""
+    monkeypatch.setitem(_ENDS, Metric.qd_score, ("word " * 12, 1))
+    figure = final_values(FOUND)
+    figure.draw_without_rendering()
+    below = [axes.xaxis.label.get_window_extent() for axes in figure.axes]
+    assert len(below) > 2
+    assert all(one.x1 < other.x0 for one, other in pairwise(below))
 
 
 def test_no_two_arms_look_alike() -> None:
