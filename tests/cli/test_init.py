@@ -58,8 +58,11 @@ def test_new_task_is_the_other_under_its_own_name(like: str, conf: Path, capsys:
     commands = {line.split(":")[0]: shlex.split(line, comments=True)[2:] for line in lines}
     assert main([*commands["verify"], "--image-size", "32"]) == 0
     assert "baseline.py: admitted" in capsys.readouterr().out
-    assert source_of(compose(commands["try"][1:])) == source_of(compose(["experiment=demo", f"task={like}"]))
     assert compose(commands["look"][2:]).task == compose(commands["next"][1:]).task == new.task
+    if like == "shape":  # a task of the release, whose images no simulation has
+        assert "try" not in commands
+    else:
+        assert source_of(compose(commands["try"][1:])) == source_of(compose(["experiment=demo", f"task={like}"]))
 
 
 def test_new_task_may_be_like_an_own_one(conf: Path, capsys: pytest.CaptureFixture[str]) -> None:

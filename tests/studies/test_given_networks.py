@@ -188,7 +188,7 @@ def test_published_run_of_given_networks_is_verified(here: Path) -> None:
     """One file holds networks, studies and tables; it says that no model was asked."""
     assert main(["publish", "run", "-o", "given.zip", "--author", "A. Nyone"]) == 0
     assert main(["replay", "given.zip"]) == 0
-    assert main(["tables", "given.zip", "-o", "tables"]) == 1  # two seeds are too few for verdicts
+    assert main(["tables", "given.zip", "-o", "tables"]) == 0  # two seeds are too few for verdicts, which a remark says
     assert "split_seed=7" in "".join(path.read_text() for path in Path("tables").rglob("transfer.md"))
     readme = zipfile.ZipFile("given.zip").read("README.md").decode()
     assert "No model was asked: the networks were given." in " ".join(readme.split())
