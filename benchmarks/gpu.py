@@ -132,9 +132,9 @@ def images_per_second(
     rng, size = np.random.default_rng(0), (2 * batch, contract.in_channels, contract.image_size, contract.image_size)
     images = Resident(rng.integers(0, 256, size, dtype=np.uint8), np.arange(2 * batch), device)
 
-    def train(steps: int) -> None:
+    def train(count: int) -> None:
         """Train for one epoch of so many steps on the same few images, and predict one."""
-        rows = np.resize(np.arange(2 * batch), steps * batch)
+        rows = np.resize(np.arange(2 * batch), count * batch)
         targets = rng.random((len(rows), contract.outputs), dtype=np.float32)
         payload = rows.tobytes() + rows[:1].tobytes() + targets.tobytes()
         recipe = replace(recipe_of(compose([])), epochs=1, batch_size=batch, gpu=gpu)

@@ -3,21 +3,18 @@
 `make test-gpu` runs it. On an NVIDIA H200 the same was seen by hand, before these tests were written.
 """
 
+import json
 from pathlib import Path
 
 import pytest
 import torch
 from commands import tacevo
+from gpus import needs_gpu
 from smallest import SMALLEST, UNTRACKED
 
 from tacevo.choices import Precision
 from tacevo.records import Reason
 from tacevo.results.run import read_run
-
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
-]
 
 SIZES = ["search.generations=1", "search.candidates=4", "search.initial=4", "data.image_size=32"]
 
@@ -29,6 +26,7 @@ def search(directory: Path, *overrides: str, status: int = 0) -> str:
     return tacevo("search", *SMALLEST, *SIZES, *gpu, *places, *overrides, status=status).stderr
 
 
+@needs_gpu
 @pytest.mark.parametrize("precision", Precision)
 def test_workers_change_no_byte_and_trainings_repeat(tmp_path: Path, precision: Precision) -> None:
     """One after the other, and three at once."""
@@ -41,14 +39,19 @@ def test_workers_change_no_byte_and_trainings_repeat(tmp_path: Path, precision: 
     tacevo("replay", tmp_path / "one" / "run", "--retrain")
 
 
+@needs_gpu
 def test_candidate_beyond_its_memory_is_judged_so(tmp_path: Path) -> None:
     """Here the baseline, so the search ends."""
     said = search(tmp_path, "data.image_size=64", "training.gpu_memory_mib=64", status=2)
     assert Reason.out_of_memory.value in said
 
 
+@needs_gpu
 def test_study_and_export_go_on_from_it(tmp_path: Path) -> None:
     """The exported weights are those that the search recorded."""
     search(tmp_path)
     tacevo("study", tmp_path / "run", "elites=1", "seeds=2", "epochs=1")
     tacevo("export", tmp_path / "run", "g00s00", "like=search", "--retrained", "-o", tmp_path / "network")
+    (told,) = json.loads((tmp_path / "network" / "run.json").read_text())["trainings"]
+    (recorded,) = (line.weights for line in read_run(tmp_path / "run").trained if line.id == "g00s00")
+    assert told["weights_sha256_after_last_epoch"] == recorded

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 import torch
+from gpus import needs_gpu
 from refusals import refused
 from training_jobs import RECIPE, examples, header_of, payload_of, trained
 
@@ -128,8 +129,7 @@ def trained_on_gpu(source: str, precision: Precision = Precision.float32) -> lis
     return trained(header, data, equip(header, payload_of(data), {"images": data.images})["images"])
 
 
-@pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@needs_gpu
 @pytest.mark.parametrize("precision", Precision)
 def test_gpu_repeats_what_every_baseline_does(precision: Precision, monkeypatch: pytest.MonkeyPatch) -> None:
     """Trainings with adaptive pooling give equal bits, and nothing is noted."""
@@ -140,8 +140,7 @@ def test_gpu_repeats_what_every_baseline_does(precision: Precision, monkeypatch:
         assert trained_on_gpu(POOLING, precision) == first
 
 
-@pytest.mark.gpu
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+@needs_gpu
 def test_gpu_notes_what_has_no_deterministic_form(monkeypatch: pytest.MonkeyPatch) -> None:
     """It trains, and its record says what it used."""
     monkeypatch.setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
