@@ -41,11 +41,6 @@ class Interval:
 EFFECTS = tuple(f"{name}{end}" for name in ("a12", "cliffs_delta", "difference") for end in ("", "_low", "_high"))
 
 
-def median_difference(x: ArrayLike, y: ArrayLike) -> float:
-    """Return the median of x, shape (n,), less the median of y, shape (m,)."""
-    return float(np.median(checked(x, name="x")) - np.median(checked(y, name="y")))
-
-
 def median(x: ArrayLike) -> Interval:
     """Estimate a median with the interval between two values of the sample, equally many from either end.
 
@@ -159,7 +154,8 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
     from_first = rng.integers(len(first), size=(resamples, len(first)))
     from_second = rng.integers(len(second), size=(resamples, len(second)))
     differences = np.median(first[from_first], axis=1) - np.median(second[from_second], axis=1)
-    return _columns(superiority(second, first), interval(median_difference(first, second), differences))
+    difference = float(np.median(first) - np.median(second))
+    return _columns(superiority(second, first), interval(difference, differences))
 
 
 def _columns(a12: Interval, difference: Interval) -> dict[str, float]:

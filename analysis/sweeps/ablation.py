@@ -172,9 +172,11 @@ def compare_arms(
     failed: Sequence[Job] = (),
     twins: Sequence[tuple[str, str]] = (),
     not_tested: Collection[str] = (),
-    seed: int = 0,
 ) -> Ablation:
     """Summarise every arm, and compare it with the reference.
+
+    For the bootstrap, each arm and metric has a stream of its own, so equal values have equal intervals, whatever other
+    arms there are.
 
     Args:
         jobs: the runs (`JOBS`).
@@ -185,8 +187,6 @@ def compare_arms(
             be the better for every job that it loses.
         twins: pairs of arms that are one search by construction. Where one of both is the reference, nothing is tested,
             and the other is not in Holm's family.
-        seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
-            whatever other arms there are.
         not_tested: arms that have no test scores, as the sweep states; in these they are in no family, either.
     """
     names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
@@ -196,7 +196,7 @@ def compare_arms(
     for metric in shown:
         out = not_tested if metric in TESTED else ()
         lost = [job for job in failed if job.arm not in out]
-        arms[metric] = _arms(jobs, metric, names, reference=reference, failed=lost, twins=same, out=out, seed=seed)
+        arms[metric] = _arms(jobs, metric, names, reference=reference, failed=lost, twins=same, out=out)
     return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, twins=twins, arms=arms)
 
 
@@ -273,7 +273,6 @@ def _arms(
     failed: Sequence[Job],
     twins: Collection[str],
     out: Collection[str],
-    seed: int,
 ) -> pd.DataFrame:
     """Summarise all arms in one metric, and compare them with the reference (`ARMS`)."""
     samples = samples_of(jobs, metric)
@@ -292,7 +291,7 @@ def _arms(
             searches.setdefault(arm, {}).setdefault(at, math.nan)  # equal to no other's
         whole = _with_failed(samples, metric, sorted(lost))
         samples = {name: whole.get(name, {}) for name in names}
-        _contrast(rows, samples, searches, metric=metric, twins=twins, out=out, seed=seed)
+        _contrast(rows, samples, searches, metric=metric, twins=twins, out=out)
     frame = pd.DataFrame(list(rows.values()), index=pd.Index(names, name="arm"), columns=list(ARMS))
     return frame.astype(ARMS)
 
@@ -305,7 +304,6 @@ def _contrast(
     metric: Metric,
     twins: Collection[str],
     out: Collection[str],
-    seed: int,
 ) -> None:
     """Compare the samples of all other arms with the first's, and add what was found to their rows."""
     pairs: dict[str, tuple[list[float], list[float]]] = {}
@@ -320,7 +318,7 @@ def _contrast(
     least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
     for name, test in tests.items():
         rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
-        rows[name] |= effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
+        rows[name] |= effects(*pairs[name], rng=stream(0, "effects", name, metric.name))
         rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
 
 

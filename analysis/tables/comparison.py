@@ -206,7 +206,7 @@ def outputs_table(study: RecordedStudy, comparisons: pd.DataFrame) -> Table:
         for name, of_output in names.items()
     )
     medians = [rounded(scale[name] ** 2 * median) for name, median in zip(frame.output, frame["median"], strict=True)]
-    head = f"median ({metric}, {recorded_unit(study, '²')})"
+    head = f"median ({metric}, {recorded_unit(study)})"
     return Table.of(
         frame.assign(median=medians),
         {"output": "output", "network": "network", head: "median", "A12": EFFECTS_LAYOUT["A12"], **_TEST}

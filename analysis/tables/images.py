@@ -58,7 +58,7 @@ def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
     scale = recorded_scale(study)
     in_unit = (_times, "difference", "difference_low", "difference_high", "factor")
     layout: Layout = {
-        **{"output": "output", "network": "network", f"difference (MSE, {recorded_unit(study, '²')})": in_unit},
+        **{"output": "output", "network": "network", f"difference (MSE, {recorded_unit(study)})": in_unit},
         **{"better on": "better", "worse on": "worse", "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")},
         "verdict": "verdict",
     }
