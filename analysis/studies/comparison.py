@@ -16,7 +16,7 @@ import pandas as pd
 from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
-from analysis.statistics.tests import holm, mann_whitney, smallest_p
+from analysis.statistics.tests import Method, holm, mann_whitney, smallest_p
 from analysis.studies.ceiling import is_at_ceiling
 from analysis.studies.metric_names import SHARES
 from analysis.studies.warnings import Caution, cautions
@@ -127,7 +127,7 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str]) -> list[d
         x, y = row.pop("samples")
         usual, margin = rounded(float(np.median(y))), row["margin"]
         row["cautions"] = (
-            *cautions(x, y, least_p=least, alpha=alpha),
+            *cautions(x, y, method=Method(row["method"]), least_p=least, alpha=alpha),
             *([Caution.wide_margin] if study.primary in SHARES and margin >= rounded(1 - usual) else []),
             *([Caution.ceiling] if is_at_ceiling(study, usual, margin) else []),
         )

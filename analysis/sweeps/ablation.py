@@ -319,7 +319,7 @@ def _contrast(
     for name, test in tests.items():
         rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
         rows[name] |= effects(*pairs[name], rng=stream(0, "effects", name, metric.name))
-        rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
+        rows[name]["cautions"] = cautions(*pairs[name], method=test.method, least_p=least[name], alpha=ALPHA)
 
 
 def corrected_p(
