@@ -31,11 +31,15 @@ class Percent:
 
 @dataclass(frozen=True, slots=True)
 class Between:
-    """An estimate with the ends of its interval."""
+    """An estimate between the ends of its interval."""
 
     estimate: float
     low: float
     high: float
+
+    def columns(self, name: str) -> dict[str, float]:
+        """Return it as columns of a frame: NAME, NAME_low and NAME_high."""
+        return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
 
 @dataclass(frozen=True, slots=True)

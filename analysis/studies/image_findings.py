@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from analysis.statistics.effects import Interval
 from analysis.statistics.image_statistics import (
     Floats,
     average,
@@ -27,6 +26,7 @@ from analysis.statistics.image_statistics import (
 from analysis.statistics.tests import holm
 from analysis.studies.comparison import Verdict
 from analysis.studies.predictions import Predictions
+from analysis.table import Between
 from tacevo.randomness import stream
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
@@ -34,7 +34,7 @@ from tacevo.results.study_lines import fewest_seeds
 from tacevo.rounding import rounded
 
 #: Returns the difference of two networks, with its interval over seeds and images.
-Differ = Callable[[str, str], Interval]
+Differ = Callable[[str, str], Between]
 
 
 #: The columns of an interval.

@@ -47,7 +47,7 @@ def cautions(x: ArrayLike, y: ArrayLike, *, method: Method, least_p: float, alph
         least_p: the smallest p that so many values can reach, after its correction.
         alpha: the level that a corrected p is held to.
     """
-    narrow, wide = sorted([iqr(x), iqr(y)])
+    narrow, wide = sorted(float(iqr(np.asarray(sample))) for sample in (x, y))
     conditions = {
         Caution.identical: min(np.ptp(x), np.ptp(y)) == 0,
         Caution.ties: method is Method.exact_ties,

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.rounding import shown
-from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
+from analysis.statistics.effects import LEVEL, RESAMPLES, effects_of_constant
 from analysis.statistics.samples import Sample
 from analysis.studies.ceiling import chance_at
 from analysis.studies.comparison import Verdict, late, of_whole
@@ -275,11 +275,6 @@ EFFECTS_LAYOUT: Layout = {
 def scaled(name: str, factor: float) -> tuple[Any, ...]:
     """Return the shape of an interval's column that is multiplied by a factor."""
     return lambda *ends: Between(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
-
-
-def between(interval: Interval | None) -> Cell:
-    """Return the cell of an interval; None without one."""
-    return None if interval is None else Between(interval.estimate, interval.low, interval.high)
 
 
 def quartiles(values: Sequence[float] | Sample, *, is_share: bool = False) -> Cell:

@@ -1,5 +1,7 @@
 """What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
 
+from dataclasses import astuple
+
 import pandas as pd
 
 from analysis.rounding import shown
@@ -8,8 +10,8 @@ from analysis.studies.comparison import late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.reestimates import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
-from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
-from analysis.tables.comparison import between, score_cell
+from analysis.table import Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables.comparison import score_cell
 from analysis.tables.noise import BEATS, chance_note
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import StudyNetwork
@@ -174,8 +176,8 @@ def _score(study: RecordedStudy, network: str) -> Cell:
     values = study.values(network, study.primary)
     if len(values) == 1:
         return score_cell(study.primary, float(values[0]))
-    middle, shape = median(values), PercentBetween if study.primary in SHARES else Between
-    return shape(middle.estimate, middle.low, middle.high)
+    middle = median(values)
+    return PercentBetween(*astuple(middle)) if study.primary in SHARES else middle
 
 
 def _ends(seeds: int) -> str:
@@ -224,5 +226,5 @@ def _icc(again: Reestimates) -> str:
     icc = again.icc
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
-    part = f"{shown(between(icc))} ({100 * LEVEL:g} % interval)"
+    part = f"{shown(icc)} ({100 * LEVEL:g} % interval)"
     return f"ICC {part}: the part of one fitness's variance that is the network's; the rest is the seed's."
