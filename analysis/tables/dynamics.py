@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import (
-    LEVEL,
     MOST,
     PUBLISHED_GENERATIONS,
     by_prompt,
@@ -19,6 +18,7 @@ from analysis.runs.dynamics import (
     temperature_follows_age,
 )
 from analysis.runs.lineage import lineage
+from analysis.statistics.effects import LEVEL
 from analysis.studies.reestimates import Reestimates, by_seeds
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
 from analysis.tables.instruction_tables import grammar_note
