@@ -53,7 +53,7 @@ def study_tables(
 
 def scores_table(study: RecordedStudy) -> Table:
     """Show each network, its cost, and how its seeds spread in the primary metric."""
-    spread = ("median", "lower quartile", "upper quartile", "least", "most")
+    spread, trivial = ("median", "lower quartile", "upper quartile", "least", "most"), trivial_score(study)
     return Table(
         name="scores",
         caption=f"Test {metric_name(study.primary)} of the networks of {study.task}.",
@@ -67,7 +67,7 @@ def scores_table(study: RecordedStudy) -> Table:
                 )
                 for network in study.networks
             ),
-            *_trivial_row(study),
+            *([] if trivial is None else [("trivial", None, 0, 0, score_cell(study.primary, trivial), *(None,) * 5)]),
             *([("ceiling", None, None, None, Percent(study.ceiling), *(None,) * 5)] if study.ceiling else []),
         ),
         notes=(
@@ -238,12 +238,6 @@ def score_cell(metric: str, value: float | None) -> Cell:
 def unit_of(metric: str) -> str:
     """Name what a difference of a metric is counted in."""
     return "percentage points" if metric in SHARES else metric_name(metric)
-
-
-def _trivial_row(study: RecordedStudy) -> tuple[tuple[Cell, ...], ...]:
-    """Return the row of the predictor that looks at no image, where its score is known."""
-    score = trivial_score(study)
-    return () if score is None else (("trivial", None, 0, 0, score_cell(study.primary, score), *(None,) * 5),)
 
 
 def _trivial_note(study: RecordedStudy) -> tuple[str, ...]:

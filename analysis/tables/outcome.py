@@ -23,6 +23,8 @@ MOST = 10
 
 _ONE_SPLIT = "One split of one data set: another split, or other data, may turn a verdict."
 
+_AT_CEILING = "At the ceiling: next to nothing is left to win over the baseline on these data (tables)."
+
 _TOGETHER = (
     f"Better and worse: by intervals that hold for all elites together with {100 * LEVEL:g} %, and so are wider than "
     "those of the table."
@@ -55,6 +57,8 @@ def study_outcome(
         "verdict": "verdict (p)",
         "again": "re-estimated",
     }
+    variants, few = of_whole(comparisons), Caution.few_seeds
+    cautions = dict(zip(variants.network, variants.cautions, strict=True))
     score = trivial_score(study)
     if score is not None:
         test = score_cell(study.primary, score)
@@ -69,9 +73,9 @@ def study_outcome(
         rows=tuple(tuple(row.values()) for row in rows),
         notes=(
             *at_chance(study),
-            *_at_ceiling(comparisons),
+            *([_AT_CEILING] if any(Caution.ceiling in told for told in cautions.values()) else []),
             *_late(study, comparisons),
-            *_few(comparisons),
+            *caution_notes((name, [few]) for name, told in cautions.items() if few in told),
             *([_ONE_SPLIT] if is_alone else []),
             _fitness(again),
             *([f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}."] if study.chosen_by else []),
@@ -195,16 +199,6 @@ def _late(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[str, 
         f"Not converged? {shown(Percent(parts[most]))} of the seeds of {most} are best in the last tenth of epochs: "
         "better may only mean faster.",
     )
-
-
-def _at_ceiling(comparisons: pd.DataFrame | None) -> tuple[str, ...]:
-    told = any(Caution.ceiling in one.cautions for one in of_whole(comparisons).itertuples())
-    return ("At the ceiling: next to nothing is left to win over the baseline on these data (tables).",) if told else ()
-
-
-def _few(comparisons: pd.DataFrame | None) -> tuple[str, ...]:
-    few = (Caution.few_seeds,)
-    return caution_notes((one.network, few) for one in of_whole(comparisons).itertuples() if few[0] in one.cautions)
 
 
 def _fitness(again: Reestimates | None) -> str:
