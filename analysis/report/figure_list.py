@@ -76,9 +76,8 @@ def pictures_of(collection: Collection) -> tuple[Picture, ...]:
 
 def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     """List the figures of a sweep."""
-    note = common_note(collected.niches_of)
+    note = " ".join([common_note(collected.niches_of), *temperature_notes(collected.sweep)])
     reference = collected.ablation.reference
-    note = " ".join([note, *temperature_notes(collected.sweep)])
     dotted = "" if reference is None else f", the dotted line is the median of {reference}"
     return (
         Picture(
@@ -165,8 +164,9 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         for one in of_whole(comparisons).itertuples()
     }
     ending = "; p is Holm's." if verdicts else "."
+    data = f"{study.task}, on other data: {study.where}" if study.where else study.task
     words = (
-        f"Test results of {study.seeds} training seeds of each network ({_data_of(study)}). Points are seeds, boxes "
+        f"Test results of {study.seeds} training seeds of each network ({data}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
     pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
@@ -179,10 +179,6 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         draw = partial(confusion_matrices, study)
         pictures.append(Picture(name="confusion_matrices", caption=words, draw=draw))
     return tuple(pictures)
-
-
-def _data_of(study: RecordedStudy) -> str:
-    return f"{study.task}, on other data: {study.where}" if study.where else study.task
 
 
 def _of_elites(run: RecordedRun) -> list[tuple[str, Callable[[], Figure], str]]:

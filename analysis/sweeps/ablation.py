@@ -27,7 +27,6 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
 from tacevo.results.sweep import ALPHA, REFERENCE, FinishedJob
-from tacevo.results.tested import JobScore
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
 
@@ -124,9 +123,8 @@ def jobs_frame(finished: Sequence[FinishedJob], curves: pd.DataFrame) -> pd.Data
     ends = curves.groupby("job").last()
     return as_jobs(
         {"job": one.job.name, "arm": one.job.arm, "seed": one.job.seed, "search": slots_of(one.run)}
-        | {metric.name: value for metric, value in _values(one.run).items()}
+        | {metric.name: value for metric, value in _values(one).items()}
         | {name: ends.at[one.job.name, name] for name in ("qd_score", "coverage")}
-        | ({} if one.tested is None else _tests(one.tested))
         for one in finished
     )
 
@@ -200,9 +198,11 @@ def compare_arms(
     return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, twins=twins, arms=arms)
 
 
-def _values(run: RecordedRun) -> dict[Metric, float | None]:
+def _values(job: FinishedJob) -> dict[Metric, float | None]:
+    run, tested = job.run, job.tested
     gains, spent = improvement(run), spending(run, run.candidates)
     return {
+        **({} if tested is None else {TESTS[tested.metric]: tested.value, Metric.test_loss: tested.loss}),
         Metric.best_fitness: gains.get("last"),
         Metric.new_quartile: gains.get("new_quartile"),
         Metric.new_median: gains.get("new_median"),
@@ -215,10 +215,6 @@ def _values(run: RecordedRun) -> dict[Metric, float | None]:
         Metric.tokens: None if spent is None else spent.tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }
-
-
-def _tests(tested: JobScore) -> dict[str, float]:
-    return {TESTS[tested.metric].name: tested.value, Metric.test_loss.name: tested.loss}
 
 
 def _rounded(value: float | None) -> float | None:
