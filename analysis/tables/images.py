@@ -61,9 +61,12 @@ def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
     squares = outputs.output.map(scale) ** 2
     return Table.of(
         outputs.assign(**outputs[ends].mul(squares, axis=0)),
-        {"output": "output", "network": "network", f"difference (MSE, {recorded_unit(study)})": scaled("difference", 1)}
-        | {"better on": "better", "worse on": "worse", "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")}
-        | {"verdict": "verdict"},
+        {
+            **{"output": "output", "network": "network"},
+            f"difference (MSE, {recorded_unit(study)})": scaled("difference", 1),
+            **{"better on": "better", "worse on": "worse", "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")},
+            "verdict": "verdict",
+        },
         name="image_outputs",
         caption=f"The variants of {study.task} against the baseline on each output, image by image.",
         notes=(
