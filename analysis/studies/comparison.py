@@ -16,7 +16,7 @@ import pandas as pd
 from analysis.statistics.effects import EFFECTS, effects
 from analysis.statistics.equivalence import equivalence
 from analysis.statistics.samples import Sample
-from analysis.statistics.tests import Method, holm, mann_whitney, smallest_p
+from analysis.statistics.tests import holm, mann_whitney, smallest_p
 from analysis.studies.ceiling import is_at_ceiling
 from analysis.studies.metric_names import SHARES
 from analysis.studies.warnings import Caution, cautions
@@ -100,10 +100,15 @@ def _outputs(study: RecordedStudy) -> list[str]:
 def _compared(study: RecordedStudy, metrics: Mapping[str | None, str]) -> list[dict[str, Any]]:
     """Compare every variant by each metric, and correct all p-values as one family of each kind."""
     rows: list[dict[str, Any]] = []
-    alpha = study.terms.alpha
+    alpha, family = study.terms.alpha, len(metrics) * (len(study.networks) - 1)
+    least = holm([smallest_p(study.seeds, study.seeds)] * family)[-1]
     for output, metric in metrics.items():
         y = study.values(study.networks[0].name, metric)
-        margin = _width(study.terms.margin, y, metric)
+        margin, usual = _width(study.terms.margin, y, metric), rounded(float(np.median(y)))
+        of_baseline = (
+            *([Caution.wide_margin] if study.primary in SHARES and margin >= rounded(1 - usual) else []),
+            *([Caution.ceiling] if is_at_ceiling(study, usual, margin) else []),
+        )
         for network in study.networks[1:]:
             x = study.values(network.name, metric)
             test, (p, method) = mann_whitney(x, y), equivalence(x, y, margin=margin)
@@ -116,21 +121,14 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str]) -> list[d
             row |= {"u": test.u, "p": test.p, "method": test.method.value}
             row |= {"p_equivalence": p, "method_equivalence": method.value}
             row |= effects(x, y, rng=stream(0, "bootstrap", network.name, metric))
-            rows.append(row | {"samples": (x, y)})
+            told = cautions(x, y, method=test.method, least_p=least, alpha=alpha)
+            rows.append(row | {"cautions": (*told, *of_baseline)})
     for name in ("p", "p_equivalence"):
         for row, p in zip(rows, holm([row[name] for row in rows]), strict=True):
             row[f"{name}_holm"] = p
-    least = holm([smallest_p(study.seeds, study.seeds)] * len(rows))[-1]
     for row in rows:
         differs, equals = row["p_holm"] <= alpha, row["p_equivalence_holm"] <= alpha
         row["verdict"] = _verdict(row, lower=LOWER_IS_BETTER[study.primary], differs=differs, equals=equals).value
-        x, y = row.pop("samples")
-        usual, margin = rounded(float(np.median(y))), row["margin"]
-        row["cautions"] = (
-            *cautions(x, y, method=Method(row["method"]), least_p=least, alpha=alpha),
-            *([Caution.wide_margin] if study.primary in SHARES and margin >= rounded(1 - usual) else []),
-            *([Caution.ceiling] if is_at_ceiling(study, usual, margin) else []),
-        )
     return rows
 
 
