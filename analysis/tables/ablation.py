@@ -252,15 +252,14 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
     notes = [
         f"Runs that differ: those that are not the run of {reference} of the same seed, candidate by candidate. All "
         "further columns are of these runs, as far as their values are known: what is one and the same run in both "
-        "arms shows nothing of the arm.",
-        *(
-            [
-                f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
-                f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}."
-            ]
-            if family
-            else []
-        ),
+        "arms shows nothing of the arm."
+    ]
+    if family:
+        notes.append(
+            f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
+            f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}."
+        )
+    notes += [
         f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
         f"percentiles of {RESAMPLES:,} bootstrap resamples of the difference of medians.",
         f"A12: the chance that a run of the arm has more than one of {reference}. Differences are arm less "

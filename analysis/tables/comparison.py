@@ -29,6 +29,8 @@ ONE_SPLIT = (
     "studied on another by: tacevo study RUN data.split_seed=N."
 )
 
+_SEEDLESS = "It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference."
+
 _FREQUENCIES = "Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one."
 
 
@@ -188,11 +190,7 @@ def effects_table(study: RecordedStudy, comparisons: pd.DataFrame) -> Table:
                 family=len(study.networks) - 1,
             ),
             *_trivial_note(study),
-            *(
-                ["It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference."]
-                if score is not None
-                else []
-            ),
+            *([] if score is None else [_SEEDLESS]),
         ),
     )
 

@@ -134,11 +134,9 @@ def temperatures_table(run: RecordedRun) -> Table:
 
 
 def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ()) -> Table:
-    """Show how far a run came, one figure a row, beside re-estimates where there are some; empty without a training.
+    """Show how far a run came, one figure a row; empty without a training.
 
-    Args:
-        run: the run.
-        reestimates: of its fitnesses; those of the most seeds that have its best network are shown.
+    Of re-estimates of its fitnesses, those of the most seeds that have its best network stand beside.
     """
     gains = improvement(run)
     rows: list[tuple[str, Cell]] = [
