@@ -64,14 +64,7 @@ def motifs_of(network: Anatomy, baseline: Anatomy) -> frozenset[str]:
 
 
 def read_anatomies(run: RecordedRun, profiles: Mapping[str, Profile]) -> dict[str, Anatomy]:
-    """Read how every trained candidate of a run is built.
-
-    Args:
-        run: the run.
-        profiles: by candidate id; those of trained candidates are needed, of others not looked at.
-
-    Returns:
-        By candidate id, in the order of the run.
+    """Read how every trained candidate of a run is built, by id, in the order of the run; profiles are by id, too.
 
     Raises:
         RunError: a trained candidate has no profile, or one without steps.

@@ -100,11 +100,9 @@ class _Reading:
 
 
 class Followed:
-    """A run or a sweep as it is now; a run is read again when a file of it has changed.
+    """The run or sweep of a directory as it is now; a run is read again when a file of it has changed.
 
-    Args:
-        path: its directory.
-        store: where the stores lie, if not where the runs have them.
+    `store` is where the stores lie, if not where the runs have them.
     """
 
     def __init__(self, path: Path, store: Path | None = None) -> None:
