@@ -5,7 +5,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import iqr
 
 from analysis.rounding import shown
 from analysis.statistics.planning import detectable
@@ -47,7 +46,7 @@ def cautions(x: ArrayLike, y: ArrayLike, *, method: Method, least_p: float, alph
         least_p: the smallest p that so many values can reach, after its correction.
         alpha: the level that a corrected p is held to.
     """
-    narrow, wide = sorted(float(iqr(np.asarray(sample))) for sample in (x, y))
+    narrow, wide = sorted(np.diff(np.quantile(sample, [0.25, 0.75])).item() for sample in (x, y))
     conditions = {
         Caution.identical: min(np.ptp(x), np.ptp(y)) == 0,
         Caution.ties: method is Method.exact_ties,
