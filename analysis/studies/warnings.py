@@ -46,7 +46,9 @@ def cautions(x: ArrayLike, y: ArrayLike, *, method: Method, least_p: float, alph
         least_p: the smallest p that so many values can reach, after its correction.
         alpha: the level that a corrected p is held to.
     """
-    narrow, wide = sorted(np.diff(np.quantile(sample, [0.25, 0.75])).item() for sample in (x, y))
+    narrow, wide = sorted(
+        float(np.diff(np.quantile(np.asarray(one, dtype=np.float64), [0.25, 0.75]))[0]) for one in (x, y)
+    )
     conditions = {
         Caution.identical: min(np.ptp(x), np.ptp(y)) == 0,
         Caution.ties: method is Method.exact_ties,
