@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import pandas as pd
@@ -31,11 +31,15 @@ class Percent:
 
 @dataclass(frozen=True, slots=True)
 class Between:
-    """An estimate with the ends of its interval."""
+    """An estimate between the ends of its interval."""
 
     estimate: float
     low: float
     high: float
+
+    def columns(self, name: str) -> dict[str, float]:
+        """Return it as columns of a frame: NAME, NAME_low and NAME_high."""
+        return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,15 +146,9 @@ class Table:
 
 def _exact(cell: Cell) -> list[str | int | float | None]:
     """Return a cell unrounded: one value, or an estimate and the ends of its interval."""
-    match cell:
-        case None | str():
-            return [cell]
-        case Between(estimate, low, high) | PercentBetween(estimate, low, high):
-            return [finite(estimate), finite(low), finite(high)]
-        case PValue(value) | Halves(value) | Percent(value):
-            return [finite(value)]
-        case _:
-            return [finite(cell)]
+    if cell is None or isinstance(cell, str):
+        return [cell]
+    return [finite(value) for value in ([cell] if isinstance(cell, int | float) else astuple(cell))]
 
 
 def _dtype(values: Iterable[str | int | float | None]) -> str:

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from analysis.figures.axes import count_along, name_coinciding, on_loss_axis, title_unsent_temperatures
 from analysis.figures.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, house_style, new_figure
@@ -31,12 +30,14 @@ def fitness_evolution(run: RecordedRun, medians: Sequence[float | None]) -> Figu
     """
     figure, (axes,) = new_figure("single", 2.2)
     generations = [entry.generation for entry in run.generations]
-    best = _values([entry.best for entry in run.generations])
+    best = [entry.best for entry in run.generations]
     new = [entry.generation_median for entry in run.generations]
-    axes.plot(generations, _values(new), color=GREY, linestyle=":", marker="^", label="median of new")
-    axes.plot(generations, _values(medians), color=VERMILLION, linestyle="--", marker="s", label="archive median")
-    axes.plot(generations, best, color=BLUE, marker="o", label="best so far")
-    on_loss_axis(axes, [*(entry.best for entry in run.generations), *medians, *new])
+    # None becomes NaN, which is not drawn.
+    lines = [np.array(values, dtype=np.float64) for values in (new, medians, best)]
+    axes.plot(generations, lines[0], color=GREY, linestyle=":", marker="^", label="median of new")
+    axes.plot(generations, lines[1], color=VERMILLION, linestyle="--", marker="s", label="archive median")
+    axes.plot(generations, lines[2], color=BLUE, marker="o", label="best so far")
+    on_loss_axis(axes, [*best, *medians, *new])
     count_along(axes, "generation")
     name_coinciding(axes)
     figure.legend(loc="outside upper center", ncols=3)
@@ -69,27 +70,22 @@ def trainable(generations: pd.DataFrame) -> Figure:
 def growth(run: RecordedRun, prompt_niches: int, reachable: int) -> Figure:
     """Draw the coverage of both archives and the QD-score of the network archive.
 
-    An archive without niches covers its places, and its QD-score is a sum over the best networks.
-
-    Args:
-        run: the run.
-        prompt_niches: how many niches the prompt archive has.
-        reachable: how many of them a trial could reach; only these count. With 0 the prompt archive is not drawn.
+    An archive without niches covers its places, and its QD-score is a sum over the best networks. Of the niches of the
+    prompt archive only those count that a trial could reach; without any it is not drawn.
     """
     figure, (upper, lower) = new_figure("single", 3.2, rows=2)
     generations = [entry.generation for entry in run.generations]
     networks = [100 * entry.coverage for entry in run.generations]
     held = "networks" if run.has_niches else "networks (of the places for the best)"
-    upper.plot(generations, networks, color=BLUE, marker="o", clip_on=False, zorder=3, label=held)
+    over: dict[str, Any] = {"clip_on": False, "zorder": 3}
+    upper.plot(generations, networks, color=BLUE, marker="o", label=held, **over)
     if reachable:
         prompts = [100 * entry.prompt_coverage * prompt_niches / reachable for entry in run.generations]
-        how: dict[str, Any] = {"linestyle": "--", "marker": "s", "clip_on": False, "zorder": 3}
-        upper.plot(generations, prompts, color=ORANGE, label="prompts (of reachable niches)", **how)
+        words = "prompts (of reachable niches)"
+        upper.plot(generations, prompts, color=ORANGE, linestyle="--", marker="s", label=words, **over)
     upper.set(ylabel="niches occupied (%)" if run.has_niches else "occupied (%)", ylim=(0, 100))
     figure.legend(loc="outside upper center", ncols=2)
-    lower.plot(
-        generations, [entry.qd_score for entry in run.generations], color=GREEN, marker="D", clip_on=False, zorder=3
-    )
+    lower.plot(generations, [entry.qd_score for entry in run.generations], color=GREEN, marker="D", **over)
     lower.set_ylabel("QD-score")
     lower.set_ylim(bottom=0)
     name_coinciding(upper)
@@ -140,8 +136,3 @@ def prompt_productivity(prompts: pd.DataFrame) -> Figure:
     axes.grid(axis="x", color="#DDDDDD")
     axes.set_axisbelow(True)
     return figure
-
-
-def _values(values: Sequence[float | None]) -> NDArray[np.float64]:
-    """Put NaN, which is not drawn, where nothing was trained."""
-    return np.array([np.nan if value is None else value for value in values], dtype=np.float64)

@@ -31,11 +31,8 @@ _OUTLINED: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 0.5}
 def network_map(run: RecordedRun, centroids: NDArray[np.float64]) -> Figure:
     """Draw the network archive over its two axes, each niche in the colour of its elite's fitness.
 
-    An elite outside fixed bounds stands at their edge, where its niche was looked up, and has a mark of its own.
-
-    Args:
-        run: a run whose network archive has niches over two axes.
-        centroids: of the network archive, shape (niches, 2), in [0, 1].
+    An elite outside fixed bounds stands at their edge, where its niche was looked up, and has a mark of its own. The
+    centroids are those of the network archive, shape (niches, 2), in [0, 1].
     """
     figure, (axes,) = new_figure("single", HEIGHT)
     fitness = {elite.niche: elite.fitness for elite in run.elites}
@@ -69,12 +66,8 @@ def prompt_map(run: RecordedRun, centroids: NDArray[np.float64], reachable: Coll
     """Draw the prompt archive over instruction and temperature, each niche in the colour of its trial's curiosity.
 
     A trial whose child the network archive did not take is hatched; a niche that the run could not reach is shaded; a
-    title says where temperatures were not sent.
-
-    Args:
-        run: the run.
-        centroids: of the prompt archive, shape (niches, 2), in [0, 1].
-        reachable: the niches that a trial of the run could have.
+    title says where temperatures were not sent. The centroids are those of the prompt archive, shape (niches, 2), in
+    [0, 1]; `reachable` are the niches that a trial of the run could have.
     """
     figure, (axes,) = new_figure("single", HEIGHT)
     curiosity = {trial.niche: trial.curiosity for trial in run.prompt_trials}

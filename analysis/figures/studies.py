@@ -53,32 +53,23 @@ def seed_boxes(study: RecordedStudy, words: Mapping[str, str]) -> Figure:
 def confusion_matrices(study: RecordedStudy) -> Figure:
     """Draw the test images of every network by true and predicted class: counts, and per cent of the true class.
 
-    Each network is shown at its `Study.median_seed`.
-
-    Raises:
-        ValueError: the study has no such matrix, as one of a regression.
+    Each network of a classification is shown at its `RecordedStudy.median_seed`.
     """
     names = [network.name for network in study.networks]
     columns = min(len(names), 3)
     rows = math.ceil(len(names) / columns)
     width, height = ("single", 3.4) if columns == 1 else ("double", 7.8 / columns)
     figure, panels = new_figure(width, height * rows, rows=rows, columns=columns)
+    matrices = {(score.network, score.seed): score.confusion for score in study.scores}
     for place, name in enumerate(names):
         seed = study.median_seed(name)
-        _matrix(panels[place], _confusion(study, name, seed), study.names)
+        _matrix(panels[place], np.array(matrices[name, seed]), study.names)
         panels[place].set_title(f"{name}, seed {seed}")
         if place % columns == 0:
             panels[place].set_ylabel("true class")
     for axes in panels[len(names) :]:
         axes.remove()
     return figure
-
-
-def _confusion(study: RecordedStudy, network: str, seed: int) -> NDArray[np.int64]:
-    for score in study.scores:
-        if (score.network, score.seed) == (network, seed) and score.confusion is not None:
-            return np.array(score.confusion)
-    raise ValueError(f"the study of {study.task} has no confusion matrix of {network}, seed {seed}")
 
 
 def _matrix(axes: Axes, counts: NDArray[np.int64], names: Sequence[str]) -> None:

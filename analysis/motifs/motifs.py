@@ -4,7 +4,7 @@ docs/motifs.md has the definitions.
 """
 
 from collections.abc import Callable, Mapping
-from itertools import starmap
+from typing import Any
 
 import pandas as pd
 
@@ -64,14 +64,7 @@ def motifs_of(network: Anatomy, baseline: Anatomy) -> frozenset[str]:
 
 
 def read_anatomies(run: RecordedRun, profiles: Mapping[str, Profile]) -> dict[str, Anatomy]:
-    """Read how every trained candidate of a run is built.
-
-    Args:
-        run: the run.
-        profiles: by candidate id; those of trained candidates are needed, of others not looked at.
-
-    Returns:
-        By candidate id, in the order of the run.
+    """Read how every trained candidate of a run is built, by id, in the order of the run; profiles are by id, too.
 
     Raises:
         RunError: a trained candidate has no profile, or one without steps.
@@ -101,30 +94,21 @@ def count_motifs(run: RecordedRun, anatomies: Mapping[str, Anatomy], *, top: int
         "top": {candidate.source for candidate in run.best(top)},
         "archive": {sources[elite.id] for elite in run.elites} & evaluated,
     }
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name in MOTIFS:
         having = {source for source in evaluated if name in motifs[source]}
-        row = {"motif": name, "baseline": name in motifs[run.baseline.source]}
+        row: dict[str, Any] = {"motif": name, "baseline": name in motifs[run.baseline.source]}
         row |= {"evaluated": len(having), "evaluated_of": len(evaluated)}
         for group, members in groups.items():
             row |= {group: len(members & having), f"{group}_of": len(members)}
         rows.append(row)
-    return _tested(pd.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS))
-
-
-def _tested(counts: pd.DataFrame) -> pd.DataFrame:
-    """Test all counts; their p-values are corrected as one family, in the order of the rows, the top's first."""
-    family = [
-        (row, group)
-        for row in counts.index[(counts.evaluated > 0) & (counts.evaluated < counts.evaluated_of)]
-        for group in ("top", "archive")
-    ]
-
-    def p_of(row: int, group: str) -> float:
-        one = counts.loc[row]
-        return hypergeometric_p(one[group], drawn=one[f"{group}_of"], marked=one.evaluated, population=one.evaluated_of)
-
-    p_values = list(starmap(p_of, family))
-    for (row, group), p, corrected in zip(family, p_values, holm(p_values) if family else (), strict=True):
-        counts.loc[row, [f"{group}_p", f"{group}_p_holm"]] = p, corrected
-    return counts
+    # The p-values are one family, in the order of the rows, the top's first.
+    family = [(row, group) for row in rows if 0 < row["evaluated"] < len(evaluated) for group in groups]
+    for row, group in family:
+        row[f"{group}_p"] = hypergeometric_p(
+            row[group], drawn=row[f"{group}_of"], marked=row["evaluated"], population=len(evaluated)
+        )
+    p_values = [row[f"{group}_p"] for row, group in family]
+    for (row, group), corrected in zip(family, holm(p_values) if family else (), strict=True):
+        row[f"{group}_p_holm"] = corrected
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)

@@ -102,13 +102,9 @@ def _place(step: Step) -> str:
 
 
 def _find_shortcuts(flow: Flow) -> tuple[tuple[int, int], ...]:
-    """Find every residual connection.
+    """Find every residual connection of a network without its gates, so that `x + x * gate(x)` is not one.
 
-    Args:
-        flow: the network without its gates, so that `x + x * gate(x)` is not one.
-
-    Returns:
-        (addition, number of the operand that is the shortcut), in the order of the calls.
+    Each is (addition, number of the operand that is the shortcut), in the order of the calls.
     """
     shortcuts = ((index, _shortcut(flow, index)) for index in sorted(flow.live))
     return tuple((index, number) for index, number in shortcuts if number is not None)

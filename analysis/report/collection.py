@@ -241,8 +241,7 @@ def side_by_side(collections: Sequence[Collection]) -> tuple[list[Table], list[s
         for one in collections
         if tasks[one.run.task] > 1 and one.run.name not in shown
     ]
-    tables = [searches_table(searches) for searches in groups]
-    return _numbered(tables), alone
+    return _numbered(map(searches_table, groups)), alone
 
 
 def _numbered(tables: Iterable[Table]) -> list[Table]:
@@ -306,8 +305,11 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
         own = [one for one in across if one[0][0] is compared.study]
         of_study += [table for one in own for table in transfer_tables(one)]
         tables += [_of_study(table, compared) for table in of_study]
+    sources = {candidate.id: candidate.source for candidate in run.candidates}
     for one in collection.reestimates:
-        of_noise = [*noise_tables(one, run.task, run.record.trivial), *_corrected(run, one)]
+        of_noise = list(noise_tables(one, run.task, run.record.trivial))
+        archives = correct(run.elites, run.places, sources, one)
+        of_noise += [] if archives is None else [corrected_table(archives, one, run.task)]
         tables += [replace(table, name=f"{one.name}/{table.name}") for table in of_noise]
     return tuple(tables)
 
@@ -320,9 +322,3 @@ def _of_study(table: Table, compared: Compared) -> Table:
     where = f"On other data than the run's: {compared.study.where}."
     notes = table.notes if any(where in note for note in table.notes) else (where, *table.notes)
     return replace(named, caption=f"{table.caption.removesuffix('.')}, on other data than the run's.", notes=notes)
-
-
-def _corrected(run: RecordedRun, again: Reestimates) -> list[Table]:
-    sources = {candidate.id: candidate.source for candidate in run.candidates}
-    archives = correct(run.elites, run.places, sources, again)
-    return [] if archives is None else [corrected_table(archives, again, run.task)]

@@ -34,14 +34,9 @@ _HEAD = r"""\documentclass[10pt]{article}
 
 
 def make_pdf(source: Path, which: Callable[[str], str | None]) -> Path | None:
-    """Make the PDF of a document with what is installed.
+    """Make the PDF of a document with what is installed, and return it; None without LaTeX.
 
-    Args:
-        source: the document.
-        which: finds a program, as `shutil.which` does.
-
-    Returns:
-        The PDF; None without LaTeX.
+    `which` finds a program, as `shutil.which` does.
 
     Raises:
         RunError: LaTeX rejected the document; the message ends with its last words.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -76,9 +77,8 @@ def pictures_of(collection: Collection) -> tuple[Picture, ...]:
 
 def sweep_pictures(collected: SweepCollection) -> tuple[Picture, ...]:
     """List the figures of a sweep."""
-    note = common_note(collected.niches_of)
+    note = " ".join([common_note(collected.niches_of), *temperature_notes(collected.sweep)])
     reference = collected.ablation.reference
-    note = " ".join([note, *temperature_notes(collected.sweep)])
     dotted = "" if reference is None else f", the dotted line is the median of {reference}"
     return (
         Picture(
@@ -104,42 +104,45 @@ def run_pictures(
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
-    drawn: list[tuple[str, Callable[[], Figure], str]] = [
-        (
-            "fitness",
-            partial(fitness_evolution, run, archive_medians(run, niches.networks)),
-            "Best and median fitness of the network archive after each generation, and the median of its new "
-            "candidates.",
-        ),
-        (
-            "trainable",
-            partial(trainable, progress(run)),
-            "First answers that were trained, and what became of the others.",
-        ),
-        (
-            "archive_growth",
-            partial(growth, run, len(niches.prompts), len(reached)),
-            "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the "
-            "networks.",
-        ),
-        ("temperature", partial(temperature, run), f"Temperature of each generation, and of its requests{unsent}."),
-    ]
+    pictures: list[Picture] = []
+
+    def add(name: str, words: str, draw: Callable[..., Figure], *shown: Any) -> None:
+        pictures.append(Picture(name=name, caption=f"{words} ({run.name}).", draw=partial(draw, *shown)))
+
+    words = "Best and median fitness of the network archive after each generation, and the median of its new candidates"
+    add("fitness", words, fitness_evolution, run, archive_medians(run, niches.networks))
+    add("trainable", "First answers that were trained, and what became of the others", trainable, progress(run))
+    words = (
+        "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the networks"
+    )
+    add("archive_growth", words, growth, run, len(niches.prompts), len(reached))
+    add("temperature", f"Temperature of each generation, and of its requests{unsent}", temperature, run)
     if _has_map(run):
-        words = "The network archive; each cell is a niche."
-        drawn.append(("network_map", partial(network_map, run, niches.networks), words))
+        add("network_map", "The network archive; each cell is a niche", network_map, run, niches.networks)
     if has_prompts:
-        words = f"The prompt archive; each cell is a niche{unsent}."
+        words = f"The prompt archive; each cell is a niche{unsent}"
         if len(reached) < len(niches.prompts):
             words += (
-                " No search could reach the shaded ones, because the temperature rule leads to no temperature in them."
+                ". No search could reach the shaded ones, because the temperature rule leads to no temperature in them"
             )
-        drawn.append(("prompt_map", partial(prompt_map, run, niches.prompts, reached), words))
+        add("prompt_map", words, prompt_map, run, niches.prompts, reached)
     if run.instructions:
-        words = "Children of each instruction that entered the network archive."
-        drawn.append(("prompt_productivity", partial(prompt_productivity, by_prompt(run)), words))
+        words = "Children of each instruction that entered the network archive"
+        add("prompt_productivity", words, prompt_productivity, by_prompt(run))
     if run.elites:
-        drawn += [*_of_elites(run), _pareto(run, again)]
-    return tuple(Picture(name=name, caption=f"{words[:-1]} ({run.name}).", draw=draw) for name, draw, words in drawn)
+        first = run.ranked()[0].id
+        add("lineage", f"The ancestors of {first}, the best network", lineage, find_lineage(run, first))
+        words = "Short training of the baseline and the best networks"
+        add("training_curves", words, training_curves, [run.baseline, *run.best()])
+        candidates = beside_costs(run, again)
+        front = on_front(candidates, ["fitness", "flops"])
+        words = (
+            "Left: loss and FLOPs of every trained candidate; the line is the front of those that no other one beats "
+            "in both. Right: the part of the box between (0, 0) and the reference point that they dominate, by what "
+            "the search knew; the point is the baseline's loss and the most FLOPs of any trained candidate"
+        )
+        add("pareto", words, pareto, candidates, front, run.baseline.id, progress(run))
+    return tuple(pictures)
 
 
 def undrawn(run: RecordedRun) -> tuple[str, ...]:
@@ -165,8 +168,9 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         for one in of_whole(comparisons).itertuples()
     }
     ending = "; p is Holm's." if verdicts else "."
+    data = f"{study.task}, on other data: {study.where}" if study.where else study.task
     words = (
-        f"Test results of {study.seeds} training seeds of each network ({_data_of(study)}). Points are seeds, boxes "
+        f"Test results of {study.seeds} training seeds of each network ({data}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"
     )
     pictures = [Picture(name="seed_boxes", caption=words, draw=partial(seed_boxes, study, verdicts))]
@@ -179,31 +183,3 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         draw = partial(confusion_matrices, study)
         pictures.append(Picture(name="confusion_matrices", caption=words, draw=draw))
     return tuple(pictures)
-
-
-def _data_of(study: RecordedStudy) -> str:
-    return f"{study.task}, on other data: {study.where}" if study.where else study.task
-
-
-def _of_elites(run: RecordedRun) -> list[tuple[str, Callable[[], Figure], str]]:
-    first = run.ranked()[0].id
-    networks = [run.baseline, *run.best()]
-    return [
-        ("lineage", partial(lineage, find_lineage(run, first)), f"The ancestors of {first}, the best network."),
-        (
-            "training_curves",
-            partial(training_curves, networks),
-            "Short training of the baseline and the best networks.",
-        ),
-    ]
-
-
-def _pareto(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> tuple[str, Callable[[], Figure], str]:
-    candidates = beside_costs(run, again)
-    front = on_front(candidates, ["fitness", "flops"])
-    words = (
-        "Left: loss and FLOPs of every trained candidate; the line is the front of those that no other one beats in "
-        "both. Right: the part of the box between (0, 0) and the reference point that they dominate, by what the "
-        "search knew; the point is the baseline's loss and the most FLOPs of any trained candidate."
-    )
-    return "pareto", partial(pareto, candidates, front, run.baseline.id, progress(run)), words

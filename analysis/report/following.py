@@ -100,11 +100,9 @@ class _Reading:
 
 
 class Followed:
-    """A run or a sweep as it is now; a run is read again when a file of it has changed.
+    """The run or sweep of a directory as it is now; a run is read again when a file of it has changed.
 
-    Args:
-        path: its directory.
-        store: where the stores lie, if not where the runs have them.
+    `store` is where the stores lie, if not where the runs have them.
     """
 
     def __init__(self, path: Path, store: Path | None = None) -> None:
@@ -124,23 +122,20 @@ class Followed:
                 runs = [directory.run(job) for job in directory.read().jobs]
             self.is_at_work = any(run.is_busy for run in runs)
             readings = [self._read(run) for run in runs]
-            self._shown = self._made(readings, *(self._compared() if directory.is_one else (None, "")))
-            self.is_finished = all(one.is_finished for one in readings)
+            sweep, reason = self._compared() if directory.is_one else (None, "")
+            finished, busy = sum(one.is_finished for one in readings), sum(one.is_busy for one in readings)
+            self._shown = page_contents(
+                [one.material for one in readings if one.material is not None],
+                sweep=sweep,
+                title=self._path.resolve().name,
+                live=True,
+                state=f"{finished} of {counted(len(readings), 'run')} finished, {busy} at work.{reason}",
+                checked=_CHECKED,
+            )
+            self.is_finished = finished == len(readings)
         except (TacevoError, OSError) as error:  # e.g. a file that was removed, because the search begins again
             self._shown = replace(self._shown, state=f"This cannot be read now: {error}")
         return self._shown
-
-    def _made(self, readings: list[_Reading], sweep: dict[str, Any] | None, reason: str) -> PageContents:
-        finished = sum(one.is_finished for one in readings)
-        busy = sum(one.is_busy for one in readings)
-        return page_contents(
-            [one.material for one in readings if one.material is not None],
-            sweep=sweep,
-            title=self._path.resolve().name,
-            live=True,
-            state=f"{finished} of {counted(len(readings), 'run')} finished, {busy} at work.{reason}",
-            checked=_CHECKED,
-        )
 
     def _read(self, run: RunDirectory) -> _Reading:
         """Read a run, if it has changed since the last time."""

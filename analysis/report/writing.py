@@ -69,8 +69,10 @@ def place_of(table: Table) -> str:
     return table.name if table.kind in PAPER else f"more/{table.name}"
 
 
-def table_files(tables: Iterable[Table], *, prefix: str = "", show: Shown = ALL) -> dict[str, str]:
-    """Return every table in every format by its place, and the index of them all.
+def table_files(
+    tables: Iterable[Table], *, prefix: str = "", runs: Iterable[str] = (), show: Shown = ALL
+) -> dict[str, str]:
+    """Return every table in every format by its place, and the index of them all (`index_of`).
 
     The prefix is that of their labels in LaTeX, so that tables of several runs may stand in one document; `show` says
     what Markdown and LaTeX have of them.
@@ -81,7 +83,7 @@ def table_files(tables: Iterable[Table], *, prefix: str = "", show: Shown = ALL)
         for table in known
         for ending, text in table_texts(table, prefix=prefix, show=show).items()
     }
-    return {INDEX: index_of(known), **files}
+    return {INDEX: index_of(known, runs), **files}
 
 
 def index_of(tables: Iterable[Table], runs: Iterable[str] = ()) -> str:
@@ -107,15 +109,12 @@ def _text(name: str) -> str:
 def write_tables(
     tables: Iterable[Table], directory: Path, *, prefix: str = "", runs: Iterable[str] = (), show: Shown = ALL
 ) -> None:
-    """Write tables in every format with their index, each file whole; older ones of the same names are replaced.
-
-    `prefix` and `show` are as in `table_files`, `runs` as in `index_of`.
+    """Write the files of tables (`table_files`), each whole; older ones of the same names are replaced.
 
     Raises:
         StoreError: a file cannot be written.
     """
-    known = list(tables)
-    for name, text in (table_files(known, prefix=prefix, show=show) | {INDEX: index_of(known, runs)}).items():
+    for name, text in table_files(tables, prefix=prefix, runs=runs, show=show).items():
         write_durably(directory / name, text)
 
 

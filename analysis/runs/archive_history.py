@@ -23,7 +23,9 @@ def archive_history(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[A
     """
     niches = Tessellation(centroids) if run.has_niches else TopK(niches=run.places)
     arrivals = iter(descriptors(run).tolist())
-    archive, estimates, archives = _empty(run), Estimates(rule=run.config.training.fitness), []
+    fixed = run.bounds if run.config.archive.bounds is BoundsRule.fixed else None
+    archive = NetworkArchive(bounds=fixed, fixed=fixed is not None)
+    estimates, archives = Estimates(rule=run.config.training.fitness), []
     for line in run.generations:
         for candidate in run.candidates:
             if candidate.generation == line.generation and candidate.fitness is not None:
@@ -46,10 +48,3 @@ def archive_medians(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[f
     """Return the median fitness of the elites after each generation; None before anything was trained."""
     fitnesses = [[-elite.objective for elite in it.elites.values()] for it in archive_history(run, centroids)]
     return tuple(statistics.median(values) if values else None for values in fitnesses)
-
-
-def _empty(run: RecordedRun) -> NetworkArchive:
-    """Make the archive that the search began with."""
-    if run.bounds is None or run.config.archive.bounds is not BoundsRule.fixed:
-        return NetworkArchive()
-    return NetworkArchive(bounds=run.bounds, fixed=True)

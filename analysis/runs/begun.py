@@ -18,11 +18,7 @@ def load_begun(path: Path, store: Path | None = None) -> tuple[RecordedRun, Nich
     """Read a run and its niches; None before its first generation has ended.
 
     Its digest is that of a run of so many generations. Both archives follow from the ledger, because their files may be
-    older or newer than the lines that were read.
-
-    Args:
-        path: the run directory.
-        store: where its stores lie, if not where the run has them.
+    older or newer than the lines that were read. `store` is where its stores lie, if not where the run has them.
 
     Raises:
         RunError: run.json is missing, or something of the run was damaged or edited.

@@ -13,15 +13,13 @@ import pandas as pd
 from scipy.stats import binomtest
 
 from analysis.runs.pareto import hypervolumes
+from analysis.statistics.effects import LEVEL
 from tacevo.costs import Spending, total
 from tacevo.evolution.archive import AddStatus
 from tacevo.evolution.lines import CandidateLine, trained_networks, training_flops
 from tacevo.records import Operator, Stage
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import DIGITS
-
-#: Confidence of every interval here.
-LEVEL = 0.95
 
 #: The part of the whole improvement that counts as most of it.
 MOST = 0.9
@@ -96,14 +94,9 @@ def _costs(spent: Spending | None) -> dict[str, int | float | None]:
 
 def repeats(run: RecordedRun) -> frozenset[str]:
     """Find the candidates whose evaluation an earlier slot had asked for, by id."""
-    seen: set[str] = set()
-    repeated: set[str] = set()
-    for candidate in run.candidates:
-        if candidate.evaluation in seen:
-            repeated.add(candidate.id)
-        if candidate.evaluation is not None:
-            seen.add(candidate.evaluation)
-    return frozenset(repeated)
+    asked = [candidate for candidate in run.candidates if candidate.evaluation is not None]
+    first = {candidate.evaluation: candidate.id for candidate in reversed(asked)}
+    return frozenset(candidate.id for candidate in asked if first[candidate.evaluation] != candidate.id)
 
 
 def copies(run: RecordedRun) -> frozenset[str]:
@@ -215,17 +208,12 @@ def _productivity(asked: Iterable[tuple[str, Sequence[CandidateLine]]]) -> pd.Da
         slots = [one for one in all_slots if not one.skipped]  # of which nobody knows what they would have brought
         inserted, ends = sum(one.inserted for one in slots), {}
         if slots:
-            low, high = _wilson(inserted, len(slots))
+            wilson = binomtest(inserted, len(slots)).proportion_ci(LEVEL, method="wilson")  # the score interval of 1927
+            low, high = (round(float(end), DIGITS) for end in wilson)
             ends = {"rate": inserted / len(slots), "rate_low": low, "rate_high": high}
         trained = sum(one.fitness is not None for one in slots)
         rows.append({"name": name, "tried": len(slots), "trained": trained, "inserted": inserted, **ends})
     return pd.DataFrame(rows, columns=list(PRODUCTIVITY)).astype(PRODUCTIVITY)
-
-
-def _wilson(successes: int, tried: int) -> tuple[float, float]:
-    """Return the ends of Wilson's (1927) score interval of found / tried."""
-    ends = binomtest(successes, tried).proportion_ci(LEVEL, method="wilson")
-    return round(float(ends.low), DIGITS), round(float(ends.high), DIGITS)
 
 
 def spent_on_training(run: RecordedRun) -> int:

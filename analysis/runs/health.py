@@ -68,14 +68,9 @@ class Alarm(NamedTuple):
 
 
 def alarms(run: RecordedRun, centroids: NDArray[np.float64]) -> tuple[Alarm, ...]:
-    """Look for everything that may be wrong with a run.
+    """Look for everything that may be wrong: niches and descriptors first, then candidates, prompts and temperature.
 
-    Args:
-        run: the run.
-        centroids: of its network archive, shape (niches, axes), in [0, 1]; not looked at where it has no niches.
-
-    Returns:
-        What was found; niches and descriptors first, then candidates, prompts and temperature.
+    The centroids are those of the network archive, shape (niches, axes), in [0, 1]; not looked at where it has none.
     """
     raised: list[Alarm] = []
     if run.bounds is not None:

@@ -14,7 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from analysis.runs.dynamics import LEVEL, mutations
+from analysis.runs.dynamics import mutations
+from analysis.statistics.effects import LEVEL
 from analysis.statistics.tests import holm
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import rounded

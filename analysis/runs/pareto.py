@@ -51,10 +51,8 @@ def hypervolumes(run: RecordedRun) -> list[float | None]:
 def beside_costs(run: RecordedRun, again: Mapping[str, Sequence[float]]) -> pd.DataFrame:
     """Return a row for each trained candidate (`PARETO`), in the order of the ledger.
 
-    Args:
-        run: the run.
-        again: losses of a source, by its SHA-256, under seeds by which the search did not choose it. Their median is
-            the fitness; any other is what the search knew at its end.
+    `again` are losses of a source, by its SHA-256, under seeds by which the search did not choose it. Their median is
+    the fitness; any other is what the search knew at its end.
     """
     lines, known = (*run.candidates, *run.reevaluations), run.fitness
     losses = estimates_of(lines, run.config.training.fitness).losses

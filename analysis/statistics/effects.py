@@ -5,7 +5,6 @@ a single median one of order statistics: docs/statistics.md says why.
 """
 
 import math
-from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.optimize import brentq
 from scipy.stats import binomtest
 
 from analysis.statistics.samples import Sample, checked
+from analysis.table import Between
 from tacevo.rounding import rounded
 
 #: One less than 10,000, so that the ends of a 95 % interval are the 250th resample from either side.
@@ -22,31 +22,13 @@ RESAMPLES = 9_999
 LEVEL = 0.95
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
-    """An estimate between the ends of its interval."""
-
-    estimate: float
-    low: float
-    high: float
-
-    def columns(self, name: str) -> dict[str, float]:
-        """Return it as columns of a frame: NAME, NAME_low and NAME_high."""
-        return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
-
-
 #: The columns of effect sizes of a first sample x and a second one y, each with the ends of its interval: A12, that is
 #: P(x > y) + P(x = y) / 2, in [0, 1], at 0.5 there is no difference (Vargha & Delaney 2000); Cliff's delta (1993), that
 #: is twice A12 less one; and the median of x less that of y, in the unit of the values.
 EFFECTS = tuple(f"{name}{end}" for name in ("a12", "cliffs_delta", "difference") for end in ("", "_low", "_high"))
 
 
-def median_difference(x: ArrayLike, y: ArrayLike) -> float:
-    """Return the median of x, shape (n,), less the median of y, shape (m,)."""
-    return float(np.median(checked(x, name="x")) - np.median(checked(y, name="y")))
-
-
-def median(x: ArrayLike) -> Interval:
+def median(x: ArrayLike) -> Between:
     """Estimate a median with the interval between two values of the sample, equally many from either end.
 
     It is the narrowest of these that holds the median of a continuous distribution with a chance of 95 % at least
@@ -81,13 +63,13 @@ def _confidence(n: int, cut: int) -> float:
     return float(1 - outside / 2**n)
 
 
-def proportion(hits: int, of: int) -> Interval:
+def proportion(hits: int, of: int) -> Between:
     """Return the part of so many trials, at least 1, that hit, with the exact interval (Clopper and Pearson 1934)."""
     ends = binomtest(hits, of).proportion_ci(LEVEL, method="exact")
     return _interval(hits / of, float(ends.low), float(ends.high))
 
 
-def superiority(x: ArrayLike, y: ArrayLike, *, level: float = LEVEL) -> Interval:
+def superiority(x: ArrayLike, y: ArrayLike, *, level: float = LEVEL) -> Between:
     """Estimate P(x < y) + P(x = y) / 2, the chance that one seed of x is better than one of y.
 
     The interval is Newcombe's fifth (2006, Statistics in Medicine 25: 559-573): all chances that lie within z standard
@@ -159,15 +141,16 @@ def effects(x: ArrayLike, y: ArrayLike, *, rng: np.random.Generator, resamples: 
     from_first = rng.integers(len(first), size=(resamples, len(first)))
     from_second = rng.integers(len(second), size=(resamples, len(second)))
     differences = np.median(first[from_first], axis=1) - np.median(second[from_second], axis=1)
-    return _columns(superiority(second, first), interval(median_difference(first, second), differences))
+    difference = float(np.median(first) - np.median(second))
+    return _columns(superiority(second, first), interval(difference, differences))
 
 
-def _columns(a12: Interval, difference: Interval) -> dict[str, float]:
+def _columns(a12: Between, difference: Between) -> dict[str, float]:
     delta = _interval(*(2 * end - 1 for end in (a12.estimate, a12.low, a12.high)))
     return a12.columns("a12") | delta.columns("cliffs_delta") | difference.columns("difference")
 
 
-def interval(estimate: float, drawn: Sample) -> Interval:
+def interval(estimate: float, drawn: Sample) -> Between:
     """Return an estimate with the percentile interval of its resamples: equally much is cut off both ends.
 
     Args:
@@ -179,5 +162,5 @@ def interval(estimate: float, drawn: Sample) -> Interval:
     return _interval(estimate, float(ends[cut - 1]), float(ends[-cut]))
 
 
-def _interval(estimate: float, low: float, high: float) -> Interval:
-    return Interval(estimate=rounded(estimate), low=rounded(low), high=rounded(high))
+def _interval(estimate: float, low: float, high: float) -> Between:
+    return Between(rounded(estimate), rounded(low), rounded(high))

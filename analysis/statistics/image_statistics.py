@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata, wilcoxon
 
-from analysis.statistics.effects import Interval, interval
+from analysis.statistics.effects import interval
+from analysis.table import Between
 from tacevo.rounding import rounded
 
 Floats = NDArray[np.float64]
@@ -58,7 +59,7 @@ def resampled_means(scores: ArrayLike, weights: NDArray[np.int64], *, rng: np.ra
     return np.asarray(sums / (factor * drawn.sum(axis=1) * weights.sum(axis=1)), dtype=np.float64)
 
 
-def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats) -> Interval:
+def mean_difference(x: ArrayLike, y: ArrayLike, drawn_x: Floats, drawn_y: Floats) -> Between:
     """Return the difference of two networks' mean scores, with its interval over seeds and images.
 
     Args:

@@ -14,6 +14,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
+from scipy.stats import rankdata
 
 from analysis.statistics.samples import checked
 from analysis.statistics.tests import p_values
@@ -142,9 +143,8 @@ def detectable(n: int, m: int, *, alpha: float) -> tuple[float, float] | None:
 
 
 def _u(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Count the pairs first > second in each row of two arrays of shape (trials, seeds)."""
+    """Count the pairs first > second in each row of two arrays of shape (trials, seeds), without ties."""
     seeds = first.shape[1]
-    order = np.argsort(np.concatenate([first, second], axis=1), axis=1)
-    ranks = np.where(order < seeds, np.arange(1, 2 * seeds + 1), 0).sum(axis=1)
-    counted: NDArray[np.int64] = ranks - seeds * (seeds + 1) // 2
+    ranks = rankdata(np.concatenate([first, second], axis=1), method="ordinal", axis=1)
+    counted: NDArray[np.int64] = ranks[:, :seeds].sum(axis=1) - seeds * (seeds + 1) // 2
     return counted

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
-from scipy.stats import binomtest, hypergeom, mannwhitneyu
+from scipy.stats import binomtest, hypergeom
 from statsmodels.stats.multitest import multipletests
 
 from analysis.statistics.samples import Sample, checked
@@ -60,26 +60,20 @@ def mann_whitney(x: ArrayLike, y: ArrayLike, *, alternative: Alternative = "two-
     Raises:
         ValueError: a sample has another shape, or values that are not finite.
     """
-    first, second = checked(x, name="x"), checked(y, name="y")
-    doubled, is_tied = _doubled_ranks(first, second)
-    if math.comb(len(doubled), len(doubled) // 2) >= 2**63:  # the counts are 64-bit integers
-        method, p = Method.normal, _normal_p(first, second, alternative)
-    else:
-        method, p = (
-            Method.exact_ties if is_tied else Method.exact,
-            _counted_p(doubled, len(first), alternative),
-        )
-    return MannWhitney(u=_u(doubled, len(first)), p=rounded(p), method=method)
+    return blocked_mann_whitney([(x, y)], alternative=alternative)
 
 
-def blocked_mann_whitney(blocks: Sequence[tuple[ArrayLike, ArrayLike]]) -> MannWhitney:
-    """Test whether values of two samples tend to differ within blocks, two-sided: by the sum of U over the blocks.
+def blocked_mann_whitney(
+    blocks: Sequence[tuple[ArrayLike, ArrayLike]], *, alternative: Alternative = "two-sided"
+) -> MannWhitney:
+    """Test whether values of two samples tend to differ within blocks, by the sum of U over the blocks.
 
     This is van Elteren's test (1960) with equal weights, which are his where blocks are of one size. Values are ranked
-    within their block, so blocks may differ in level and spread. It is exact where `mann_whitney` is.
+    within their block, so blocks may differ in level and spread.
 
     Args:
         blocks: at least one, each of two samples as of `mann_whitney`.
+        alternative: as seen from the first samples.
 
     Raises:
         ValueError: a sample has another shape, or values that are not finite.
@@ -87,24 +81,27 @@ def blocked_mann_whitney(blocks: Sequence[tuple[ArrayLike, ArrayLike]]) -> MannW
     pairs = [(checked(x, name="x"), checked(y, name="y")) for x, y in blocks]
     ranked = [_doubled_ranks(x, y) for x, y in pairs]
     u = sum(_u(doubled, len(x)) for (doubled, _), (x, _) in zip(ranked, pairs, strict=True))
-    if max(math.comb(len(doubled), len(doubled) // 2) for doubled, _ in ranked) >= 2**63:
-        middle = sum(len(x) * len(y) / 2 for x, y in pairs)
+    if max(math.comb(len(doubled), len(doubled) // 2) for doubled, _ in ranked) >= 2**63:  # counts are 64-bit integers
+        method, middle = Method.normal, sum(len(x) * len(y) / 2 for x, y in pairs)
         # Of a choice of n from N ranks without replacement; ranks are halves of these.
         variance = sum(
             len(x) * len(y) / (len(x) + len(y) - 1) * float(np.var(doubled / 2))
             for (doubled, _), (x, y) in zip(ranked, pairs, strict=True)
         )
-        distance = max(0.0, abs(u - middle) - 0.5)
-        p = float(2 * ndtr(-distance / math.sqrt(variance))) if variance else 1.0
-        return MannWhitney(u=u, p=rounded(min(1.0, p)), method=Method.normal)
-    chances, here = np.ones(1), 0
-    for (doubled, _), (x, _) in zip(ranked, pairs, strict=True):
-        counts = _sums_of(doubled, len(x))
-        chances = np.convolve(chances, counts / counts.sum())
-        here += int(doubled[: len(x)].sum())
-    p = min(1.0, 2 * float(min(chances[: here + 1].sum(), chances[here:].sum())))
-    is_tied = any(tied for _, tied in ranked)
-    return MannWhitney(u=u, p=rounded(p), method=Method.exact_ties if is_tied else Method.exact)
+        # Half a pair nearer to the middle, for continuity.
+        below, above = (
+            float(ndtr((side * (u - middle) + 0.5) / math.sqrt(variance))) if variance else 1.0 for side in (1, -1)
+        )
+    else:
+        chances, here = np.ones(1), 0
+        for (doubled, _), (x, _) in zip(ranked, pairs, strict=True):
+            counts = _sums_of(doubled, len(x))
+            chances = np.convolve(chances, counts / counts.sum())
+            here += int(doubled[: len(x)].sum())
+        below, above = float(chances[: here + 1].sum()), float(chances[here:].sum())
+        method = Method.exact_ties if any(tied for _, tied in ranked) else Method.exact
+    p = {"less": below, "greater": above, "two-sided": 2 * min(below, above)}[alternative]
+    return MannWhitney(u=u, p=rounded(min(1.0, p)), method=method)
 
 
 def sign_p(better: int, worse: int) -> float:
@@ -181,26 +178,6 @@ def _doubled_ranks(x: Sample, y: Sample) -> tuple[NDArray[np.int64], bool]:
 
 def _u(doubled: NDArray[np.int64], n: int) -> float:
     return int(doubled[:n].sum()) / 2 - n * (n + 1) / 2
-
-
-def _normal_p(x: Sample, y: Sample, alternative: Alternative) -> float:
-    if np.ptp(np.concatenate([x, y])) == 0:  # SciPy would divide by a deviation of 0
-        return 1.0
-    return float(mannwhitneyu(x, y, alternative=alternative, method="asymptotic").pvalue)
-
-
-def _counted_p(doubled: NDArray[np.int64], n: int, alternative: Alternative) -> float:
-    """Count the arrangements of the doubled midranks that are at least as extreme as this one."""
-    sums = _sums_of(doubled, n)
-    here, total = int(doubled[:n].sum()), int(sums.sum())
-    less, greater = int(sums[: here + 1].sum()) / total, int(sums[here:].sum()) / total
-    match alternative:
-        case "less":
-            return less
-        case "greater":
-            return greater
-        case "two-sided":
-            return min(1.0, 2 * min(less, greater))
 
 
 def _sums_of(doubled: NDArray[np.int64], n: int) -> NDArray[np.int64]:

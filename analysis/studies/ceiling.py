@@ -4,15 +4,13 @@ from typing import Any
 
 from scipy.stats import binom
 
+from analysis.statistics.effects import LEVEL
 from tacevo.choices import DataSource, SensorTask
 from tacevo.config.schema import RunConfig
 from tacevo.data.simulator.tasks import ideal_accuracy
 from tacevo.records import to_json
 from tacevo.results.study import RecordedStudy
 from tacevo.rounding import rounded
-
-#: Of the range in which chance leaves an accuracy.
-_LEVEL = 0.95
 
 
 def ceiling_of(study: RecordedStudy, config: RunConfig) -> float | None:
@@ -25,7 +23,7 @@ def ceiling_of(study: RecordedStudy, config: RunConfig) -> float | None:
 
 def chance_at(ceiling: float, images: int) -> tuple[float, float]:
     """Return between which accuracies chance leaves an observer at the ceiling on so many images, 95 times of 100."""
-    low, high = binom.interval(_LEVEL, images, ceiling)
+    low, high = binom.interval(LEVEL, images, ceiling)
     return rounded(float(low) / images), rounded(float(high) / images)
 
 

@@ -53,10 +53,10 @@ COMPARISONS = (
 )
 
 
-def compare(study: RecordedStudy, *, seed: int = 0) -> pd.DataFrame:
+def compare(study: RecordedStudy) -> pd.DataFrame:
     """Compare every variant of a study with its baseline, on the study's own terms.
 
-    The seed is that of the bootstrap. Each network has a stream of its own, so another variant changes no interval.
+    Each network has a stream of its own for the bootstrap, so another variant changes no interval.
 
     Returns:
         A row for each variant, in the order of the study, one family; then the same on each output of a regression of
@@ -68,9 +68,9 @@ def compare(study: RecordedStudy, *, seed: int = 0) -> pd.DataFrame:
             significant.
     """
     _check_size(study)
-    rows = _compared(study, {None: study.primary}, seed)
+    rows = _compared(study, {None: study.primary})
     if outputs := _outputs(study):
-        rows += _compared(study, {name: f"{study.primary}_{name}" for name in outputs}, seed)
+        rows += _compared(study, {name: f"{study.primary}_{name}" for name in outputs})
     return pd.DataFrame(rows, columns=list(COMPARISONS)).astype(COMPARISONS)
 
 
@@ -97,13 +97,18 @@ def _outputs(study: RecordedStudy) -> list[str]:
     return [name for name, metric in metrics.items() if _around(margin, study.values(baseline, metric), metric)]
 
 
-def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int) -> list[dict[str, Any]]:
+def _compared(study: RecordedStudy, metrics: Mapping[str | None, str]) -> list[dict[str, Any]]:
     """Compare every variant by each metric, and correct all p-values as one family of each kind."""
     rows: list[dict[str, Any]] = []
-    alpha = study.terms.alpha
+    alpha, family = study.terms.alpha, len(metrics) * (len(study.networks) - 1)
+    least = holm([smallest_p(study.seeds, study.seeds)] * family)[-1]
     for output, metric in metrics.items():
         y = study.values(study.networks[0].name, metric)
-        margin = _width(study.terms.margin, y, metric)
+        margin, usual = _width(study.terms.margin, y, metric), rounded(float(np.median(y)))
+        of_baseline = (
+            *([Caution.wide_margin] if study.primary in SHARES and margin >= rounded(1 - usual) else []),
+            *([Caution.ceiling] if is_at_ceiling(study, usual, margin) else []),
+        )
         for network in study.networks[1:]:
             x = study.values(network.name, metric)
             test, (p, method) = mann_whitney(x, y), equivalence(x, y, margin=margin)
@@ -115,22 +120,15 @@ def _compared(study: RecordedStudy, metrics: Mapping[str | None, str], seed: int
             }
             row |= {"u": test.u, "p": test.p, "method": test.method.value}
             row |= {"p_equivalence": p, "method_equivalence": method.value}
-            row |= effects(x, y, rng=stream(seed, "bootstrap", network.name, metric))
-            rows.append(row | {"samples": (x, y)})
+            row |= effects(x, y, rng=stream(0, "bootstrap", network.name, metric))
+            told = cautions(x, y, method=test.method, least_p=least, alpha=alpha)
+            rows.append(row | {"cautions": (*told, *of_baseline)})
     for name in ("p", "p_equivalence"):
         for row, p in zip(rows, holm([row[name] for row in rows]), strict=True):
             row[f"{name}_holm"] = p
-    least = holm([smallest_p(study.seeds, study.seeds)] * len(rows))[-1]
     for row in rows:
         differs, equals = row["p_holm"] <= alpha, row["p_equivalence_holm"] <= alpha
         row["verdict"] = _verdict(row, lower=LOWER_IS_BETTER[study.primary], differs=differs, equals=equals).value
-        x, y = row.pop("samples")
-        usual, margin = rounded(float(np.median(y))), row["margin"]
-        row["cautions"] = (
-            *cautions(x, y, least_p=least, alpha=alpha),
-            *([Caution.wide_margin] if study.primary in SHARES and margin >= rounded(1 - usual) else []),
-            *([Caution.ceiling] if is_at_ceiling(study, usual, margin) else []),
-        )
     return rows
 
 

@@ -5,14 +5,13 @@ resampled with the seeds, and the ensembles of the seeds, which are the networks
 the same images.
 """
 
-import math
 from collections.abc import Callable, Mapping
+from statistics import fmean
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from analysis.statistics.effects import Interval
 from analysis.statistics.image_statistics import (
     Floats,
     average,
@@ -27,6 +26,7 @@ from analysis.statistics.image_statistics import (
 from analysis.statistics.tests import holm
 from analysis.studies.comparison import Verdict
 from analysis.studies.predictions import Predictions
+from analysis.table import Between
 from tacevo.randomness import stream
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
@@ -34,7 +34,7 @@ from tacevo.results.study_lines import fewest_seeds
 from tacevo.rounding import rounded
 
 #: Returns the difference of two networks, with its interval over seeds and images.
-Differ = Callable[[str, str], Interval]
+Differ = Callable[[str, str], Between]
 
 
 #: The columns of an interval.
@@ -61,37 +61,33 @@ OUTPUTS = (
 ImageFindings = tuple[pd.DataFrame, pd.DataFrame]
 
 
-def image_findings(study: RecordedStudy, predictions: Predictions, *, seed: int = 0) -> ImageFindings:
+def image_findings(study: RecordedStudy, predictions: Predictions) -> ImageFindings:
     """Compare the networks of a study on its test images.
 
-    The seed is that of the bootstrap. All networks share the draws of the images, and each has draws of its seeds from
-    a stream of its own, so another variant changes no interval.
+    All networks share the draws of the images, and each has draws of its seeds from a stream of its own, so another
+    variant changes no interval.
     """
-    if study.kind is Kind.classification:
-        return _of_classes(study, predictions, seed)
-    return _of_values(study, predictions, seed)
+    return (_of_classes if study.kind is Kind.classification else _of_values)(study, predictions)
 
 
-def _of_classes(study: RecordedStudy, predictions: Predictions, seed: int) -> ImageFindings:
+def _of_classes(study: RecordedStudy, predictions: Predictions) -> ImageFindings:
     labels = predictions.labels
     right = {name: (each.argmax(axis=2) == labels).astype(np.float64) for name, each in predictions.of.items()}
     ensembles = {name: average([probabilities(one) for one in each]) for name, each in predictions.of.items()}
     scores = {name: int((predicted(mean) == labels).sum()) / len(labels) for name, mean in ensembles.items()}
-    return _ensembles(study, scores, _differences(right, seed, "accuracy")), _frame([], OUTPUTS)
+    return _ensembles(study, scores, _differences(right, "accuracy")), _frame([], OUTPUTS)
 
 
-def _of_values(study: RecordedStudy, predictions: Predictions, seed: int) -> ImageFindings:
+def _of_values(study: RecordedStudy, predictions: Predictions) -> ImageFindings:
     labels: Floats = predictions.labels.astype(np.float64)
     errors = {name: np.stack([squared_errors(one, labels) for one in each]) for name, each in predictions.of.items()}
     ensembles = {name: average(list(each)) for name, each in predictions.of.items()}
-    scores = {name: _mean(squared_errors(mean, labels)) for name, mean in ensembles.items()}
-    outputs = _outputs(study, predictions, ensembles, seed) if len(study.names) > 1 else []
-    return _ensembles(study, scores, _differences(errors, seed, "mse")), _frame(outputs, OUTPUTS)
+    scores = {name: fmean(squared_errors(mean, labels)) for name, mean in ensembles.items()}
+    outputs = _outputs(study, predictions, ensembles) if len(study.names) > 1 else []
+    return _ensembles(study, scores, _differences(errors, "mse")), _frame(outputs, OUTPUTS)
 
 
-def _outputs(
-    study: RecordedStudy, predictions: Predictions, ensembles: Mapping[str, Floats], seed: int
-) -> list[dict[str, Any]]:
+def _outputs(study: RecordedStudy, predictions: Predictions, ensembles: Mapping[str, Floats]) -> list[dict[str, Any]]:
     """Compare every variant with the baseline on each output; all of these are one family."""
     baseline, *variants = (network.name for network in study.networks)
     rows: list[dict[str, Any]] = []
@@ -102,7 +98,7 @@ def _outputs(
             for name, each in predictions.of.items()
         }
         means = {name: squared_errors(mean[:, at : at + 1], labels) for name, mean in ensembles.items()}
-        differ = _differences(errors, seed, f"mse_{output}")
+        differ = _differences(errors, f"mse_{output}")
         for name in variants:
             test = signed_rank(means[name], means[baseline])
             rows.append({"output": output, "network": name} | test | differ(name, baseline).columns("difference"))
@@ -111,11 +107,11 @@ def _outputs(
     return rows
 
 
-def _differences(scores: Mapping[str, Floats], seed: int, metric: str) -> Differ:
+def _differences(scores: Mapping[str, Floats], metric: str) -> Differ:
     """Return what gives the mean score of a network less another's, with its interval over seeds and images."""
-    weights = drawn_again(next(iter(scores.values())).shape[1], rng=stream(seed, "images"))
+    weights = drawn_again(next(iter(scores.values())).shape[1], rng=stream(0, "images"))
     drawn = {
-        name: resampled_means(each, weights, rng=stream(seed, "seeds", name, metric)) for name, each in scores.items()
+        name: resampled_means(each, weights, rng=stream(0, "seeds", name, metric)) for name, each in scores.items()
     }
     return lambda one, other: mean_difference(scores[one], scores[other], drawn[one], drawn[other])
 
@@ -143,7 +139,3 @@ def _verdict(study: RecordedStudy, row: Mapping[str, Any], *, is_shown: bool) ->
     if is_shown and row["lead"] <= 0 and row["difference_low"] > 0:
         return Verdict.worse.value
     return Verdict.undecided.value
-
-
-def _mean(values: Floats) -> float:
-    return math.fsum(values.tolist()) / len(values)

@@ -28,12 +28,9 @@ def recorded_scale(study: RecordedStudy) -> dict[str, float]:
     return dict(zip(study.names, study.scale or [1.0] * len(study.names), strict=True))
 
 
-def recorded_unit(study: RecordedStudy, power: str = "") -> str:
-    """Name the unit of errors of each regressed value, for the head of a column: `N`, or `depth mm, roll deg`.
-
-    `power` is written behind a unit that is known, as `²`.
-    """
-    units = [f"{unit}{power}" if unit else _UNKNOWN for unit in study.units or [""] * len(study.names)]
+def recorded_unit(study: RecordedStudy) -> str:
+    """Name the unit of squared errors of each value, for the head of a column: `N²`, or `depth mm², roll deg²`."""
+    units = [f"{unit}²" if unit else _UNKNOWN for unit in study.units or [""] * len(study.names)]
     if len(set(units)) == 1:
         return units[0]
     plain = map(plain_name, study.names, study.units)

@@ -54,23 +54,14 @@ def load_predictions(study: RecordedStudy, store: Path) -> Predictions | None:
     arrays = ArrayStore(Store(store, KIND, Mode.replay))
     by_network: dict[str, list[NDArray[np.float32]]] = {network.name: [] for network in study.networks}
     truth: NDArray[Any] = np.empty(0)
+    unit = [1.0] * len(study.names)  # that of training, as the primary metric's
     for row in sorted(study.scores, key=lambda row: row.seed):
         if row.kept is not None:
             predictions, truth = read_kept(arrays, row.kept, study.data)
-            _check(study, row.network, row.seed, predictions, truth)
+            metrics, _ = score(study.kind, predictions, truth, names=study.names, scale=unit)
+            recorded, computed = row.metrics[study.primary], metrics[study.primary]
+            if recorded != computed:
+                place = f"{row.network}, seed {row.seed}, {study.primary}"
+                raise RunError(str(recorded), place=place, expected=f"{computed}, by its test predictions")
             by_network[row.network].append(predictions)
     return Predictions(of={name: np.stack(each) for name, each in by_network.items()}, labels=truth)
-
-
-def _check(
-    study: RecordedStudy, network: str, seed: int, predictions: NDArray[np.float32], labels: NDArray[Any]
-) -> None:
-    unit = [1.0] * len(study.names)  # that of training, as the primary metric's
-    metrics, _ = score(study.kind, predictions, labels, names=study.names, scale=unit)
-    recorded, computed = study.values(network, study.primary)[seed], metrics[study.primary]
-    if recorded != computed:
-        raise RunError(
-            str(recorded),
-            place=f"{network}, seed {seed}, {study.primary}",
-            expected=f"{computed}, by its test predictions",
-        )

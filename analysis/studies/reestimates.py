@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.statistics.effects import Interval
 from analysis.statistics.seed_noise import agreement, icc, noise, rankings, worth
+from analysis.table import Between
 from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
 from tacevo.errors import RunError
@@ -82,7 +82,7 @@ class Reestimates:
         return frame
 
     @cached_property
-    def icc(self) -> Interval | None:
+    def icc(self) -> Between | None:
         """The part of the variance of one fitness that is the network's; None where it is not defined."""
         return icc(self.estimates)
 

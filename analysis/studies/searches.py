@@ -45,14 +45,13 @@ CHOSEN = (
 )
 
 
-def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int, seed: int = 0) -> pd.DataFrame:
+def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int) -> pd.DataFrame:
     """Return the network that is chosen of each search, compared with that of the first (`CHOSEN`).
 
     Args:
         searches: two or more different ones of one task, of equal epochs; their studies have one data set, recipe
             and number of seeds, `LEAST_SEEDS` or more.
         half: of the seeds, which chooses: 0 for the first, third ..., or 1 for those between them.
-        seed: of the bootstrap.
     """
     rows: list[dict[str, Any]] = []
     losses, scores = [], []
@@ -66,7 +65,7 @@ def best_by_reestimates(searches: Sequence[StudiedSearch], *, half: int, seed: i
         rows.append(row | median(losses[-1]).columns("reestimated") | median(scores[-1]).columns("tested"))
     p_values = holm([mann_whitney(own, scores[0]).p for own in scores[1:]])
     for search, row, loss, score, p in zip(searches[1:], rows[1:], losses[1:], scores[1:], p_values, strict=True):
-        rng = stream(seed, "bootstrap", half, search.study.run)
+        rng = stream(0, "bootstrap", half, search.study.run)
         measures = superiority(loss, losses[0]).columns("lower_loss") | effects(score, scores[0], rng=rng)
         row.update(measures, p_holm=p)
     return pd.DataFrame(rows, columns=list(CHOSEN)).astype(CHOSEN)

@@ -75,12 +75,8 @@ def concordance(studies: Sequence[OnData]) -> float | None:
 #: than the baseline's, equal and worse; the part of the pairs of seeds, each of one data set, in which the variant is
 #: better, ties half; p of the blocked test of the seeds and the word for these data sets; p of the sign test of the
 #: data sets and the word for others drawn as they were. Both p are after Holm's correction over the variants.
-JOINT = {"network": "str", "better": "int64", "equal": "int64", "worse": "int64", "ahead": "float64"} | {
-    "p_here": "float64",
-    "here": "str",
-    "p_elsewhere": "float64",
-    "elsewhere": "str",
-}
+JOINT = {"network": "str", "better": "int64", "equal": "int64", "worse": "int64", "ahead": "float64"}
+JOINT |= {"p_here": "float64", "here": "str", "p_elsewhere": "float64", "elsewhere": "str"}
 
 
 def joint(studies: Sequence[OnData]) -> pd.DataFrame:

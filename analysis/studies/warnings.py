@@ -8,8 +8,7 @@ from numpy.typing import ArrayLike
 
 from analysis.rounding import shown
 from analysis.statistics.planning import detectable
-from analysis.statistics.samples import Sample, checked
-from analysis.statistics.tests import Method, mann_whitney, smallest_p
+from analysis.statistics.tests import Method, smallest_p
 from tacevo.text import listed
 
 #: Interquartile ranges further apart than this count as very different; equal normal spreads of 20 seeds are further
@@ -37,25 +36,24 @@ class Caution(StrEnum):
     few_seeds = "no result of so few seeds is significant after Holm's correction"
 
 
-def cautions(x: ArrayLike, y: ArrayLike, *, least_p: float, alpha: float) -> tuple[Caution, ...]:
+def cautions(x: ArrayLike, y: ArrayLike, *, method: Method, least_p: float, alpha: float) -> tuple[Caution, ...]:
     """List what a reader of a comparison of two samples has to beware of.
 
     Args:
         x: shape (n,), n >= 2.
         y: shape (m,), m >= 2.
+        method: how the p of their test came about.
         least_p: the smallest p that so many values can reach, after its correction.
         alpha: the level that a corrected p is held to.
-
-    Raises:
-        ValueError: a sample has another shape, or values that are not finite.
     """
-    first, second = checked(x, name="x"), checked(y, name="y")
-    test = mann_whitney(first, second)
+    narrow, wide = sorted(
+        float(np.diff(np.quantile(np.asarray(one, dtype=np.float64), [0.25, 0.75]))[0]) for one in (x, y)
+    )
     conditions = {
-        Caution.identical: min(np.ptp(first), np.ptp(second)) == 0,
-        Caution.ties: test.method is Method.exact_ties,
-        Caution.approximate: test.method is Method.normal,
-        Caution.spreads: _far_apart(_spread(first), _spread(second)),
+        Caution.identical: min(np.ptp(x), np.ptp(y)) == 0,
+        Caution.ties: method is Method.exact_ties,
+        Caution.approximate: method is Method.normal,
+        Caution.spreads: wide > SPREADS * narrow,
         Caution.few_seeds: least_p > alpha,
     }
     return tuple(caution for caution, holds in conditions.items() if holds)
@@ -90,12 +88,3 @@ def _detected(first: int, second: int, alpha: float) -> str:
     if smallest_p(first, second) > alpha:
         return "no effect at all"
     return "effects near full separation only, since Noether's formula gives none for so few"
-
-
-def _spread(sample: Sample) -> float:
-    low, high = np.quantile(sample, [0.25, 0.75])
-    return float(high - low)
-
-
-def _far_apart(one: float, other: float) -> bool:
-    return max(one, other) > SPREADS * min(one, other)

@@ -27,7 +27,6 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.randomness import stream
 from tacevo.results.run import RecordedRun
 from tacevo.results.sweep import ALPHA, REFERENCE, FinishedJob
-from tacevo.results.tested import JobScore
 from tacevo.rounding import rounded
 from tacevo.storage.sweep_directory import Job
 
@@ -124,9 +123,8 @@ def jobs_frame(finished: Sequence[FinishedJob], curves: pd.DataFrame) -> pd.Data
     ends = curves.groupby("job").last()
     return as_jobs(
         {"job": one.job.name, "arm": one.job.arm, "seed": one.job.seed, "search": slots_of(one.run)}
-        | {metric.name: value for metric, value in _values(one.run).items()}
+        | {metric.name: value for metric, value in _values(one).items()}
         | {name: ends.at[one.job.name, name] for name in ("qd_score", "coverage")}
-        | ({} if one.tested is None else _tests(one.tested))
         for one in finished
     )
 
@@ -172,9 +170,11 @@ def compare_arms(
     failed: Sequence[Job] = (),
     twins: Sequence[tuple[str, str]] = (),
     not_tested: Collection[str] = (),
-    seed: int = 0,
 ) -> Ablation:
     """Summarise every arm, and compare it with the reference.
+
+    For the bootstrap, each arm and metric has a stream of its own, so equal values have equal intervals, whatever other
+    arms there are.
 
     Args:
         jobs: the runs (`JOBS`).
@@ -185,8 +185,6 @@ def compare_arms(
             be the better for every job that it loses.
         twins: pairs of arms that are one search by construction. Where one of both is the reference, nothing is tested,
             and the other is not in Holm's family.
-        seed: of the bootstrap. Each arm and metric has a stream of its own, so equal values have equal intervals,
-            whatever other arms there are.
         not_tested: arms that have no test scores, as the sweep states; in these they are in no family, either.
     """
     names = sorted(dict.fromkeys([*jobs.arm, *(job.arm for job in failed)]), key=lambda name: name != wanted)
@@ -196,13 +194,15 @@ def compare_arms(
     for metric in shown:
         out = not_tested if metric in TESTED else ()
         lost = [job for job in failed if job.arm not in out]
-        arms[metric] = _arms(jobs, metric, names, reference=reference, failed=lost, twins=same, out=out, seed=seed)
+        arms[metric] = _arms(jobs, metric, names, reference=reference, failed=lost, twins=same, out=out)
     return Ablation(reference=reference, wanted=wanted, primary=primary, jobs=jobs, twins=twins, arms=arms)
 
 
-def _values(run: RecordedRun) -> dict[Metric, float | None]:
+def _values(job: FinishedJob) -> dict[Metric, float | None]:
+    run, tested = job.run, job.tested
     gains, spent = improvement(run), spending(run, run.candidates)
     return {
+        **({} if tested is None else {TESTS[tested.metric]: tested.value, Metric.test_loss: tested.loss}),
         Metric.best_fitness: gains.get("last"),
         Metric.new_quartile: gains.get("new_quartile"),
         Metric.new_median: gains.get("new_median"),
@@ -215,10 +215,6 @@ def _values(run: RecordedRun) -> dict[Metric, float | None]:
         Metric.tokens: None if spent is None else spent.tokens,
         Metric.cost: None if spent is None or spent.unpriced else rounded(spent.usd),
     }
-
-
-def _tests(tested: JobScore) -> dict[str, float]:
-    return {TESTS[tested.metric].name: tested.value, Metric.test_loss.name: tested.loss}
 
 
 def _rounded(value: float | None) -> float | None:
@@ -273,7 +269,6 @@ def _arms(
     failed: Sequence[Job],
     twins: Collection[str],
     out: Collection[str],
-    seed: int,
 ) -> pd.DataFrame:
     """Summarise all arms in one metric, and compare them with the reference (`ARMS`)."""
     samples = samples_of(jobs, metric)
@@ -292,7 +287,7 @@ def _arms(
             searches.setdefault(arm, {}).setdefault(at, math.nan)  # equal to no other's
         whole = _with_failed(samples, metric, sorted(lost))
         samples = {name: whole.get(name, {}) for name in names}
-        _contrast(rows, samples, searches, metric=metric, twins=twins, out=out, seed=seed)
+        _contrast(rows, samples, searches, metric=metric, twins=twins, out=out)
     frame = pd.DataFrame(list(rows.values()), index=pd.Index(names, name="arm"), columns=list(ARMS))
     return frame.astype(ARMS)
 
@@ -305,7 +300,6 @@ def _contrast(
     metric: Metric,
     twins: Collection[str],
     out: Collection[str],
-    seed: int,
 ) -> None:
     """Compare the samples of all other arms with the first's, and add what was found to their rows."""
     pairs: dict[str, tuple[list[float], list[float]]] = {}
@@ -320,8 +314,8 @@ def _contrast(
     least = _corrected(family, {name: smallest_p(*map(len, pair)) for name, pair in pairs.items()})
     for name, test in tests.items():
         rows[name] |= {"u": test.u, "p": test.p, "p_holm": p_holm[name], "method": test.method.value}
-        rows[name] |= effects(*pairs[name], rng=stream(seed, "effects", name, metric.name))
-        rows[name]["cautions"] = cautions(*pairs[name], least_p=least[name], alpha=ALPHA)
+        rows[name] |= effects(*pairs[name], rng=stream(0, "effects", name, metric.name))
+        rows[name]["cautions"] = cautions(*pairs[name], method=test.method, least_p=least[name], alpha=ALPHA)
 
 
 def corrected_p(

@@ -13,7 +13,7 @@ import pandas as pd
 from analysis.statistics.planning import needed
 from analysis.sweeps.pilots import Pilot, is_error
 from tacevo.rounding import rounded
-from tacevo.storage.plan_file import Measure, SeedPlan
+from tacevo.storage.plan_file import SeedPlan
 
 #: Training seeds of each network of a job that are weighed.
 RETRAININGS = (1, 3, 5, 10, 20)
@@ -87,8 +87,9 @@ def plan(pilot: Pilot, wish: Wish) -> Planned:
 def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | int | None]:
     between = pilot.between
     spread = math.hypot(between, pilot.noise(retraining or 1))
+    shift = -math.log1p(-wish.effect) if is_error(pilot.metric) else wish.effect
     seeds, chance = needed(
-        shift=_shift(wish.effect, pilot.metric) / spread if spread else math.inf,
+        shift=shift / spread if spread else math.inf,
         comparisons=wish.comparisons,
         alpha=wish.alpha,
         power=wish.power,
@@ -110,7 +111,3 @@ def _way(pilot: Pilot, wish: Wish, retraining: int | None) -> dict[str, float | 
     epochs = searches * pilot.search_epochs + trainings * (pilot.epochs or 0)
     hours = None if pilot.seconds is None else rounded(epochs * pilot.seconds / 3600)
     return {**way, "searches": searches, "trainings": trainings, "epochs": epochs, "hours": hours}
-
-
-def _shift(effect: float, metric: Measure) -> float:
-    return -math.log1p(-effect) if is_error(metric) else effect

@@ -20,7 +20,7 @@ from tacevo.config.identity import twins_of
 from tacevo.evolution.chance import is_at_chance
 from tacevo.records import Kind
 from tacevo.results.study import LOSS, PRIMARY
-from tacevo.results.sweep import ALPHA, REFERENCE, Missing, RecordedSweep
+from tacevo.results.sweep import ALPHA, REFERENCE, RecordedSweep
 from tacevo.results.sweep_checks import arm_settings
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
@@ -67,11 +67,10 @@ def ablation_tables(sweep: RecordedSweep, ablation: Ablation, archive: str) -> t
     """
     is_free = ablation.jobs[Metric.cost.name].eq(0).all()
     compared = [metric for metric in ablation.arms if not (is_free and metric is Metric.cost)]
-    metrics = (metric_table(sweep, ablation, metric, archive) for metric in compared)
     return (
         arms_table(sweep, ablation, archive),
         settings_table(sweep),
-        *metrics,
+        *(metric_table(sweep, ablation, metric, archive) for metric in compared),
         runs_table(sweep, ablation, archive),
     )
 
@@ -80,25 +79,21 @@ def arms_table(sweep: RecordedSweep, ablation: Ablation, archive: str) -> Table:
     """Show every arm in every metric: median and interval."""
     first = next(iter(ablation.arms))
     trivial = [_trivial(sweep, metric) for metric in ablation.arms]
-    twins, has_equal = _twin_notes(ablation), bool(twins_of(ablation.wanted, ablation.twins))
+    equal_to = {Comparability.by_construction: ablation.wanted} if twins_of(ablation.wanted, ablation.twins) else {}
     return Table.of(
         pd.concat({metric.name: frame.reset_index() for metric, frame in ablation.arms.items()}, axis=1),
         {
             "arm": (str, (first.name, "arm")),
             "seeds": (int, (first.name, "runs")),
-            **(
-                {"equal to": (lambda kind: _equal_to(ablation, kind), (first.name, "comparability"))}
-                if has_equal
-                else {}
-            ),
+            **({"equal to": (equal_to.get, (first.name, "comparability"))} if equal_to else {}),
             **{metric.value: (_shape(metric), *((metric.name, end) for end in _ENDS)) for metric in ablation.arms},
         },
         name="ablation",
         caption=f"The arms ({sweep.task}).",
-        last=[("trivial", None, *([None] if has_equal else []), *trivial)] if trivial[0] is not None else [],
+        last=[("trivial", None, *([None] if equal_to else []), *trivial)] if trivial[0] is not None else [],
         notes=(
             *_primary_note(sweep, ablation),
-            *twins,
+            *_twin_notes(ablation),
             *temperature_notes(sweep),
             *_tested_notes(sweep),
             *plan_notes(sweep.terms.plan),
@@ -216,7 +211,9 @@ def _trivial(sweep: RecordedSweep, metric: Metric) -> Cell:
     tests = [one.tested for one in sweep.finished if one.tested is not None]
     name = {Metric.test_loss: LOSS}.get(metric, PRIMARY)[sweep.finished[0].run.facts.kind]
     scores = [one.trivial[name] for one in tests if name in one.trivial]
-    return _value(metric, rounded(median(scores))) if scores and metric in TESTED else None
+    if not scores or metric not in TESTED:
+        return None
+    return Percent(rounded(median(scores))) if metric in FRACTIONS else rounded(median(scores))
 
 
 def _trivial_note(sweep: RecordedSweep, metric: Metric) -> list[str]:
@@ -224,12 +221,6 @@ def _trivial_note(sweep: RecordedSweep, metric: Metric) -> list[str]:
     always = "mean" if is_regression else "most frequent class (for a cross-entropy, the frequencies of all)"
     words = f"Trivial: looks at no image, and always predicts the {always} of the test images."
     return [] if _trivial(sweep, metric) is None else [words]
-
-
-def _value(metric: Metric, value: float | None) -> Cell:
-    if value is None:
-        return None
-    return Percent(value) if metric in FRACTIONS else value
 
 
 def _median_note(counts: Collection[int], pairs: Collection[int] = ()) -> str:
@@ -261,15 +252,14 @@ def _test_notes(ablation: Ablation, metric: Metric) -> list[str]:
     notes = [
         f"Runs that differ: those that are not the run of {reference} of the same seed, candidate by candidate. All "
         "further columns are of these runs, as far as their values are known: what is one and the same run in both "
-        "arms shows nothing of the arm.",
-        *(
-            [
-                f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
-                f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}."
-            ]
-            if family
-            else []
-        ),
+        "arms shows nothing of the arm."
+    ]
+    if family:
+        notes.append(
+            f"p: two-sided Mann-Whitney U of an arm's runs against those of {reference}; corrected over "
+            f"{counted(family, 'arm')} after Holm, at alpha {ALPHA:g}."
+        )
+    notes += [
         f"In brackets: {100 * LEVEL:g} % intervals, by Newcombe's method 5 (2006) of A12 and Cliff's delta, by the "
         f"percentiles of {RESAMPLES:,} bootstrap resamples of the difference of medians.",
         f"A12: the chance that a run of the arm has more than one of {reference}. Differences are arm less "
@@ -325,10 +315,6 @@ def divergence(unequal: Sequence[tuple[str, str]]) -> str:
         "they were made by other code, on machines that compute otherwise, or with stores of their own, for which a "
         "model was asked twice."
     )
-
-
-def _equal_to(ablation: Ablation, kind: str | None) -> str | None:
-    return ablation.wanted if kind == Comparability.by_construction else None
 
 
 def temperature_notes(sweep: RecordedSweep) -> tuple[str, ...]:
@@ -411,14 +397,15 @@ def _reference_note(sweep: RecordedSweep, ablation: Ablation) -> list[str]:
 
 
 def _missing_note(sweep: RecordedSweep) -> list[str]:
+    missing, untested = (listed(one.job.name for one in ones) for ones in (sweep.missing, sweep.untested))
     notes = []
     if sweep.missing:
         notes.append(
-            f"Missing, {counted(len(sweep.missing), 'job')}: {_names(sweep.missing)}. Once they are finished, the "
-            "family of Holm's correction may be larger, and every value of the common archive may change."
+            f"Missing, {counted(len(sweep.missing), 'job')}: {missing}. Once they are finished, the family of Holm's "
+            "correction may be larger, and every value of the common archive may change."
         )
     if sweep.untested:
-        notes.append(f"Without a test score, {counted(len(sweep.untested), 'job')}: {_names(sweep.untested)}.")
+        notes.append(f"Without a test score, {counted(len(sweep.untested), 'job')}: {untested}.")
     return notes
 
 
@@ -434,10 +421,6 @@ def _failed_note(sweep: RecordedSweep, metric: Metric) -> list[str]:
         f"Failed, {counted(len(failed), 'job')}: {names}. In tests, effect sizes and differences each counts as worse "
         "than any other job, with the worst value that is known; medians leave it out."
     ]
-
-
-def _names(missing: Sequence[Missing]) -> str:
-    return listed(one.job.name for one in missing)
 
 
 def common_note(niches_of: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from analysis.rounding import shown
-from analysis.statistics.effects import LEVEL, RESAMPLES, Interval, effects_of_constant
+from analysis.statistics.effects import LEVEL, RESAMPLES, effects_of_constant
 from analysis.statistics.samples import Sample
 from analysis.studies.ceiling import chance_at
 from analysis.studies.comparison import Verdict, late, of_whole
@@ -28,6 +28,8 @@ ONE_SPLIT = (
     "One split of one data set: another split, sensor or light may turn a verdict. The same networks are "
     "studied on another by: tacevo study RUN data.split_seed=N."
 )
+
+_SEEDLESS = "It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference."
 
 _FREQUENCIES = "Its cross-entropy is that of the class frequencies: a wrong certainty has an infinite one."
 
@@ -53,7 +55,7 @@ def study_tables(
 
 def scores_table(study: RecordedStudy) -> Table:
     """Show each network, its cost, and how its seeds spread in the primary metric."""
-    spread = ("median", "lower quartile", "upper quartile", "least", "most")
+    spread, trivial = ("median", "lower quartile", "upper quartile", "least", "most"), trivial_score(study)
     return Table(
         name="scores",
         caption=f"Test {metric_name(study.primary)} of the networks of {study.task}.",
@@ -67,7 +69,7 @@ def scores_table(study: RecordedStudy) -> Table:
                 )
                 for network in study.networks
             ),
-            *_trivial_row(study),
+            *([] if trivial is None else [("trivial", None, 0, 0, score_cell(study.primary, trivial), *(None,) * 5)]),
             *([("ceiling", None, None, None, Percent(study.ceiling), *(None,) * 5)] if study.ceiling else []),
         ),
         notes=(
@@ -188,11 +190,7 @@ def effects_table(study: RecordedStudy, comparisons: pd.DataFrame) -> Table:
                 family=len(study.networks) - 1,
             ),
             *_trivial_note(study),
-            *(
-                ["It has no seeds: intervals are Wilson's of A12, and the sign test's of the difference."]
-                if score is not None
-                else []
-            ),
+            *([] if score is None else [_SEEDLESS]),
         ),
     )
 
@@ -206,7 +204,7 @@ def outputs_table(study: RecordedStudy, comparisons: pd.DataFrame) -> Table:
         for name, of_output in names.items()
     )
     medians = [rounded(scale[name] ** 2 * median) for name, median in zip(frame.output, frame["median"], strict=True)]
-    head = f"median ({metric}, {recorded_unit(study, '²')})"
+    head = f"median ({metric}, {recorded_unit(study)})"
     return Table.of(
         frame.assign(median=medians),
         {"output": "output", "network": "network", head: "median", "A12": EFFECTS_LAYOUT["A12"], **_TEST}
@@ -240,12 +238,6 @@ def unit_of(metric: str) -> str:
     return "percentage points" if metric in SHARES else metric_name(metric)
 
 
-def _trivial_row(study: RecordedStudy) -> tuple[tuple[Cell, ...], ...]:
-    """Return the row of the predictor that looks at no image, where its score is known."""
-    score = trivial_score(study)
-    return () if score is None else (("trivial", None, 0, 0, score_cell(study.primary, score), *(None,) * 5),)
-
-
 def _trivial_note(study: RecordedStudy) -> tuple[str, ...]:
     if trivial_score(study) is None:
         return ()
@@ -275,11 +267,6 @@ EFFECTS_LAYOUT: Layout = {
 def scaled(name: str, factor: float) -> tuple[Any, ...]:
     """Return the shape of an interval's column that is multiplied by a factor."""
     return lambda *ends: Between(*(rounded(factor * end) for end in ends)), name, f"{name}_low", f"{name}_high"
-
-
-def between(interval: Interval | None) -> Cell:
-    """Return the cell of an interval; None without one."""
-    return None if interval is None else Between(interval.estimate, interval.low, interval.high)
 
 
 def quartiles(values: Sequence[float] | Sample, *, is_share: bool = False) -> Cell:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from analysis.runs.archive_history import archive_medians
 from analysis.runs.dynamics import (
-    LEVEL,
     MOST,
     PUBLISHED_GENERATIONS,
     by_prompt,
@@ -19,6 +18,7 @@ from analysis.runs.dynamics import (
     temperature_follows_age,
 )
 from analysis.runs.lineage import lineage
+from analysis.statistics.effects import LEVEL
 from analysis.studies.reestimates import Reestimates, by_seeds
 from analysis.table import Between, Cell, Layout, Percent, Table, percent
 from analysis.tables.instruction_tables import grammar_note
@@ -134,11 +134,9 @@ def temperatures_table(run: RecordedRun) -> Table:
 
 
 def improvement_table(run: RecordedRun, reestimates: Sequence[Reestimates] = ()) -> Table:
-    """Show how far a run came, one figure a row, beside re-estimates where there are some; empty without a training.
+    """Show how far a run came, one figure a row; empty without a training.
 
-    Args:
-        run: the run.
-        reestimates: of its fitnesses; those of the most seeds that have its best network are shown.
+    Of re-estimates of its fitnesses, those of the most seeds that have its best network stand beside.
     """
     gains = improvement(run)
     rows: list[tuple[str, Cell]] = [

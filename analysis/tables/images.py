@@ -8,8 +8,8 @@ from analysis.statistics.effects import LEVEL
 from analysis.statistics.image_statistics import IMAGE_RESAMPLES
 from analysis.studies.image_findings import ImageFindings
 from analysis.studies.metric_names import SHARES, metric_name, recorded_scale, recorded_unit
-from analysis.table import Between, Layout, Percent, PValue, Table
-from analysis.tables.comparison import scaled, score_cell
+from analysis.table import Percent, PValue, Table
+from analysis.tables.comparison import scaled, score_cell, unit_of
 from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import fewest_seeds
@@ -30,8 +30,7 @@ def image_tables(study: RecordedStudy, findings: ImageFindings | None) -> tuple[
     if findings is None:
         return (_without(study),)
     ensembles, outputs = findings
-    tables = [ensembles_table(study, ensembles)]
-    return (*tables, image_outputs_table(study, outputs)) if len(outputs) else tuple(tables)
+    return (ensembles_table(study, ensembles), *([image_outputs_table(study, outputs)] if len(outputs) else []))
 
 
 def ensembles_table(study: RecordedStudy, ensembles: pd.DataFrame) -> Table:
@@ -39,14 +38,16 @@ def ensembles_table(study: RecordedStudy, ensembles: pd.DataFrame) -> Table:
     metric, name = study.primary, metric_name(study.primary)
     means = [rounded(fmean(study.values(network, metric))) for network in ensembles.network]
     mean, score = ((Percent, column) if metric in SHARES else column for column in ("mean", "score"))
+    unit = unit_of(metric) if metric in SHARES else f"{name}, scaled"
+    what = "probabilities of the classes" if study.kind is Kind.classification else "predictions"
     return Table.of(
         ensembles.assign(mean=means),
         {"network": "network", "mean of the seeds": mean, "ensemble": score}
-        | {f"difference from the baseline ({_unit(metric)})": scaled("difference", 100 if metric in SHARES else 1)},
+        | {f"difference from the baseline ({unit})": scaled("difference", 100 if metric in SHARES else 1)},
         name="ensembles",
         caption=f"The networks of {study.task} as ensembles of their {study.seeds} seeds, test {name}.",
         notes=(
-            f"Ensemble: the mean of the seeds' {_what(study)}. Trivial: looks at no image.",
+            f"Ensemble: the mean of the seeds' {what}. Trivial: looks at no image.",
             *((_DIFFERENCE,) if len(ensembles) > 1 else ()),
         ),
         last=(("trivial", score_cell(metric, trivial_score(study)), None, None),),
@@ -56,15 +57,16 @@ def ensembles_table(study: RecordedStudy, ensembles: pd.DataFrame) -> Table:
 def image_outputs_table(study: RecordedStudy, outputs: pd.DataFrame) -> Table:
     """Show every variant against the baseline on each output, image by image."""
     scale = recorded_scale(study)
-    in_unit = (_times, "difference", "difference_low", "difference_high", "factor")
-    layout: Layout = {
-        **{"output": "output", "network": "network", f"difference (MSE, {recorded_unit(study, '²')})": in_unit},
-        **{"better on": "better", "worse on": "worse", "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")},
-        "verdict": "verdict",
-    }
+    ends = ["difference", "difference_low", "difference_high"]
+    squares = outputs.output.map(scale) ** 2
     return Table.of(
-        outputs.assign(factor=[scale[output] ** 2 for output in outputs.output]),
-        layout,
+        outputs.assign(**outputs[ends].mul(squares, axis=0)),
+        {
+            **{"output": "output", "network": "network"},
+            f"difference (MSE, {recorded_unit(study)})": scaled("difference", 1),
+            **{"better on": "better", "worse on": "worse", "p": (PValue, "p"), "p, Holm": (PValue, "p_holm")},
+            "verdict": "verdict",
+        },
         name="image_outputs",
         caption=f"The variants of {study.task} against the baseline on each output, image by image.",
         notes=(
@@ -94,18 +96,6 @@ def _without(study: RecordedStudy) -> Table:
         rows=tuple((network.name, "not kept" if is_old else "not found") for network in study.networks),
         notes=(f"Test predictions: {why}.",),
     )
-
-
-def _what(study: RecordedStudy) -> str:
-    return "probabilities of the classes" if study.kind is Kind.classification else "predictions"
-
-
-def _times(estimate: float, low: float, high: float, factor: float) -> Between:
-    return Between(*(rounded(factor * end) for end in (estimate, low, high)))
-
-
-def _unit(metric: str) -> str:
-    return "percentage points" if metric in SHARES else f"{metric_name(metric)}, scaled"
 
 
 def _verdict_note(study: RecordedStudy) -> str:

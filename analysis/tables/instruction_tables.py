@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from analysis.runs.dynamics import LEVEL
 from analysis.runs.instruction_effects import instruction_effects, late_shares
+from analysis.statistics.effects import LEVEL
 from analysis.table import Between, Percent, PValue, Table
 from tacevo.choices import Provider
 from tacevo.results.run import RecordedRun

@@ -6,7 +6,6 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL
 from analysis.studies.reestimates import Reestimates
 from analysis.table import Between, Percent, Table
-from analysis.tables.comparison import between
 from analysis.tables.dynamics import TRIVIAL_LOSS
 from tacevo.evolution.chance import chance_in_words, is_at_chance
 from tacevo.text import counted, drawn
@@ -137,7 +136,7 @@ def _icc_note(again: Reestimates) -> str:
             "No ICC, and hence no regression to the mean: it takes two networks, two seeds, and losses above 0 that "
             "differ."
         )
-    part = shown(between(icc))
+    part = shown(icc)
     expected = (
         "Expected by regression: what another seed typically gives (a geometric mean), by that ICC, to a network with "
         "this recorded fitness; below 0 it counts as 0, because no difference between networks was seen."

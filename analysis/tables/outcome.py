@@ -1,5 +1,7 @@
 """What a study or a noise run found, on one screen: one table, and in a line each what to beware of."""
 
+from dataclasses import astuple
+
 import pandas as pd
 
 from analysis.rounding import shown
@@ -8,8 +10,8 @@ from analysis.studies.comparison import late, of_whole
 from analysis.studies.metric_names import SHARES, metric_name
 from analysis.studies.reestimates import Reestimates
 from analysis.studies.warnings import Caution, caution_notes
-from analysis.table import Between, Cell, Percent, PercentBetween, PValue, Table
-from analysis.tables.comparison import between, score_cell
+from analysis.table import Cell, Percent, PercentBetween, PValue, Table
+from analysis.tables.comparison import score_cell
 from analysis.tables.noise import BEATS, chance_note
 from tacevo.results.study import RecordedStudy
 from tacevo.results.study_lines import StudyNetwork
@@ -20,6 +22,8 @@ from tacevo.text import counted, listed
 MOST = 10
 
 _ONE_SPLIT = "One split of one data set: another split, or other data, may turn a verdict."
+
+_AT_CEILING = "At the ceiling: next to nothing is left to win over the baseline on these data (tables)."
 
 _TOGETHER = (
     f"Better and worse: by intervals that hold for all elites together with {100 * LEVEL:g} %, and so are wider than "
@@ -53,6 +57,8 @@ def study_outcome(
         "verdict": "verdict (p)",
         "again": "re-estimated",
     }
+    variants, few = of_whole(comparisons), Caution.few_seeds
+    cautions = dict(zip(variants.network, variants.cautions, strict=True))
     score = trivial_score(study)
     if score is not None:
         test = score_cell(study.primary, score)
@@ -67,9 +73,9 @@ def study_outcome(
         rows=tuple(tuple(row.values()) for row in rows),
         notes=(
             *at_chance(study),
-            *_at_ceiling(comparisons),
+            *([_AT_CEILING] if any(Caution.ceiling in told for told in cautions.values()) else []),
             *_late(study, comparisons),
-            *_few(comparisons),
+            *caution_notes((name, [few]) for name, told in cautions.items() if few in told),
             *([_ONE_SPLIT] if is_alone else []),
             _fitness(again),
             *([f"Elites chosen by the noise run with the digest {study.chosen_by[:12]}."] if study.chosen_by else []),
@@ -174,8 +180,8 @@ def _score(study: RecordedStudy, network: str) -> Cell:
     values = study.values(network, study.primary)
     if len(values) == 1:
         return score_cell(study.primary, float(values[0]))
-    middle, shape = median(values), PercentBetween if study.primary in SHARES else Between
-    return shape(middle.estimate, middle.low, middle.high)
+    middle = median(values)
+    return PercentBetween(*astuple(middle)) if study.primary in SHARES else middle
 
 
 def _ends(seeds: int) -> str:
@@ -193,16 +199,6 @@ def _late(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tuple[str, 
         f"Not converged? {shown(Percent(parts[most]))} of the seeds of {most} are best in the last tenth of epochs: "
         "better may only mean faster.",
     )
-
-
-def _at_ceiling(comparisons: pd.DataFrame | None) -> tuple[str, ...]:
-    told = any(Caution.ceiling in one.cautions for one in of_whole(comparisons).itertuples())
-    return ("At the ceiling: next to nothing is left to win over the baseline on these data (tables).",) if told else ()
-
-
-def _few(comparisons: pd.DataFrame | None) -> tuple[str, ...]:
-    few = (Caution.few_seeds,)
-    return caution_notes((one.network, few) for one in of_whole(comparisons).itertuples() if few[0] in one.cautions)
 
 
 def _fitness(again: Reestimates | None) -> str:
@@ -224,5 +220,5 @@ def _icc(again: Reestimates) -> str:
     icc = again.icc
     if icc is None:
         return "No ICC: it takes two networks, two seeds, and losses above 0 that differ."
-    part = f"{shown(between(icc))} ({100 * LEVEL:g} % interval)"
+    part = f"{shown(icc)} ({100 * LEVEL:g} % interval)"
     return f"ICC {part}: the part of one fitness's variance that is the network's; the rest is the seed's."

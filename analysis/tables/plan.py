@@ -16,6 +16,11 @@ _VALUES = {
     Measure.fitness: "best fitness",
 }
 
+_BY_FITNESS = (
+    "The values are the best fitnesses of searches, since not every job of the pilot has a test score "
+    "(tacevo study sweep=DIR); the primary metric of a sweep, a test score, may spread otherwise."
+)
+
 
 def plan_table(planned: Planned) -> Table:
     """Show what each way needs and costs."""
@@ -50,7 +55,7 @@ def plan_table(planned: Planned) -> Table:
             *_between_note(pilot),
             "Epochs: of all trainings. Hours: these epochs on one worker of the pilot's machine, as fast as the "
             "pilot's candidates were gated and trained; without the answers.",
-            *_fitness_note(pilot.metric),
+            *([_BY_FITNESS] if pilot.metric is Measure.fitness else []),
         ),
     )
 
@@ -86,12 +91,3 @@ def _effect(metric: Measure, effect: float) -> str:
     if metric is Measure.accuracy:
         return f"{shown(100 * effect)} percentage points of {_VALUES[metric]}"
     return f"{shown(Percent(effect))} less {_VALUES[metric]}"
-
-
-def _fitness_note(metric: Measure) -> tuple[str, ...]:
-    if metric is not Measure.fitness:
-        return ()
-    return (
-        "The values are the best fitnesses of searches, since not every job of the pilot has a test score "
-        "(tacevo study sweep=DIR); the primary metric of a sweep, a test score, may spread otherwise.",
-    )

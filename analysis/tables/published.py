@@ -189,20 +189,17 @@ def _set_up(run: RecordedRun) -> tuple[tuple[str, Cell, Cell, bool], ...]:
     images, stated = sum(run.facts.counts), PRINTED["searches"].get(run.task, {}).get("images")
     model = run.model if run.answered else "none was asked"
     simulated = source is DataSource.simulated
-    ours = {
-        "candidates": ("candidates per generation", config.search.candidates),
-        "generations": ("generations", config.search.generations),
-        "epochs": ("epochs", config.training.epochs),
-        "image size": ("image size in pixels", run.facts.image_size),
-    }
-    candidates, generations, epochs, size = (
-        (quantity, printed[name], value, printed[name] != value) for name, (quantity, value) in ours.items()
-    )
+
+    def beside(quantity: str, name: str, value: int) -> tuple[str, Cell, Cell, bool]:
+        return quantity, printed[name], value, printed[name] != value
+
     return (
         ("niches", NOT_STATED, run.places if run.has_niches else f"none; the best {run.places}", not run.has_niches),
-        *(candidates, generations, epochs),
+        beside("candidates per generation", "candidates", config.search.candidates),
+        beside("generations", "generations", config.search.generations),
+        beside("epochs", "epochs", config.training.epochs),
         ("model", f"{printed['model']} ({printed['model id']})", model, model != printed["model id"]),
         ("data", printed["data"], source.value if simulated else f"{printed['data']} ({source})", simulated),
         ("images", stated or NOT_STATED, images, stated not in {None, images}),
-        size,
+        beside("image size in pixels", "image size", run.facts.image_size),
     )

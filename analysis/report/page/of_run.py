@@ -295,10 +295,6 @@ def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
     }
 
 
-def _model(run: RecordedRun) -> dict[str, str]:
-    return {"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}
-
-
 def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
     train, validation, test = run.facts.counts
     code = run.record.code
@@ -312,7 +308,7 @@ def _provenance(run: RecordedRun) -> tuple[tuple[str, str], ...]:
         "digest": run.digest,
         "task": run.task,
         "seed": str(run.config.seed),
-        **_model(run),
+        **({"model": run.model, "provider": str(run.config.llm.provider)} if run.answered else {}),
         "data source": str(run.config.data.source),
         "data fingerprint": run.facts.fingerprint,
         "images": f"{train:,} to train, {validation:,} to validate, {test:,} to test",
