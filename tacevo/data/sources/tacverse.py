@@ -23,10 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import GratingClasses, RecordedTask
-from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
+from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content, directories
-from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files, other_files
-from tacevo.data.sources.table import Row, groups_in, read_rows, unnamed_images
+from tacevo.data.sources.image_files import FileSource, image_files, other_files
+from tacevo.data.sources.table import Row, read_rows, unnamed_images
 from tacevo.data.splitting import PARTS, Split, ordered_split
 from tacevo.errors import DataError
 from tacevo.randomness import stream
@@ -79,23 +79,16 @@ class _Listing(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TacVerse:
+class TacVerse(FileSource):
     """One task of the release, of one or several sensors."""
 
-    root: Path
     task: RecordedTask
     #: The directory of the sensor, e.g. `ViTacTip`; several are joined by `+`.
     sensor: str
     #: Gratings: the directory of the specimens, e.g. `Blackdot`; several are joined by `+`.
     pattern: str | None
-    #: Height and width that images are resized to, in pixels.
-    image_size: int
     #: Tables: leave out rows whose image is missing, as the release's own code does, instead of refusing the table.
     skip_missing: bool = False
-    #: The stored value that becomes 255; None for the full range of the files.
-    white_point: float | None = None
-    #: What finds in an image's path what images of one press share; None: unknown.
-    group_pattern: str | None = None
     #: Gratings: the sizes that are taken, in mm; () for all that every directory has.
     spacings_mm: tuple[float, ...] = ()
     #: The most images that are taken: of each class alike, at even steps of their order; None for all. They are counted
@@ -129,8 +122,7 @@ class TacVerse:
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
         images, release = self._taken(self._listing().images)
-        described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
-        described |= {"image_size": self.image_size, **chosen(self, "white_point", "group_pattern")}
+        described = {**self.described(image.path for image in images), "source": "tacverse", "task": self.task}
         described |= {"selected": list(self.selected)} if self.selected else {}
         if release is not None and (self.images is not None or self.test_sensor is not None):
             # What is left out says where the parts of the rest end.
@@ -141,18 +133,17 @@ class TacVerse:
             described["labels"] = [[image.path.name, list(image.values)] for image in images]
         else:
             described["presses"] = [list(image[2:5]) for image in images]
-        return {**described, "images": files_hash(image.path for image in images)}
+        return described
 
     def catalogue(self) -> Catalogue:
         """List labels and images: by sensor and pattern, then by number, or by class, press and frame."""
         listing = self._listing()
         images, release = self._taken(listing.images)
         names, labels = self._labels(images)
-        return file_catalogue(
+        return self.listed(
             [image.path for image in images],
             [image.place for image in images],
-            self.image_size,
-            self.white_point,
+            [image.name for image in images],
             kind=Kind.regression if self.task in COLUMNS else Kind.classification,
             names=names,
             labels=labels,
@@ -181,14 +172,11 @@ class TacVerse:
         return (family,) if self.classes is GratingClasses.pattern else (family, image.kind)
 
     def _groups(self, images: Sequence[_Image]) -> dict[str, Any]:
-        """Return which images were recorded together."""
+        """Return which images were recorded together, as far as the release says so."""
         if self.task is RecordedTask.grating:
             numbers = {press: number for number, press in enumerate(dict.fromkeys(image[:4] for image in images))}
             return {"groups": np.array([numbers[image[:4]] for image in images], dtype=np.int64)}
-        if self.group_pattern is None:
-            return {}
-        groups = groups_in([image.name for image in images], self.group_pattern)
-        return {"groups": groups, "groups_chosen_by": "data.group_pattern"}
+        return {}
 
     def _taken(self, images: Sequence[_Image]) -> tuple[list[_Image], Split | None]:
         """Take the sizes, the sensors and the number that are asked for, in the parts that the release has them in."""
