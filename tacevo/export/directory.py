@@ -3,14 +3,13 @@
 What it promises: this process never runs the class; the directory is whole or absent; no weight is pickled.
 """
 
-import os
-import shutil
 import tempfile
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from tacevo.data.staging import new_directory
 from tacevo.environment import install
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
@@ -26,7 +25,6 @@ from tacevo.runs.wiring import check_means
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.protocol import CHILD
 from tacevo.storage.canonical import readable
-from tacevo.storage.files import sync
 from tacevo.text import listed
 from tacevo.training.numerics import environment
 from tacevo.training.weights import Weights
@@ -168,21 +166,7 @@ def _make_parent(target: Path) -> None:
 
 def _write(target: Path, files: Mapping[str, bytes]) -> None:
     """Write a directory: out of sight first, then with its name."""
-    stage = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    try:
+    with new_directory(target) as stage:
         for name, content in files.items():
             (stage / name).write_bytes(content)
-            sync(stage / name)
-        stage.chmod(0o777 & ~_umask())
         _check_absent(target)
-        os.rename(stage, target)
-        sync(target.parent)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-
-
-def _umask() -> int:
-    """Return the mask for new files, which can be read only as it is set."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
