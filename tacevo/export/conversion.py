@@ -82,14 +82,8 @@ def convert(
 ) -> Converted:
     """Make a file of networks and their weights, and check it on all test images.
 
-    Args:
-        sandbox: with the entries, and the images of the data set.
-        form: which file.
-        source: of the candidate.
-        contract: of the task.
-        data: that it was trained on.
-        weights: of each network; several are an ensemble.
-        expected: what the file must predict, shape (t, K): units of the recording, or probabilities.
+    The sandbox has the entries, and the images of the data set; weights of several networks are an ensemble. What the
+    file must predict has the shape (t, K), in units of the recording, or as probabilities.
 
     Raises:
         RunError: the network cannot be written so; or the file predicts something else.

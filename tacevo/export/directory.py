@@ -45,14 +45,8 @@ def export(
 ) -> Exported:
     """Train a candidate again and write it as a directory; return what it says.
 
-    Args:
-        run: a finished one.
-        line: of an admitted candidate.
-        target: the directory, which must not exist.
-        settings: how it is trained, and the model's licence.
-        bundle: digest of the bundle that the run lies in; None of a directory.
-        retrained: whether a training that is not recorded, or goes otherwise, is an error.
-        view: shows the progress.
+    The run is finished, and the candidate was admitted. `bundle` is the digest of the bundle that the run lies in; None
+    of a directory. With `retrained`, a training that is not recorded, or goes otherwise, is an error.
 
     Raises:
         ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
