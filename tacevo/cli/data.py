@@ -6,7 +6,6 @@ import json
 from rich.console import Console
 
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
-from tacevo.environment import as_typed
 from tacevo.runs.data_check import inspect_data, show, simulate
 from tacevo.runs.data_report import leaks, report
 
@@ -68,5 +67,5 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    print(simulate(options.overrides, Console(stderr=True), as_typed("tacevo")))
+    print(simulate(options.overrides, Console(stderr=True)))
     return DONE

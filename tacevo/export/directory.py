@@ -27,7 +27,6 @@ from tacevo.sandbox.protocol import CHILD
 from tacevo.storage.canonical import readable
 from tacevo.text import listed
 from tacevo.training.numerics import environment
-from tacevo.training.weights import Weights
 
 #: Bytes of all weights of an ensemble; twice as many may come as a file.
 LARGEST = 512 * 2**20
@@ -102,14 +101,10 @@ def _contents(model: Exported, source: str) -> dict[str, bytes]:
         "run.json": readable(run_of(model)),
         "README.md": card(model),
     }
-    weights = dict(zip(model.weight_files, map(_as_safetensors, model.weights), strict=True))
+    as_safetensors = import_module("safetensors.numpy").save  # of the extra
+    weights = {name: as_safetensors(dict(one)) for name, one in zip(model.weight_files, model.weights, strict=True)}
     files = {f"model.{form}": converted.file for form, converted in model.files.items()}
     return {name: text.encode() for name, text in texts.items()} | weights | files
-
-
-def _as_safetensors(weights: Weights) -> bytes:
-    written: bytes = import_module("safetensors.numpy").save(dict(weights))  # of the extra
-    return written
 
 
 def _check_packages() -> None:

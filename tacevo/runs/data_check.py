@@ -24,6 +24,7 @@ from tacevo.data.source import Catalogue
 from tacevo.data.sources.release import compared
 from tacevo.data.splitting import PARTS
 from tacevo.data.survey import constant_images, equal_images, label_table, nearly_equal, split_of
+from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
 from tacevo.records import DataFacts, Json, Task, to_json
 from tacevo.runs.data_report import HOW
@@ -140,11 +141,10 @@ def samples_of_run(config: RunConfig, facts: DataFacts, console: Console) -> Fig
     return sample_figure(dataset, units=units_of(catalogue), width="double")
 
 
-def simulate(settings: Sequence[str], console: Console, tacevo: str) -> str:
+def simulate(settings: Sequence[str], console: Console) -> str:
     """Write a simulated data set as files.
 
-    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`;
-    `tacevo` is how that command is spelt here.
+    The settings are overrides as for a search, and `out=DIR`, and `n=IMAGES` for `data.images`.
 
     Returns:
         What was written, and the command that reads it.
@@ -165,7 +165,7 @@ def simulate(settings: Sequence[str], console: Console, tacevo: str) -> str:
     with Progress(console) as view:
         count = write_files(source, out, workers=config.executor.workers, progress=partial(view.advance, "images"))
     command = shlex.join(overrides_for(source, out))
-    return f"{count} images and their labels: {out}\nread them: {tacevo} data check {command}"
+    return f"{count} images and their labels: {out}\nread them: {as_typed('tacevo')} data check {command}"
 
 
 def _loaded(overrides: Sequence[str], console: Console) -> tuple[RunConfig, Catalogue, Dataset, Task]:

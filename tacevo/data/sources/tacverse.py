@@ -16,6 +16,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,12 +71,8 @@ class _Image(NamedTuple):
     name: str = ""
 
 
-class _Listing(NamedTuple):
-    """What the directories of a task hold."""
-
-    images: list[_Image]
-    skipped: int
-    ignored: list[Path]
+#: What directories hold: images, how many rows of tables were left out, and files that are not used.
+_Listing = tuple[list[_Image], int, list[Path]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +118,7 @@ class TacVerse(FileSource):
 
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
-        images, release = self._taken(self._listing().images)
+        images, release = self._taken(self._listing()[0])
         described = {**self.described(image.path for image in images), "source": "tacverse", "task": self.task}
         described |= {"selected": list(self.selected)} if self.selected else {}
         if release is not None and (self.images is not None or self.test_sensor is not None):
@@ -137,8 +134,8 @@ class TacVerse(FileSource):
 
     def catalogue(self) -> Catalogue:
         """List labels and images: by sensor and pattern, then by number, or by class, press and frame."""
-        listing = self._listing()
-        images, release = self._taken(listing.images)
+        everything, skipped, ignored = self._listing()
+        images, release = self._taken(everything)
         names, labels = self._labels(images)
         return self.listed(
             [image.path for image in images],
@@ -148,8 +145,8 @@ class TacVerse(FileSource):
             names=names,
             labels=labels,
             release=release,
-            skipped=listing.skipped,
-            ignored=listing.ignored,
+            skipped=skipped,
+            ignored=ignored,
             selected=self.selected,
             **self._groups(images),
         )
@@ -248,12 +245,8 @@ class TacVerse(FileSource):
         if self.test_sensor is not None:
             sensors[self.test_sensor] = "data.test_sensor"
         find: Callable[[str, str], _Listing] = self._rows if self.task in COLUMNS else self._presses
-        listings = [find(sensor, setting) for sensor, setting in sensors.items()]
-        return _Listing(
-            [image for listing in listings for image in listing.images],
-            sum(listing.skipped for listing in listings),
-            [path for listing in listings for path in listing.ignored],
-        )
+        images, skipped, ignored = zip(*(find(sensor, setting) for sensor, setting in sensors.items()), strict=True)
+        return list(chain(*images)), sum(skipped), list(chain(*ignored))
 
     def _rows(self, sensor: str, setting: str) -> _Listing:
         """Read the table of a sensor in the order of the image numbers, which is that of time."""
@@ -281,7 +274,7 @@ class TacVerse(FileSource):
             _Image(sensor, "", "", number, 0, row.path, row.place, row.labels, f"{sensor}/{row.name}")
             for number, row in enumerate(ordered)
         ]
-        return _Listing(images, skipped, unnamed_images(rows))
+        return images, skipped, unnamed_images(rows)
 
     def _presses(self, sensor: str, setting: str) -> _Listing:
         """Find the images of all gratings or shapes of a sensor."""
@@ -298,7 +291,7 @@ class TacVerse(FileSource):
             own = _gratings(directory, sensor, pattern)
             images += own
             ignored += other_files(directory, "*", [image.path for image in own])
-        return _Listing(images, 0, ignored)
+        return images, 0, ignored
 
 
 def _check_named(setting: str, names: Sequence[str]) -> None:
@@ -350,8 +343,7 @@ def _shapes(directory: Path, sensor: str) -> _Listing:
         raise DataError(str(directory), place="data.sensor", expected=expected, remedy=content(directory))
     check_no_faults(f"{directory} has shapes without images", empty, "remove these directories", expected=expected)
     check_no_faults(f"{directory} has images without a number", unnumbered, "put one into each name, as ball_12.jpg")
-    used = [image.path for image in images]
-    return _Listing(images, 0, other_files(directory, "**/*", used))
+    return images, 0, other_files(directory, "**/*", [image.path for image in images])
 
 
 def _at_most(most: int, images: Sequence[_Image], class_of: Callable[[_Image], Hashable]) -> list[_Image]:
