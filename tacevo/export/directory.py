@@ -118,11 +118,7 @@ def _check_packages() -> None:
 
 
 def _check_size(line: CandidateLine, networks: int) -> None:
-    """Refuse what is too large by its parameters alone, before hours of training; its buffers are not known yet.
-
-    Raises:
-        RunError: one network is; or its ensemble.
-    """
+    """Refuse what is too large by its parameters alone, before hours of training; its buffers are not known yet."""
     mib = 4 * (line.parameters or 0) / 2**20  # as float32
     if mib > (most := CHILD.total_bytes / 2**20):
         got, remedy = f"weights of {mib:.0f} MiB", "choose a smaller network"
@@ -140,11 +136,7 @@ def _check_absent(target: Path) -> None:
 
 
 def _make_parent(target: Path) -> None:
-    """Make the directory that the export is made in, before hours of training.
-
-    Raises:
-        ConfigError: nothing can be written there.
-    """
+    """Make the directory that the export is made in, and write to it, before hours of training."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         Path(tempfile.mkdtemp(dir=target.parent)).rmdir()

@@ -257,11 +257,7 @@ def common_size(
 
 
 def _header(path: Path, white_point: float | None) -> tuple[tuple[int, int], int]:
-    """Read width and height, as they are after the orientation note is obeyed, and the bits of a value in the file.
-
-    Raises:
-        DataError: the header shows that the image cannot be used.
-    """
+    """Read width and height, as they are after the orientation note is obeyed, and the bits of a value in the file."""
     with _opened(path) as file:
         stacked = file.format in STACKS and getattr(file, "n_frames", 1) > 1
         (width, height), mode = file.size, file.mode

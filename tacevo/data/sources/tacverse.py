@@ -14,7 +14,7 @@ where all but the tested one train; and `few-shot`, where some training images o
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -191,16 +191,21 @@ class TacVerse(FileSource):
         return self.test_sensor is None or (image.sensor == self.test_sensor) == (part == "test")
 
     def _capped(self, images: list[_Image]) -> list[_Image]:
+        """Take `self.images`: of each class alike, of the first ones perhaps one more, each at even steps."""
         if self.images is None:
             return images
-        return _at_most(self.images, images, self._class_of if self.task not in COLUMNS else lambda _: None)
+        of_class: defaultdict[tuple[Any, ...], list[int]] = defaultdict(list)
+        for row, image in enumerate(images):
+            of_class[() if self.task in COLUMNS else self._class_of(image)].append(row)
+        each, more = divmod(self.images, len(of_class))
+        taken: list[int] = []
+        for number, rows in enumerate(of_class.values()):
+            count = min(len(rows), each + (number < more))
+            taken += [rows[step * len(rows) // count] for step in range(count)]
+        return [images[row] for row in sorted(taken)]
 
     def _shots(self, part_of: Mapping[_Image, str]) -> list[_Image]:
-        """Draw some presses of the tested sensor out of its training part, which train, too; return their images.
-
-        Raises:
-            DataError: there are fewer.
-        """
+        """Draw some presses of the tested sensor out of its training part, which train, too; return their images."""
         own = [image for image, part in part_of.items() if image.sensor == self.test_sensor and part == "train"]
         pools = defaultdict(set)
         for image in own:
@@ -344,19 +349,6 @@ def _shapes(directory: Path, sensor: str) -> _Listing:
     check_no_faults(f"{directory} has shapes without images", empty, "remove these directories", expected=expected)
     check_no_faults(f"{directory} has images without a number", unnumbered, "put one into each name, as ball_12.jpg")
     return images, 0, other_files(directory, "**/*", [image.path for image in images])
-
-
-def _at_most(most: int, images: Sequence[_Image], class_of: Callable[[_Image], Hashable]) -> list[_Image]:
-    """Take so many images: of each class alike, of the first ones perhaps one more, each at even steps."""
-    of_class: defaultdict[Hashable, list[int]] = defaultdict(list)
-    for row, image in enumerate(images):
-        of_class[class_of(image)].append(row)
-    each, more = divmod(most, len(of_class))
-    taken: list[int] = []
-    for number, rows in enumerate(of_class.values()):
-        count = min(len(rows), each + (number < more))
-        taken += [rows[step * len(rows) // count] for step in range(count)]
-    return [images[row] for row in sorted(taken)]
 
 
 def _released(images: Iterable[_Image]) -> list[str]:
