@@ -6,10 +6,8 @@ import json
 from rich.console import Console
 
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
-from tacevo.environment import as_typed
-from tacevo.records import to_json
 from tacevo.runs.data_check import inspect_data, show, simulate
-from tacevo.runs.data_report import report
+from tacevo.runs.data_report import leaks, report
 
 _EPILOG = """\
 examples:
@@ -58,9 +56,9 @@ def add_data(parser: Parser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    inspection = inspect_data(options.overrides, options.output, Console(stderr=True))
-    print(json.dumps(to_json(inspection), indent=2) if options.json else report(inspection))
-    return DIFFERENT if inspection.leaks else DONE
+    findings = inspect_data(options.overrides, options.output, Console(stderr=True))
+    print(json.dumps(findings, indent=2) if options.json else report(findings))
+    return DIFFERENT if leaks(findings) else DONE
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -69,5 +67,5 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    print(simulate(options.overrides, Console(stderr=True), as_typed("tacevo")))
+    print(simulate(options.overrides, Console(stderr=True)))
     return DONE

@@ -85,7 +85,7 @@ class Source(Protocol):
         ...
 
 
-def chosen(source: Source, *names: str) -> dict[str, Json]:
+def chosen(source: object, *names: str) -> dict[str, Json]:
     """Return those of some settings that are set: they came later, and descriptions of earlier releases lack them."""
     return {name: value for name in names if (value := getattr(source, name)) is not None}
 

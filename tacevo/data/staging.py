@@ -10,6 +10,7 @@ which has no `flock`, that no other process makes the directory at the same time
 import errno
 import os
 import shutil
+import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,6 +70,24 @@ def staged(directory: Path, waiting: Callable[[], None] | None = None) -> Iterat
             raise
         finally:
             shutil.rmtree(stage, ignore_errors=True)
+
+
+@contextmanager
+def new_directory(out: Path) -> Iterator[Path]:
+    """Offer a hidden sibling to fill; on success it becomes `out` in one step, else it is removed.
+
+    Unlike with `staged`, no lock file stays behind: this is the user's own directory.
+
+    Raises:
+        OSError: the parent cannot be written to; or `out` is there at the end, and is not an empty directory.
+    """
+    stage = out.with_name(f".{out.name}-{uuid.uuid4().hex[:12]}")
+    stage.mkdir(parents=True)
+    try:
+        yield stage
+        _publish(stage, out)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
 
 
 def reserve(file: BinaryIO, size: int) -> None:

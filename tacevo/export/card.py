@@ -16,22 +16,6 @@ from tacevo.export.conversion import BOUND, OPSET
 from tacevo.export.trainings import Like, Trained
 from tacevo.text import counted, listed, printable
 
-_ONNX = """\
-import json
-from pathlib import Path
-
-import numpy as np
-import onnxruntime
-from PIL import Image, ImageOps
-
-config = json.loads(Path("config.json").read_text())
-image = ImageOps.exif_transpose(Image.open("image.png"))
-TO_RGB
-image = image.resize((config["input"]["size"],) * 2, Image.Resampling.BILINEAR)
-pixels = np.asarray(image, np.float32).transpose(2, 0, 1)[None]  # 1 x 3 x size x size, 0 to 255
-[output] = onnxruntime.InferenceSession("model.onnx").run(None, {"images": pixels})[0]
-"""
-
 #: As `tacevo.data.sources.image_files` does it; the second where files have more than 8 bits, or a white point is set.
 _TO_RGB = 'image = image.convert("RGB")'
 _TO_RGB_OF_WIDE = """\
@@ -39,24 +23,6 @@ values = np.asarray(image if image.mode[0] in "IF" else image.convert("RGB"))
 white = config["input"]["white_point"] or (255 if values.dtype == np.uint8 else 65535)
 values = np.floor(values.astype(float) * 255 / white + 0.5)  # the white point becomes 255
 image = Image.fromarray(values.clip(0, 255).astype(np.uint8)).convert("RGB")"""
-
-_TORCH = (
-    _ONNX.replace("import onnxruntime", "import torch")
-    .replace("onnxruntime.InferenceSession", "torch.export.load")
-    .replace('"model.onnx").run(None, {"images": pixels})[0]', '"model.pt2").module()(torch.from_numpy(pixels))')
-)
-
-_CLASS = """\
-import json
-from pathlib import Path
-
-from safetensors.torch import load_file
-from model import {name}  # runs its code
-
-config = json.loads(Path("config.json").read_text())
-network = {name}(**config["arguments"])
-network.load_state_dict(load_file(config["weights"][0]))
-network.eval()"""
 
 _SHOW_VALUES = """\
 for name, unit, value in zip(config["outputs"]["names"], config["outputs"]["units"], output):
@@ -164,14 +130,12 @@ def _recorded(model: Exported) -> str:
 
 
 def _examples(model: Exported) -> dict[str, str]:
-    """Return the programs that read one image."""
+    """Return what the programs that read one image have of this network."""
     is_wide = model.plan.config.data.white_point is not None or max(model.catalogue.depths, default=8) > 8
-    show = _SHOW_VALUES if model.is_regression else _SHOW_CLASS
-    onnx, torch = (text.replace("TO_RGB", _TO_RGB_OF_WIDE if is_wide else _TO_RGB) + show for text in (_ONNX, _TORCH))
     return {
-        "onnx_example": onnx,
-        "torch_example": torch,
-        "class_example": _CLASS.format(name=model.contract.class_name),
+        "to_rgb": _TO_RGB_OF_WIDE if is_wide else _TO_RGB,
+        "show": _SHOW_VALUES if model.is_regression else _SHOW_CLASS,
+        "class_name": model.contract.class_name,
     }
 
 

@@ -174,13 +174,6 @@ def spread_of(values: Sequence[float]) -> dict[str, Json]:
     return {"median": median, "lower_quartile": low, "upper_quartile": high, "count": len(values)}
 
 
-def _compared(one: Trained) -> dict[str, Json]:
-    """Return what differs from the record; or from the training beside it, where there is none."""
-    differing: Json = None if one.differing is None else list(one.differing)
-    of_record, of_other = (differing, None) if one.was_recorded else (None, differing)
-    return {"differs_from_record": of_record, "differs_from_other_training": of_other}
-
-
 def run_of(model: Exported) -> dict[str, Json]:
     """Return what names the run, the candidate and its trainings."""
     run, plan, study = model.run, model.plan, model.plan.study
@@ -191,7 +184,9 @@ def run_of(model: Exported) -> dict[str, Json]:
             "key": one.key,
             "weights_sha256_after_last_epoch": one.weighed.training.weights_sha256,
             "was_recorded": one.was_recorded,
-            **_compared(one),
+            # Where there is no record, with the training beside it.
+            "differs_from_record": to_json(one.differing) if one.was_recorded else None,
+            "differs_from_other_training": None if one.was_recorded else to_json(one.differing),
         }
         for one in model.trained
     ]

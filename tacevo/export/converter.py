@@ -7,8 +7,8 @@ cannot speak for it. What libraries read of files when they are first used, they
 import functools
 import importlib
 import io
-import time
-from collections.abc import Callable, Iterator
+import timeit
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -196,15 +196,9 @@ def _pixels(arrays: Arrays, rows: NDArray[np.int64]) -> NDArray[np.float32]:
 
 def _times(model: Callable[[NDArray[np.float32]], NDArray[Any]], images: NDArray[np.float32]) -> list[float]:
     """Time a model on the same images many times, in milliseconds."""
-
-    def passes(count: int) -> Iterator[float]:
-        for _ in range(count):
-            start = time.perf_counter()
-            model(images)
-            yield 1e3 * (time.perf_counter() - start)
-
-    list(passes(_REPEATS // 10))
-    return list(passes(_REPEATS))
+    timer = timeit.Timer(lambda: model(images))
+    timer.timeit(_REPEATS // 10)
+    return [1e3 * seconds for seconds in timer.repeat(_REPEATS, number=1)]
 
 
 def _warm_up() -> None:

@@ -3,14 +3,13 @@
 What it promises: this process never runs the class; the directory is whole or absent; no weight is pickled.
 """
 
-import os
-import shutil
 import tempfile
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from tacevo.data.staging import new_directory
 from tacevo.environment import install
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
@@ -26,10 +25,8 @@ from tacevo.runs.wiring import check_means
 from tacevo.sandbox.client import Sandbox
 from tacevo.sandbox.protocol import CHILD
 from tacevo.storage.canonical import readable
-from tacevo.storage.files import sync
 from tacevo.text import listed
 from tacevo.training.numerics import environment
-from tacevo.training.weights import Weights
 
 #: Bytes of all weights of an ensemble; twice as many may come as a file.
 LARGEST = 512 * 2**20
@@ -47,14 +44,8 @@ def export(
 ) -> Exported:
     """Train a candidate again and write it as a directory; return what it says.
 
-    Args:
-        run: a finished one.
-        line: of an admitted candidate.
-        target: the directory, which must not exist.
-        settings: how it is trained, and the model's licence.
-        bundle: digest of the bundle that the run lies in; None of a directory.
-        retrained: whether a training that is not recorded, or goes otherwise, is an error.
-        view: shows the progress.
+    The run is finished, and the candidate was admitted. `bundle` is the digest of the bundle that the run lies in; None
+    of a directory. With `retrained`, a training that is not recorded, or goes otherwise, is an error.
 
     Raises:
         ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
@@ -110,14 +101,10 @@ def _contents(model: Exported, source: str) -> dict[str, bytes]:
         "run.json": readable(run_of(model)),
         "README.md": card(model),
     }
-    weights = dict(zip(model.weight_files, map(_as_safetensors, model.weights), strict=True))
+    as_safetensors = import_module("safetensors.numpy").save  # of the extra
+    weights = {name: as_safetensors(dict(one)) for name, one in zip(model.weight_files, model.weights, strict=True)}
     files = {f"model.{form}": converted.file for form, converted in model.files.items()}
     return {name: text.encode() for name, text in texts.items()} | weights | files
-
-
-def _as_safetensors(weights: Weights) -> bytes:
-    written: bytes = import_module("safetensors.numpy").save(dict(weights))  # of the extra
-    return written
 
 
 def _check_packages() -> None:
@@ -131,11 +118,7 @@ def _check_packages() -> None:
 
 
 def _check_size(line: CandidateLine, networks: int) -> None:
-    """Refuse what is too large by its parameters alone, before hours of training; its buffers are not known yet.
-
-    Raises:
-        RunError: one network is; or its ensemble.
-    """
+    """Refuse what is too large by its parameters alone, before hours of training; its buffers are not known yet."""
     mib = 4 * (line.parameters or 0) / 2**20  # as float32
     if mib > (most := CHILD.total_bytes / 2**20):
         got, remedy = f"weights of {mib:.0f} MiB", "choose a smaller network"
@@ -153,11 +136,7 @@ def _check_absent(target: Path) -> None:
 
 
 def _make_parent(target: Path) -> None:
-    """Make the directory that the export is made in, before hours of training.
-
-    Raises:
-        ConfigError: nothing can be written there.
-    """
+    """Make the directory that the export is made in, and write to it, before hours of training."""
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         Path(tempfile.mkdtemp(dir=target.parent)).rmdir()
@@ -168,21 +147,7 @@ def _make_parent(target: Path) -> None:
 
 def _write(target: Path, files: Mapping[str, bytes]) -> None:
     """Write a directory: out of sight first, then with its name."""
-    stage = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    try:
+    with new_directory(target) as stage:
         for name, content in files.items():
             (stage / name).write_bytes(content)
-            sync(stage / name)
-        stage.chmod(0o777 & ~_umask())
         _check_absent(target)
-        os.rename(stage, target)
-        sync(target.parent)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-
-
-def _umask() -> int:
-    """Return the mask for new files, which can be read only as it is set."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask

@@ -148,14 +148,6 @@ def train(
     Where a study's training is not in the store, it is trained once more, before: only its end says which epoch is
     best. The first of the two is stored as a study stores it, under today's rules alone, and stays no record.
 
-    Args:
-        run: of the candidate.
-        plan: how.
-        source: of the candidate.
-        data: the run's.
-        view: shows the progress.
-        retrained: whether a training that is not recorded, or goes otherwise, is an error.
-
     Returns:
         The trainings in the order of the seeds, and why equal bits were not promised.
 

@@ -36,13 +36,10 @@ def mirror(run_dir: Path, *, uri: str, experiment: str, finished: Callable[[], b
     last line, else as `KILLED`. A run that is a job of a sweep is nested under the sweep's run, and the finished
     studies of a finished search under the search's.
 
-    Args:
-        run_dir: the run directory.
-        uri: an MLflow tracking URI; `sqlite:///` with a relative path starts from the working directory.
-        experiment: the name of the MLflow experiment.
-        finished: whether no more lines will come; asked before each look at the ledger, so the time it takes to answer
-            sets the pace. Another mirror of the directory is waited for. None writes what stands there now: another
-            mirror is not waited for, and a search that is at work is left `RUNNING`.
+    A tracking URI that is `sqlite:///` with a relative path starts from the working directory. `finished` says whether
+    no more lines will come; it is asked before each look at the ledger, so the time it takes to answer sets the pace,
+    and another mirror of the directory is waited for. None writes what stands there now: another mirror is not waited
+    for, and a search that is at work is left `RUNNING`.
 
     Raises:
         RunError: run.json, a ledger line or sweep.json is damaged; the store holds another search under this name; its

@@ -16,10 +16,8 @@ class MlflowError(RunError):
 def told(place: str, uri: str, remedy: str) -> Iterator[None]:
     """Raise what is not an error of tacevo, of whatever class a driver has, as an `MlflowError`.
 
-    Args:
-        place: what was to be written.
-        uri: the tracking URI, empty for MLFLOW_TRACKING_URI.
-        remedy: what to do once the store can be used.
+    `place` is what was to be written, `remedy` what to do once the store can be used; an empty URI is that of
+    MLFLOW_TRACKING_URI.
     """
     try:
         yield

@@ -97,7 +97,8 @@ def find_or_create_experiment(client: MlflowClient, name: str) -> str:
                 "`tacevo track` writes what is missing; or set tracking.experiment=NAME",
             )
     else:
-        place = _artifact_location(client.tracking_uri)
+        database = _database(client.tracking_uri)  # any other store knows its own place
+        place = None if database is None else (database.parent / "mlartifacts").as_uri()
         try:
             return client.create_experiment(name, artifact_location=place, tags=_KIND)
         except MlflowException:
@@ -125,12 +126,6 @@ def _create(database: Path) -> None:
         part.with_name(f"{part.name}-journal").unlink(missing_ok=True)
         MlflowClient(f"{_SQLITE}{part}")
         part.rename(database)
-
-
-def _artifact_location(uri: str) -> str | None:
-    """Name the directory beside a SQLite database; any other store knows its own place."""
-    database = _database(uri)
-    return None if database is None else (database.parent / "mlartifacts").as_uri()
 
 
 def _database(uri: str) -> Path | None:

@@ -51,12 +51,7 @@ _NAME = re.compile(r"[\w.\- ]{1,200}")
 
 
 def check_registry(name: str, uri: str, experiment: str) -> None:
-    """Check that a model can be registered, before hours of training.
-
-    Args:
-        name: of the model.
-        uri: the tracking URI.
-        experiment: the name of the MLflow experiment, which is created where it is missing.
+    """Check that a model can be registered, before hours of training; an experiment that is missing is created.
 
     Raises:
         ConfigError: the name is not one.
@@ -74,18 +69,11 @@ def check_registry(name: str, uri: str, experiment: str) -> None:
 def register(export: Path, name: str, *, search: str, uri: str, experiment: str, metrics: Mapping[str, float]) -> str:
     """Log the ONNX model of an export, and register it.
 
-    The model's run is nested under that of its search, where that stands in the experiment.
-
-    Args:
-        export: the directory.
-        name: of the model in the registry.
-        search: what the search is found by (`tacevo.tracking.writer.search_key`).
-        uri: the tracking URI.
-        experiment: the name of the MLflow experiment.
-        metrics: of the exported model on the test images.
+    The model's run is nested under that of its search, which is found by its `search_key`, where that stands in the
+    experiment. The metrics are those on the test images.
 
     Returns:
-        Its version.
+        The model's version.
 
     Raises:
         RunError, MlflowException: as `check_registry`.

@@ -50,14 +50,9 @@ def search_key(header: str, name: str, sweep: str) -> str:
 
 
 class SearchWriter:
-    """A search's run, found by its tag or created, and what the store holds of the search already.
+    """A search's run, found by its `search_key` or created, and what the store holds of the search already.
 
-    Args:
-        experiment: the experiment's id.
-        key: identifies the search; a string without quotes.
-        name: what a new run is called.
-        tags: of the search's run.
-        source: tags of the search and of every candidate that name its code.
+    The experiment is given by its id; `source` are the tags of the search and of every candidate that name its code.
     """
 
     def __init__(
@@ -144,15 +139,8 @@ class SearchWriter:
     ) -> None:
         """Write a finished study that the store lacks as a nested run.
 
-        Args:
-            name: of its directory.
-            digest: of its scores.
-            params: its design and verdicts.
-            measures: a point for each metric, network and seed, and the statistics.
-            command: that made it.
-            description: what it found, in Markdown.
-            files: further artifacts by name.
-            whole: whether every training came to its end.
+        The description says in Markdown what it found; `files` are further artifacts by name; it is whole where every
+        training came to its end.
         """
         source = {"mlflow.source.name": command, "mlflow.source.type": "LOCAL"}
         run = self._begin(STUDY_TAG, name, digest, {**source, NOTE_TAG: note(description, _FOUND)})

@@ -5,10 +5,6 @@ leaves a hidden sibling, which is never read and may be deleted).
 """
 
 import json
-import shutil
-import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +12,7 @@ from PIL import Image
 
 from tacevo.choices import SensorTask
 from tacevo.data.simulator.tasks import Simulated
+from tacevo.data.staging import new_directory
 from tacevo.data.workers import Progress, each
 from tacevo.errors import ConfigError, DataError
 from tacevo.text import as_override
@@ -41,7 +38,7 @@ def write_files(source: Simulated, out: Path, *, workers: int, progress: Progres
         raise DataError(f"{out}, which exists", place="out", expected="a new directory, e.g. out=simulated")
     catalogue = source.catalogue()
     names = [f"images/{number:05d}.png" for number in range(1, len(catalogue.labels) + 1)]
-    with _staged(out.resolve()) as stage:
+    with new_directory(out.resolve()) as stage:
         (stage / "images").mkdir()
 
         def write_image(number: int) -> None:
@@ -68,18 +65,3 @@ def overrides_for(source: Simulated, out: Path) -> list[str]:
         "data.split=random",
         f"data.image_size={source.image_size}",
     ]
-
-
-@contextmanager
-def _staged(out: Path) -> Iterator[Path]:
-    """Offer a hidden sibling to fill; on success it becomes `out` in one step, else it is removed.
-
-    Unlike the cache's, no lock file stays behind: this is the user's own directory.
-    """
-    stage = out.with_name(f".{out.name}-{uuid.uuid4().hex[:12]}")
-    stage.mkdir(parents=True)
-    try:
-        yield stage
-        stage.rename(out)  # atomic, and refused by the system where `out` has been filled in the meantime
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)

@@ -68,22 +68,15 @@ class Arrays:
             names=_names(names, outputs, "{}" if is_classified else "label {}"),
             labels=labels.astype(np.int64) if is_classified else labels.astype(np.float64).reshape(count, outputs),
             image_size=self.image_size,
-            pictures=tuple(partial(resized, image, self.image_size, self.white_point) for image in images),
+            pictures=tuple(partial(_resized, image, self.image_size, self.white_point) for image in images),
             extents=tuple(partial(extent, image, self.white_point) for image in images),
             groups=_groups(arrays.get("groups"), count),
             recorded_size=(images.shape[2], images.shape[1]),
         )
 
 
-def resized(image: npt.NDArray[Any], image_size: int, white_point: float | None = None) -> Picture:
-    """Scale and resize one image as files are.
-
-    Returns:
-        uint8, shape (3, image_size, image_size).
-
-    Raises:
-        DataError: a value is negative or beyond the white point.
-    """
+def _resized(image: npt.NDArray[Any], image_size: int, white_point: float | None) -> Picture:
+    """Scale and resize one image as files are; raises as `to_8_bits`."""
     flat = image[:, :, 0] if image.shape[2:] == (1,) else image
     return square(to_8_bits(flat, white_point), image_size)
 

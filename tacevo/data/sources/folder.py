@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
+from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, content, directories, folded
-from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files, other_files
-from tacevo.data.sources.table import groups_in, number_in
+from tacevo.data.sources.image_files import FileSource, image_files, other_files
+from tacevo.data.sources.table import number_in
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -21,41 +21,26 @@ _PARTS = frozenset({"train", "training", "val", "valid", "validation", "test", "
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Folder:
+class Folder(FileSource):
     """One directory per class, named after it; classes are in the order of their numbers, or of their names."""
-
-    root: Path
-    #: Height and width that images are resized to, in pixels.
-    image_size: int
-    #: The stored value that becomes 255; None for the full range of the files.
-    white_point: float | None = None
-    #: A regular expression that finds in an image's path what images of one press share; None: unknown.
-    group_pattern: str | None = None
 
     def describe(self) -> Json:
         """Name the classes, and the name and bytes of every image."""
         classes, images, names = self._read()
         return {
-            **chosen(self, "white_point", "group_pattern"),
+            **self.described(images),
             "source": "folder",
-            "decoding": DECODING,
             "classes": {name: len(paths) for name, paths in classes.items()},
             "names": names,
-            "images": files_hash(images),
-            "image_size": self.image_size,
         }
 
     def catalogue(self) -> Catalogue:
         """List labels and images, class by class, images in the order of their names."""
         classes, images, names = self._read()
-        pattern = self.group_pattern
-        return file_catalogue(
+        return self.listed(
             images,
             names,
-            self.image_size,
-            self.white_point,
-            groups=None if pattern is None else groups_in(names, pattern),
-            groups_chosen_by=None if pattern is None else "data.group_pattern",
+            names,
             kind=Kind.classification,
             names=tuple(classes),
             labels=np.repeat(np.arange(len(classes), dtype=np.int64), list(map(len, classes.values()))),

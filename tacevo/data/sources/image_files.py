@@ -1,10 +1,12 @@
 """Image files as every loader reads them: decoded, upright, RGB, square, uint8; and hashed by content."""
 
 import hashlib
+import re
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,9 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from tacevo.data.source import Catalogue, Picture, check_no_faults, check_readable
+from tacevo.data.source import Catalogue, Picture, check_no_faults, check_readable, chosen, shortened
 from tacevo.data.sources.filenames import SUFFIXES, is_passed_over
 from tacevo.errors import DataError
+from tacevo.records import Json
 
 #: Changes when the same file would be decoded to other pixels.
 DECODING = "pillow-rgb-bilinear-2"
@@ -53,27 +56,46 @@ def _files(directory: Path, pattern: str) -> list[Path]:
     return sorted(path for path in files if not is_passed_over(path.relative_to(directory)))
 
 
-def file_catalogue(
-    files: Sequence[Path], places: Sequence[str], image_size: int, white_point: float | None, **fields: Any
-) -> Catalogue:
-    """List image files, at least one, which are decoded when their picture is made.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileSource:
+    """What the sources of image files have in common: settings, and how files become a catalogue."""
 
-    Places are what messages call them, and `fields` the other fields of the catalogue.
+    #: The directory that holds them all.
+    root: Path
+    #: Height and width that images are resized to, in pixels.
+    image_size: int
+    #: The stored value that becomes 255; None for the full range of the files.
+    white_point: float | None = None
+    #: A regular expression that finds in an image's path what images of one press share; None: unknown.
+    group_pattern: str | None = None
 
-    Raises:
-        DataError: as `common_size`.
-    """
-    size, depths = common_size(list(zip(places, files, strict=True)), white_point)
-    return Catalogue(
-        image_size=image_size,
-        pictures=tuple(partial(decode, path, image_size, white_point) for path in files),
-        recorded_size=size,
-        files=files,
-        places=places,
-        depths=depths,
-        extents=tuple(partial(_extent, path, white_point) for path in files),
-        **fields,
-    )
+    def described(self, files: Iterable[Path]) -> dict[str, Json]:
+        """Name the bytes of image files, and the settings by which they become pictures and groups."""
+        settings = chosen(self, "white_point", "group_pattern")
+        return {**settings, "decoding": DECODING, "images": files_hash(files), "image_size": self.image_size}
+
+    def listed(self, files: Sequence[Path], places: Sequence[str], paths: Sequence[str], **fields: Any) -> Catalogue:
+        """List image files, at least one, which are decoded when their picture is made.
+
+        Places are what messages call them, paths are those that `group_pattern` is about, and `fields` the other fields
+        of the catalogue; where groups are among them, the pattern does not count.
+
+        Raises:
+            DataError: as `common_size` and `groups_in`.
+        """
+        size, depths = common_size(list(zip(places, files, strict=True)), self.white_point)
+        if self.group_pattern is not None and "groups" not in fields:
+            fields |= {"groups": groups_in(paths, self.group_pattern), "groups_chosen_by": "data.group_pattern"}
+        return Catalogue(
+            image_size=self.image_size,
+            pictures=tuple(partial(decode, path, self.image_size, self.white_point) for path in files),
+            recorded_size=size,
+            files=files,
+            places=places,
+            depths=depths,
+            extents=tuple(partial(_extent, path, self.white_point) for path in files),
+            **fields,
+        )
 
 
 def decode(path: Path, image_size: int, white_point: float | None = None) -> Picture:
@@ -235,11 +257,7 @@ def common_size(
 
 
 def _header(path: Path, white_point: float | None) -> tuple[tuple[int, int], int]:
-    """Read width and height, as they are after the orientation note is obeyed, and the bits of a value in the file.
-
-    Raises:
-        DataError: the header shows that the image cannot be used.
-    """
+    """Read width and height, as they are after the orientation note is obeyed, and the bits of a value in the file."""
     with _opened(path) as file:
         stacked = file.format in STACKS and getattr(file, "n_frames", 1) > 1
         (width, height), mode = file.size, file.mode
@@ -275,3 +293,30 @@ def files_hash(paths: Iterable[Path]) -> str:
         except OSError as error:
             raise DataError(f"a file that cannot be read ({error.strerror})", place=str(path)) from error
     return digest.hexdigest()
+
+
+def numbered(shared: Sequence[str]) -> npt.NDArray[np.int64]:
+    """Number what the images of a press share: int64, equal where the texts are."""
+    return np.unique(np.array(shared, dtype=object), return_inverse=True)[1].astype(np.int64)
+
+
+def groups_in(paths: Sequence[str], pattern: str) -> npt.NDArray[np.int64]:
+    """Find the groups of images by a regular expression on their paths.
+
+    The parts in brackets that it finds are what the images of a group share; without brackets, all that it finds.
+
+    Returns:
+        int64, shape (N,): equal for images of one group.
+
+    Raises:
+        DataError: a path does not hold the expression.
+    """
+    matches = [re.search(pattern, path) for path in paths]
+    check_no_faults(
+        f"paths do not hold the regular expression {pattern!r}",
+        [shortened(path) for path, match in zip(paths, matches, strict=True) if match is None],
+        "write one that finds in each path what the images of one press share",
+        place="data.group_pattern",
+    )
+    shared = [repr(match.groups() or match[0]) for match in matches if match is not None]
+    return numbered(shared)

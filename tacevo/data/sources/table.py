@@ -10,11 +10,10 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats, shortened
 from tacevo.data.sources.filenames import check_directory, check_file, folded, own_names
-from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files
+from tacevo.data.sources.image_files import FileSource, files_hash, image_files, numbered
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
 
@@ -45,44 +44,36 @@ class Row:
 
     @property
     def labels(self) -> tuple[float, ...]:
-        """The values of the target columns; NaN for what is not a number."""
-        return tuple(math.nan if (number := number_in(text)) is None else number for text in self.texts)
+        """The values of the target columns, which `read_rows` has checked."""
+        return tuple(map(float, self.texts))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TableSource:
+class TableSource(FileSource):
     """A directory with a CSV table; the first row holds the column names."""
 
-    root: Path
     #: The table, relative to `root`, e.g. `labels.csv`.
     table: str
     #: The column with each image's path, relative to `root` or to the directory of the table.
     image_column: str
     #: The columns to regress, in the order of the outputs.
     target_columns: tuple[str, ...]
-    #: Height and width that images are resized to, in pixels.
-    image_size: int
     #: Leave out rows whose image is missing, instead of refusing the table.
     skip_missing: bool = False
-    #: The stored value that becomes 255; None for the full range of the files.
-    white_point: float | None = None
-    #: What images of one press share: a column's value, or what an expression finds in an image's path; None: unknown.
+    #: The column whose value images of one press share; it goes before `group_pattern`.
     group_column: str | None = None
-    group_pattern: str | None = None
 
     def describe(self) -> Json:
         """Name the bytes of the table and of every image."""
         rows, _ = self._read()
         return {
-            **chosen(self, "white_point", "group_column", "group_pattern"),
+            **self.described(row.path for row in rows),
+            **chosen(self, "group_column"),
             "source": "table",
-            "decoding": DECODING,
             "table": files_hash([self.root / self.table]),
             "lines": [row.line for row in rows],
-            "images": files_hash(row.path for row in rows),
             "image_column": self.image_column,
             "target_columns": list(self.target_columns),
-            "image_size": self.image_size,
         }
 
     def catalogue(self) -> Catalogue:
@@ -91,14 +82,10 @@ class TableSource:
         groups: dict[str, Any] = {}
         if self.group_column is not None:
             groups = {"groups": numbered([row.group for row in rows]), "groups_chosen_by": "data.group_column"}
-        elif self.group_pattern is not None:
-            names = [PurePath(row.name).as_posix() for row in rows]
-            groups = {"groups": groups_in(names, self.group_pattern), "groups_chosen_by": "data.group_pattern"}
-        return file_catalogue(
+        return self.listed(
             [row.path for row in rows],
             [row.place for row in rows],
-            self.image_size,
-            self.white_point,
+            [PurePath(row.name).as_posix() for row in rows],
             kind=Kind.regression,
             names=self.target_columns,
             labels=np.array([row.labels for row in rows], dtype=np.float64),
@@ -290,30 +277,3 @@ def number_in(text: str) -> float | None:
     """
     number = float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
     return number if math.isfinite(number) else None
-
-
-def numbered(shared: Sequence[str]) -> npt.NDArray[np.int64]:
-    """Number what the images of a press share: int64, equal where the texts are."""
-    return np.unique(np.array(shared, dtype=object), return_inverse=True)[1].astype(np.int64)
-
-
-def groups_in(paths: Sequence[str], pattern: str) -> npt.NDArray[np.int64]:
-    """Find the groups of images by a regular expression on their paths.
-
-    The parts in brackets that it finds are what the images of a group share; without brackets, all that it finds.
-
-    Returns:
-        int64, shape (N,): equal for images of one group.
-
-    Raises:
-        DataError: a path does not hold the expression.
-    """
-    matches = [re.search(pattern, path) for path in paths]
-    check_no_faults(
-        f"paths do not hold the regular expression {pattern!r}",
-        [shortened(path) for path, match in zip(paths, matches, strict=True) if match is None],
-        "write one that finds in each path what the images of one press share",
-        place="data.group_pattern",
-    )
-    shared = [repr(match.groups() or match[0]) for match in matches if match is not None]
-    return numbered(shared)

@@ -14,8 +14,9 @@ where all but the tested one train; and `few-shot`, where some training images o
 
 import re
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,10 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tacevo.choices import GratingClasses, RecordedTask
-from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats
+from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, check_file, content, directories
-from tacevo.data.sources.image_files import DECODING, file_catalogue, files_hash, image_files, other_files
-from tacevo.data.sources.table import Row, groups_in, read_rows, unnamed_images
+from tacevo.data.sources.image_files import FileSource, image_files, other_files
+from tacevo.data.sources.table import Row, read_rows, unnamed_images
 from tacevo.data.splitting import PARTS, Split, ordered_split
 from tacevo.errors import DataError
 from tacevo.randomness import stream
@@ -70,32 +71,21 @@ class _Image(NamedTuple):
     name: str = ""
 
 
-class _Listing(NamedTuple):
-    """What the directories of a task hold."""
-
-    images: list[_Image]
-    skipped: int
-    ignored: list[Path]
+#: What directories hold: images, how many rows of tables were left out, and files that are not used.
+_Listing = tuple[list[_Image], int, list[Path]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TacVerse:
+class TacVerse(FileSource):
     """One task of the release, of one or several sensors."""
 
-    root: Path
     task: RecordedTask
     #: The directory of the sensor, e.g. `ViTacTip`; several are joined by `+`.
     sensor: str
     #: Gratings: the directory of the specimens, e.g. `Blackdot`; several are joined by `+`.
     pattern: str | None
-    #: Height and width that images are resized to, in pixels.
-    image_size: int
     #: Tables: leave out rows whose image is missing, as the release's own code does, instead of refusing the table.
     skip_missing: bool = False
-    #: The stored value that becomes 255; None for the full range of the files.
-    white_point: float | None = None
-    #: What finds in an image's path what images of one press share; None: unknown.
-    group_pattern: str | None = None
     #: Gratings: the sizes that are taken, in mm; () for all that every directory has.
     spacings_mm: tuple[float, ...] = ()
     #: The most images that are taken: of each class alike, at even steps of their order; None for all. They are counted
@@ -128,9 +118,8 @@ class TacVerse:
 
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
-        images, release = self._taken(self._listing().images)
-        described: dict[str, Json] = {"source": "tacverse", "decoding": DECODING, "task": self.task}
-        described |= {"image_size": self.image_size, **chosen(self, "white_point", "group_pattern")}
+        images, release = self._taken(self._listing()[0])
+        described = {**self.described(image.path for image in images), "source": "tacverse", "task": self.task}
         described |= {"selected": list(self.selected)} if self.selected else {}
         if release is not None and (self.images is not None or self.test_sensor is not None):
             # What is left out says where the parts of the rest end.
@@ -141,24 +130,23 @@ class TacVerse:
             described["labels"] = [[image.path.name, list(image.values)] for image in images]
         else:
             described["presses"] = [list(image[2:5]) for image in images]
-        return {**described, "images": files_hash(image.path for image in images)}
+        return described
 
     def catalogue(self) -> Catalogue:
         """List labels and images: by sensor and pattern, then by number, or by class, press and frame."""
-        listing = self._listing()
-        images, release = self._taken(listing.images)
+        everything, skipped, ignored = self._listing()
+        images, release = self._taken(everything)
         names, labels = self._labels(images)
-        return file_catalogue(
+        return self.listed(
             [image.path for image in images],
             [image.place for image in images],
-            self.image_size,
-            self.white_point,
+            [image.name for image in images],
             kind=Kind.regression if self.task in COLUMNS else Kind.classification,
             names=names,
             labels=labels,
             release=release,
-            skipped=listing.skipped,
-            ignored=listing.ignored,
+            skipped=skipped,
+            ignored=ignored,
             selected=self.selected,
             **self._groups(images),
         )
@@ -181,14 +169,11 @@ class TacVerse:
         return (family,) if self.classes is GratingClasses.pattern else (family, image.kind)
 
     def _groups(self, images: Sequence[_Image]) -> dict[str, Any]:
-        """Return which images were recorded together."""
+        """Return which images were recorded together, as far as the release says so."""
         if self.task is RecordedTask.grating:
             numbers = {press: number for number, press in enumerate(dict.fromkeys(image[:4] for image in images))}
             return {"groups": np.array([numbers[image[:4]] for image in images], dtype=np.int64)}
-        if self.group_pattern is None:
-            return {}
-        groups = groups_in([image.name for image in images], self.group_pattern)
-        return {"groups": groups, "groups_chosen_by": "data.group_pattern"}
+        return {}
 
     def _taken(self, images: Sequence[_Image]) -> tuple[list[_Image], Split | None]:
         """Take the sizes, the sensors and the number that are asked for, in the parts that the release has them in."""
@@ -206,16 +191,21 @@ class TacVerse:
         return self.test_sensor is None or (image.sensor == self.test_sensor) == (part == "test")
 
     def _capped(self, images: list[_Image]) -> list[_Image]:
+        """Take `self.images`: of each class alike, of the first ones perhaps one more, each at even steps."""
         if self.images is None:
             return images
-        return _at_most(self.images, images, self._class_of if self.task not in COLUMNS else lambda _: None)
+        of_class: defaultdict[tuple[Any, ...], list[int]] = defaultdict(list)
+        for row, image in enumerate(images):
+            of_class[() if self.task in COLUMNS else self._class_of(image)].append(row)
+        each, more = divmod(self.images, len(of_class))
+        taken: list[int] = []
+        for number, rows in enumerate(of_class.values()):
+            count = min(len(rows), each + (number < more))
+            taken += [rows[step * len(rows) // count] for step in range(count)]
+        return [images[row] for row in sorted(taken)]
 
     def _shots(self, part_of: Mapping[_Image, str]) -> list[_Image]:
-        """Draw some presses of the tested sensor out of its training part, which train, too; return their images.
-
-        Raises:
-            DataError: there are fewer.
-        """
+        """Draw some presses of the tested sensor out of its training part, which train, too; return their images."""
         own = [image for image, part in part_of.items() if image.sensor == self.test_sensor and part == "train"]
         pools = defaultdict(set)
         for image in own:
@@ -260,12 +250,8 @@ class TacVerse:
         if self.test_sensor is not None:
             sensors[self.test_sensor] = "data.test_sensor"
         find: Callable[[str, str], _Listing] = self._rows if self.task in COLUMNS else self._presses
-        listings = [find(sensor, setting) for sensor, setting in sensors.items()]
-        return _Listing(
-            [image for listing in listings for image in listing.images],
-            sum(listing.skipped for listing in listings),
-            [path for listing in listings for path in listing.ignored],
-        )
+        images, skipped, ignored = zip(*(find(sensor, setting) for sensor, setting in sensors.items()), strict=True)
+        return list(chain(*images)), sum(skipped), list(chain(*ignored))
 
     def _rows(self, sensor: str, setting: str) -> _Listing:
         """Read the table of a sensor in the order of the image numbers, which is that of time."""
@@ -293,7 +279,7 @@ class TacVerse:
             _Image(sensor, "", "", number, 0, row.path, row.place, row.labels, f"{sensor}/{row.name}")
             for number, row in enumerate(ordered)
         ]
-        return _Listing(images, skipped, unnamed_images(rows))
+        return images, skipped, unnamed_images(rows)
 
     def _presses(self, sensor: str, setting: str) -> _Listing:
         """Find the images of all gratings or shapes of a sensor."""
@@ -310,7 +296,7 @@ class TacVerse:
             own = _gratings(directory, sensor, pattern)
             images += own
             ignored += other_files(directory, "*", [image.path for image in own])
-        return _Listing(images, 0, ignored)
+        return images, 0, ignored
 
 
 def _check_named(setting: str, names: Sequence[str]) -> None:
@@ -362,21 +348,7 @@ def _shapes(directory: Path, sensor: str) -> _Listing:
         raise DataError(str(directory), place="data.sensor", expected=expected, remedy=content(directory))
     check_no_faults(f"{directory} has shapes without images", empty, "remove these directories", expected=expected)
     check_no_faults(f"{directory} has images without a number", unnumbered, "put one into each name, as ball_12.jpg")
-    used = [image.path for image in images]
-    return _Listing(images, 0, other_files(directory, "**/*", used))
-
-
-def _at_most(most: int, images: Sequence[_Image], class_of: Callable[[_Image], Hashable]) -> list[_Image]:
-    """Take so many images: of each class alike, of the first ones perhaps one more, each at even steps."""
-    of_class: defaultdict[Hashable, list[int]] = defaultdict(list)
-    for row, image in enumerate(images):
-        of_class[class_of(image)].append(row)
-    each, more = divmod(most, len(of_class))
-    taken: list[int] = []
-    for number, rows in enumerate(of_class.values()):
-        count = min(len(rows), each + (number < more))
-        taken += [rows[step * len(rows) // count] for step in range(count)]
-    return [images[row] for row in sorted(taken)]
+    return images, 0, other_files(directory, "**/*", [image.path for image in images])
 
 
 def _released(images: Iterable[_Image]) -> list[str]:

@@ -14,7 +14,8 @@ from small_recordings import loaded, save_arrays, save_folder, save_image
 from tacevo.choices import SplitRule
 from tacevo.data.loading import split_rows
 from tacevo.data.source import Catalogue
-from tacevo.data.sources.table import TableSource, groups_in
+from tacevo.data.sources.image_files import groups_in
+from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
 
 #: So many frames of each press.
