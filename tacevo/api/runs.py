@@ -17,7 +17,7 @@ from analysis.runs.pareto import beside_costs, on_front
 from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, trusted_network
-from tacevo.api.replaying import replay
+from tacevo.api.replaying import digest_of, replay
 from tacevo.api.studies import Study
 from tacevo.api.tables import Named, Table, with_plain_names
 from tacevo.bundles.open import Opened, check_walls
@@ -254,7 +254,7 @@ class Run:
             BundleError: the records of a bundle do not suit each other.
         """
         with progress(quiet) as view:
-            return replay(self.place, self.recorded.config.store.root, view).digest
+            return digest_of(self.place, replay(self.place, self.recorded.config.store.root, view))
 
     def forget(self) -> None:
         """Read its studies again when they are next asked for: one was made."""
