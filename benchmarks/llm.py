@@ -19,6 +19,7 @@ import anthropic
 
 from benchmarks.timing import Figure, medians, report, resident
 from tacevo.llm.anthropic import connect
+from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.recording import RecordingLLM
 from tacevo.records import ChatMessage, Request
@@ -89,7 +90,7 @@ def _request(number: int) -> Request:
 
 
 def _ask(url: str, store: Store, requests: list[Request], concurrency: int) -> None:
-    llm = HostedLLM(lambda: connect(url, concurrency), concurrency=concurrency, name="llm=anthropic")
+    llm = HostedLLM(lambda: connect(url, concurrency), concurrency=concurrency, models=Models("llm=anthropic"))
     if len(list(RecordingLLM(llm, store).complete(requests))) != len(requests):
         raise RuntimeError("an answer is missing")
 

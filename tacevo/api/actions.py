@@ -108,9 +108,7 @@ def study(
     given = compose_study(_settings(settings))
     with progress(quiet) as view:
         done = run_study(replace(given, run=str(_directory(run))), view, data)
-    if isinstance(run, Run):
-        run.forget()
-    return _study_of(done, given.store.root)
+    return _study_of(done, given.store.root, run)
 
 
 @overload
@@ -139,9 +137,7 @@ def noise(run: Run | Sweep | str | os.PathLike[str], *, quiet: bool = False, **s
     given = compose_noise(_settings(settings))
     with progress(quiet) as view:
         done = estimate_noise(replace(given, run=str(_directory(run))), view)
-    if isinstance(run, Run):
-        run.forget()
-    return _study_of(done, given.store.root)
+    return _study_of(done, given.store.root, run)
 
 
 def publish(
@@ -221,8 +217,10 @@ def _directory(run: Run | str | os.PathLike[str]) -> Path:
     return run.path
 
 
-def _study_of(done: Studied, store: str | None) -> Study:
-    """Return a study that was just finished."""
+def _study_of(done: Studied, store: str | None, of: Run | str | os.PathLike[str] | None = None) -> Study:
+    """Return a study that was just finished; an open run that it is of reads its studies again."""
+    if isinstance(of, Run):
+        of.forget()
     _check_whole(done)
     run = open_run(done.directory.parents[1], store=store)
     return next(study for study in run.studies if study.name == done.directory.name)

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
 
-from analysis.sweeps.pilots import Pilot, study_pilot, sweep_pilot
+from analysis.sweeps.pilots import study_pilot, sweep_pilot
 from analysis.sweeps.plans import Planned, Wish
 from analysis.sweeps.plans import plan as weigh
 from analysis.tables.plan import plan_table
@@ -82,7 +82,10 @@ def planned_from(
     alpha: float,
 ) -> Planned:
     """Return all ways, and the plan; arguments as of `plan`, within their ranges."""
-    pilot = _pilot(kind, pilots)
+    if kind == "study":
+        pilot = study_pilot([pair for one in pilots for pair in _finished_studies(one)])
+    else:
+        pilot = sweep_pilot([load_sweep(_sweep(one)) for one in pilots])
     return weigh(pilot, Wish(effect=effect, alpha=alpha, power=power, comparisons=comparisons or pilot.comparisons))
 
 
@@ -95,12 +98,6 @@ def write_plan(planned: Planned, directory: Path) -> SeedPlan | None:
     made = replace(planned.plan, made=datetime.now(UTC).date().isoformat())
     write_durably(directory / "plan.json", plan_text(made))
     return made
-
-
-def _pilot(kind: str, pilots: Sequence[PilotSource]) -> Pilot:
-    if kind == "study":
-        return study_pilot([pair for pilot in pilots for pair in _finished_studies(pilot)])
-    return sweep_pilot([load_sweep(_sweep(pilot)) for pilot in pilots])
 
 
 def _sweep(pilot: PilotSource) -> Path:

@@ -17,9 +17,9 @@ from analysis.runs.pareto import beside_costs, on_front
 from analysis.studies.reestimates import losses_by_source
 from analysis.table import Table as Rows
 from tacevo.api import frames, trusted_network
-from tacevo.api.replaying import replay
+from tacevo.api.replaying import digest_of, replay
 from tacevo.api.studies import Study
-from tacevo.api.tables import Named, Table, with_plain_names
+from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, check_walls
 from tacevo.choices import DataSource
 from tacevo.config.schema import RunConfig
@@ -254,7 +254,7 @@ class Run:
             BundleError: the records of a bundle do not suit each other.
         """
         with progress(quiet) as view:
-            return replay(self.place, self.recorded.config.store.root, view).digest
+            return digest_of(self.place, replay(self.place, self.recorded.config.store.root, view))
 
     def forget(self) -> None:
         """Read its studies again when they are next asked for: one was made."""
@@ -289,7 +289,12 @@ class Run:
         return collection_of(self.recorded, read_studies(self.recorded))
 
     def _named(self, values: Mapping[str, T], what: str) -> Named[T]:
-        return Named(with_plain_names(values, [study.name for study in self.studies]), what)
+        """Add the plain names of a study's: `verdicts` beside `STUDY/verdicts`, of the first study that has one."""
+        named = dict(values)
+        for study in self.studies:
+            below = _below(study.name, values, what)
+            named |= {name: value for name, value in below.items() if name not in named}
+        return Named(named, what)
 
     def _draw_samples(self) -> Figure:
         from rich.console import Console

@@ -13,7 +13,7 @@ from analysis.sweeps.arm_metrics import TESTED, TESTS, Metric
 from analysis.table import Table as Rows
 from analysis.tables.ablation import divergence
 from tacevo.api import frames
-from tacevo.api.replaying import replay
+from tacevo.api.replaying import digest_of, replay
 from tacevo.api.runs import Draw, Run, progress
 from tacevo.api.tables import Named, Table
 from tacevo.bundles.open import Opened, located
@@ -152,7 +152,7 @@ class Sweep:
         """Run every search and study again, as `Run.replay`; return the digest of the sweep."""
         place = self.place if self.place.digest is not None else located(self.place.folder)
         with progress(quiet) as view:
-            return replay(place, self.store, view).digest
+            return digest_of(place, replay(place, self.store, view))
 
     def collection(self, reference: str | None = None) -> SweepCollection:
         """As records: its runs, the archive that measures them, their comparison with the reference.

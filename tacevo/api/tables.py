@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -91,18 +91,3 @@ class Named(Mapping[str, T]):
     @property
     def _plain(self) -> list[str]:
         return [name for name in self._values if "/" not in name]
-
-
-def with_plain_names(values: Mapping[str, T], studies: Iterable[str]) -> dict[str, T]:
-    """Add the plain names of a study's: `verdicts` beside `STUDY/verdicts`, of the first study that has one.
-
-    Args:
-        values: by name.
-        studies: in the order in which they are taken for a plain name.
-    """
-    named = dict(values)
-    for study in studies:
-        for name, value in values.items():
-            if name.startswith(f"{study}/"):
-                named.setdefault(name.removeprefix(f"{study}/"), value)
-    return named

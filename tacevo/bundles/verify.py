@@ -43,18 +43,18 @@ class Rerun:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verified:
-    """A bundle whose records were found to follow from each other."""
+    """A run or a sweep that was run again, and found to be as recorded; of a bundle, with all that is beside it."""
 
     #: One, or those of a sweep's jobs in their order.
     runs: tuple[Rerun, ...]
-    #: Store entries, all of which were read.
-    entries: int
+    #: Store entries of a bundle, all of which were read; None of a directory, and of one job of a bundle.
+    entries: int | None = None
     #: Files of tables that were made again, and are equal.
-    tables: int
+    tables: int = 0
     #: Files of tables of an older form (`tacevo.rules.PAGES`): their checksums were right.
-    older: int
+    older: int = 0
     #: Files of figures: their checksums were right.
-    figures: int
+    figures: int = 0
 
 
 def verify(

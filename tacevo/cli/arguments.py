@@ -6,7 +6,6 @@ What does the work takes seconds to import, so it is imported when the arguments
 import argparse
 import contextlib
 import importlib
-import re
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -56,13 +55,6 @@ def _run_or_setting(word: str) -> str:
     elif "=" not in word:
         check_place(Path(word))
     return word
-
-
-def candidate(text: str) -> str:
-    """Read the id of a candidate."""
-    if re.fullmatch(r"g\d{2,}s\d{2,}", text):
-        return text
-    raise argparse.ArgumentTypeError(f"expected the id of a candidate, such as g02s03; got {text!r}")
 
 
 #: What may be set, and what it means; conf/study.yaml has the defaults.
@@ -294,7 +286,7 @@ def add_export(parser: Parser) -> None:
         "weights, ONNX, torch.export, a model card. Needs `pip install -e '.[export]'`."
     )
     parser.add_argument("run", metavar="RUN", type=named, help=RUN)
-    parser.add_argument("candidate", metavar="CANDIDATE", type=candidate, help="its id, e.g. g02s03")
+    parser.add_argument("candidate", metavar="CANDIDATE", help="its id, e.g. g02s03")
     parser.add_argument(
         "overrides",
         metavar="KEY=VALUE",
@@ -340,7 +332,7 @@ def add_publish(parser: Parser) -> None:
 def add_show(parser: Parser) -> None:
     """Describe `tacevo show`."""
     parser.add_argument("run", metavar="RUN", type=named, help=RUNS)
-    parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", type=candidate, help="its id, e.g. g02s03")
+    parser.add_argument("candidate", metavar="CANDIDATE", nargs="?", help="its id, e.g. g02s03")
     parser.add_argument("--source", action="store_true", help="only its source, with the imports that it was given")
     parser.set_defaults(command=_later("show", "show"))
 

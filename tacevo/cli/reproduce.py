@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tacevo.api.replaying import Replay, extended, replay
+from tacevo.api.replaying import digest_of, extended, replay
 from tacevo.bundles.open import Opened, check_walls, opened
-from tacevo.bundles.verify import Rerun
+from tacevo.bundles.verify import Rerun, Verified
 from tacevo.cli.common import DIFFERENT, DONE, existing_store
 from tacevo.costs import in_words, total
 from tacevo.reproduce.compare import compare
@@ -40,7 +40,7 @@ def run_replay(options: argparse.Namespace) -> int:
         told = _told(place, done)
         if options.retrain is not None:
             told.append(_retrain(done.runs, options, view))
-    for text in [*told, _verdict(done), f"digest: {done.digest}"]:
+    for text in [*told, _verdict(done), f"digest: {digest_of(place, done)}"]:
         print(printable(text))
     return DONE
 
@@ -60,23 +60,21 @@ def _replay_table(options: argparse.Namespace) -> int:
     return DONE
 
 
-def _verdict(done: Replay) -> str:
+def _verdict(done: Verified) -> str:
     """Say in one line what was compared and is equal, and what was not compared."""
     searches, studies = len(done.runs), sum(len(run.studies) for run in done.runs)
     equal = ["search" if searches == 1 else f"{searches} searches"]
     if studies:
         equal.append("1 study" if studies == 1 else f"{studies} studies")
-    older, figures = sum(run.pages != PAGES for run in done.runs), 0
-    if done.verified is not None:
-        equal += [f"{counted(done.verified.tables, 'file')} of tables"] if done.verified.tables else []
-        older, figures = older + done.verified.older, done.verified.figures
+    equal += [f"{counted(done.tables, 'file')} of tables"] if done.tables else []
+    older = done.older + sum(run.pages != PAGES for run in done.runs)
     left = [f"{counted(older, 'file')} of an older form"] if older else []
-    left += [counted(figures, "figure")] if figures else []
-    why = "" if done.verified is None else " (their checksums hold)"
+    left += [counted(done.figures, "figure")] if done.figures else []
+    why = "" if done.entries is None else " (their checksums hold)"
     return f"EQUAL: {', '.join(equal)}" + (f"; not compared: {listed(left)}{why}" if left else "")
 
 
-def _told(origin: Opened, done: Replay) -> list[str]:
+def _told(origin: Opened, done: Verified) -> list[str]:
     """Describe what was compared of each run, and of all runs of a sweep together."""
     runs = done.runs
     lines = sum(run.replayed.lines for run in runs)
@@ -99,8 +97,8 @@ def _told(origin: Opened, done: Replay) -> list[str]:
             "the bundle of a sweep holds no test predictions: scores are those of the recorded trainings, and of a "
             "classification, accuracy and macro-F1 follow from the confusion; other metrics were not computed again"
         )
-    if done.verified is not None:
-        told += [f"all {done.verified.entries} store entries were needed", f"bundle digest: {origin.digest}"]
+    if done.entries is not None:
+        told += [f"all {done.entries} store entries were needed", f"bundle digest: {origin.digest}"]
     return told
 
 

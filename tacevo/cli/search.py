@@ -15,9 +15,8 @@ from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.conf_folder import check_experiment, groups
-from tacevo.config.plain import to_plain
 from tacevo.environment import as_typed
-from tacevo.records import Mode
+from tacevo.records import Mode, to_json
 from tacevo.results.sweep import Standing
 from tacevo.runs.estimate import MEASURING, describe_cost, describe_estimates, describe_time
 from tacevo.runs.progress import Progress
@@ -79,7 +78,7 @@ def _describe_settings() -> str:
 
 def _search(options: argparse.Namespace) -> int:
     if options.cfg or options.resolve or options.info:
-        print(yaml.safe_dump(to_plain(compose(options.overrides)), sort_keys=False), end="")
+        print(yaml.safe_dump(to_json(compose(options.overrides)), sort_keys=False), end="")
         return DONE
     if options.into is not None and not options.multirun:
         options.parser.error("--into names the directory of a sweep, so it needs -m; for one search, set run.dir=DIR")

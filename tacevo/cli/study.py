@@ -76,7 +76,9 @@ def run_study(options: argparse.Namespace) -> int:
         data = [override for override in options.overrides if override.startswith(("data=", "data."))]
         config = _composed(compose_study, [override for override in options.overrides if override not in data])
         if config.sweep is not None:
-            return _study_sweep(Path(config.sweep), config, data)
+            with Progress() as view:
+                studies, unfinished = study_sweep(Path(config.sweep), config, view, data)
+            return _report_sweep(Path(config.sweep), studies, unfinished, "study", "raise seconds= or memory_mib=")
         if RunDirectory(Path(config.run or "")).read_run().task.given:
             check_unchosen(options.overrides)
         if len(elsewhere := [*product(*spread(data))] if data else [()]) > 1:
@@ -115,18 +117,6 @@ def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
     return max(statuses)
 
 
-def _study_sweep(sweep: Path, config: StudyConfig, data: Sequence[str]) -> int:
-    with Progress() as view:
-        studies, unfinished = study_sweep(sweep, config, view, data)
-    return _report_sweep(sweep, studies, unfinished, "study", "raise seconds= or memory_mib=")
-
-
-def _noise_sweep(sweep: Path, config: NoiseConfig) -> int:
-    with Progress() as view:
-        noise_runs, unfinished = estimate_noise_of_sweep(sweep, config, view)
-    return _report_sweep(sweep, noise_runs, unfinished, "noise run", "lower elites=")
-
-
 def _report_sweep(sweep: Path, studies: Sequence[Studied], unfinished: Sequence[str], what: str, remedy: str) -> int:
     statuses = []
     for one in studies:
@@ -142,7 +132,9 @@ def run_noise(options: argparse.Namespace) -> int:
     """Train elites again under other seeds."""
     config = _composed(compose_noise, options.overrides)
     if config.sweep is not None:
-        return _noise_sweep(Path(config.sweep), config)
+        with Progress() as view:
+            noise_runs, unfinished = estimate_noise_of_sweep(Path(config.sweep), config, view)
+        return _report_sweep(Path(config.sweep), noise_runs, unfinished, "noise run", "lower elites=")
     with Progress() as view:
         studied = estimate_noise(config, view)
     _introduce(studied, "noise run")

@@ -20,7 +20,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
-from tacevo.config.plain import converted, from_plain, near, to_plain
+from tacevo.config.plain import converted, from_plain, near
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
 from tacevo.config.sources import check_used, unused
 from tacevo.config.study import NoiseConfig, StudyConfig
@@ -120,7 +120,7 @@ def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     brought = {key for key in chosen if choices and (key in {"source", *split} or chosen[key] != usual[key])}
     named = {override.partition("=")[0].removeprefix("data.") for override in overrides} & laid.keys()
     own = {key: laid[key] for key in brought | named}
-    other = from_plain({**to_plain(config), "data": {**to_json(config.data), **own}})
+    other = from_plain({**to_json(config), "data": {**to_json(config.data), **own}})
     check_used(other, {**chosen, **{key: laid[key] for key in named}}, chosen)
     if other.data.image_size != config.data.image_size:
         expected = f"{config.data.image_size}, which the run's networks are for"

@@ -3,7 +3,7 @@
 import glob
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 from tacevo.choices import PAPER_AXES, ArchiveKind, PromptPolicy
@@ -13,6 +13,7 @@ from tacevo.config.conf_folder import config_roots
 from tacevo.config.schema import RunConfig, SearchConfig
 from tacevo.config.study import StudyConfig
 from tacevo.errors import ConfigError
+from tacevo.records import Given
 
 #: Settings of a study, by their first part; `run` is the directory of another one's run.
 _OF_A_STUDY = {field.name for field in fields(StudyConfig)} - {"run"}
@@ -28,16 +29,6 @@ _OF_A_RUN = {
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NetworkFile:
-    """The file of a given network."""
-
-    path: Path
-    #: The file's name without its ending.
-    name: str
-    text: str
-
-
 def gives_networks(overrides: Sequence[str]) -> bool:
     """Return whether the settings of a study are about given networks, or about a task's baseline alone."""
     keys = {override.partition("=")[0] for override in overrides}
@@ -46,7 +37,7 @@ def gives_networks(overrides: Sequence[str]) -> bool:
     )
 
 
-def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tuple[NetworkFile, ...]]:
+def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, dict[Path, Given]]:
     """Compose a study of given networks, and the run that they stand in: one of generation 0, which keeps them all.
 
     The overrides are those of a study, such as `networks=DIR`, and those of a run, such as `task=force`.
@@ -67,7 +58,7 @@ def compose_given(overrides: Sequence[str]) -> tuple[StudyConfig, RunConfig, tup
     of_study = [override for override, key in keys.items() if _group(key) in _OF_A_STUDY]
     of_run = [override for override, key in keys.items() if _group(key) in _OF_A_RUN]
     study = compose_study(of_study, given=True)
-    files = tuple(_files(study.networks))
+    files = dict(_files(study.networks))
     chosen = compose(["llm=grammar", *of_run])  # it is asked nothing, but some experiments want a model to be named
     return study, _run_of(chosen, len(files)), files
 
@@ -96,7 +87,7 @@ def _group(key: str) -> str:
     return key.partition(".")[0]
 
 
-def _files(names: Sequence[str]) -> Iterator[NetworkFile]:
+def _files(names: Sequence[str]) -> Iterator[tuple[Path, Given]]:
     """Read the files that paths, directories and patterns name, in this order, each of a name of its own."""
     known: dict[str, Path] = {"baseline": Path("the task's baseline, which every study has")}
     for path in (path for name in names for path in _paths(name)):
@@ -109,7 +100,7 @@ def _files(names: Sequence[str]) -> Iterator[NetworkFile]:
             raise ConfigError(f"{known[label]} and {path}", place="networks", expected=expected, remedy="rename one")
         known[label] = path
         try:
-            yield NetworkFile(path=path, name=label, text=path.read_text(encoding="utf-8"))
+            yield path, Given(name=label, source=path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError(str(error), place=f"networks, {path}", expected="a network: text in UTF-8") from error
 

@@ -1,4 +1,4 @@
-"""A configuration as plain JSON values, as run.json keeps it, and back; it composes nothing, so it needs no Hydra."""
+"""A configuration read from plain JSON values, as run.json keeps it; it composes nothing, so it needs no Hydra."""
 
 from collections.abc import Mapping, Sequence
 from typing import TypeVar
@@ -6,20 +6,15 @@ from typing import TypeVar
 from tacevo.config.checks import check_together
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
-from tacevo.records import Json, to_json
+from tacevo.records import Json
 from tacevo.text import listed, nearest
 from tacevo.typed import convert
 
 T = TypeVar("T")
 
 
-def to_plain(config: RunConfig) -> dict[str, Json]:
-    """Write a configuration as plain JSON values; `from_plain` reads it back."""
-    return to_json(config)
-
-
 def from_plain(value: Mapping[str, Json]) -> RunConfig:
-    """Read what `to_plain` wrote, in this version or an earlier one, which lacks the settings that came later.
+    """Read what `to_json` wrote, in this version or an earlier one, which lacks the settings that came later.
 
     Raises:
         ConfigError: the values are not a configuration of this version.

@@ -23,7 +23,7 @@ from anthropic.types.messages.batch_create_params import Request as BatchRequest
 from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
 from tacevo.llm.bodies import read_message
-from tacevo.llm.failures import Failures, Models, Notices, scrubbed
+from tacevo.llm.failures import Failures, Models, scrubbed
 from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Delivery, Record, Request, to_json
@@ -74,17 +74,11 @@ class BatchLLM:
     store: Store
     #: Where submitted batches are written down.
     directory: Path
-    #: What the user chose, for messages.
-    name: str
+    #: What is known of the models before the first request.
+    models: Models
     patience: Patience = field(default_factory=Patience)
     #: Seconds between two looks at a batch.
     poll: float = 30.0
-    #: What is known of the models before the first request.
-    models: Models = field(default_factory=Models)
-    notices: Notices = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.notices = Notices(self.name)
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer different requests, batch by batch (see `tacevo.llm.recording.KeepingLLM`).
@@ -94,7 +88,7 @@ class BatchLLM:
             TransportError: the server could not be reached, or had no answer after several submissions.
             StoreError: a record of a batch is damaged, or an answer could not be kept.
         """
-        failures = Failures(name=self.name, models=self.models, delivery=Delivery.batch)
+        failures = Failures(models=self.models, delivery=Delivery.batch)
         wanted = {self.store.key(to_json(request)): (position, request) for position, request in enumerate(requests)}
         submissions: Counter[str] = Counter()
         with self.connect() as client:
@@ -107,8 +101,7 @@ class BatchLLM:
                             continue
                         position, request = wanted[key]
                         if isinstance(outcome, Completion):
-                            self.models.note_answer(request, begun)
-                            self.notices.note_unknown(outcome)
+                            self.models.note_answer(request, outcome, begun)
                             del wanted[key]
                             yield position, keep(request, outcome)
                         elif not self.models.learn(request, _settings(request) - {*record.dropped[key]}, outcome):
@@ -171,10 +164,10 @@ class BatchLLM:
             while (seen := self._call(client, lambda: batches.retrieve(record.id))).processing_status != "ended":
                 time.sleep(self.poll)
             if seen.archived_at is not None:
-                raise ConfigError("the server has deleted its results", place=self.name)
+                raise ConfigError("the server has deleted its results", place=self.models.name)
             return self._call(client, results)
         except ConfigError as error:
-            error.place = f"{self.name}, batch {record.id}"
+            error.place = f"{self.models.name}, batch {record.id}"
             lost = f"if its answers are lost, delete {path} to submit and pay for its requests again"
             error.remedy = f"use the key and the workspace that submitted it, or, {lost}"
             raise
@@ -207,13 +200,13 @@ class BatchLLM:
             wait = self.patience.wait(tried, fault, jitter=random.random(), heard=self.models.heard)
             if wait is None:
                 break
-            self.notices.report(fault, wait)
+            self.models.report(fault, wait)
             time.sleep(wait)
         if fault.kind is not FaultKind.passing:
-            raise ConfigError(fault.message, place=self.name, remedy=fault.remedy)
+            raise ConfigError(fault.message, place=self.models.name, remedy=fault.remedy)
         got = f"a call about a batch failed after all tries, the last with {fault.message}"
         remedy = "repeat the same command: it reads the batches that were submitted"
-        raise TransportError(got, place=self.name, remedy=remedy)
+        raise TransportError(got, place=self.models.name, remedy=remedy)
 
 
 def _settings(request: Request) -> set[str]:

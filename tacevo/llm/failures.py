@@ -1,4 +1,4 @@
-"""What a run learns of its models, and what becomes of the requests that got no answer; for every provider."""
+"""What a run learns and says of its models, and what becomes of requests without an answer; for every provider."""
 
 import logging
 from collections import Counter
@@ -22,7 +22,10 @@ _MOST_NAMES = 20
 class Models:
     """Remembers, for a run, what its models are called, which settings they refuse, which of them answer, and when.
 
+    It also reports failed tries that are repeated, once for each kind (a status, an exception), and what answers lack.
+
     Args:
+        name: what the user chose, for messages, e.g. `llm=anthropic`.
         recorded: tells whether an earlier run had an answer to a request with the same model, token limit and settings;
             asked only where that matters. None where nothing is recorded.
         prices: whose models a user may choose instead of one that the server lacks; None where it is not about this
@@ -32,11 +35,13 @@ class Models:
 
     def __init__(
         self,
+        name: str,
         recorded: Callable[[Request], bool] | None = None,
         *,
         prices: PriceTable | None = None,
         unlabelled: str | None = None,
     ) -> None:
+        self.name = name
         self._recorded = recorded
         self._prices = prices
         self._unlabelled = unlabelled
@@ -48,6 +53,7 @@ class Models:
         self._answers: dict[Choice, bool] = {}
         #: When the latest request that a model answered was sent.
         self._answered: dict[str, float] = {}
+        self._reported: set[str] = set()
 
     def sent(self, request: Request) -> Request:
         """Return a request as the server gets it."""
@@ -73,8 +79,16 @@ class Models:
         expected = f"a model that {whose} has" + (f" ({listed(names, most=_MOST_NAMES)})" if names else "")
         return ConfigError(f"{model}{since} (the server says: {said})", place="llm.model", expected=expected)
 
-    def note_answer(self, request: Request, begun: float) -> None:
-        """Note that a model answers a request that was sent at a time of `time.monotonic`."""
+    def note_answer(self, request: Request, completion: Completion, begun: float) -> None:
+        """Note that a model answers a request that was sent at a time of `time.monotonic`; report what answers lack."""
+        unknown = {
+            "which model they are of": not completion.model,
+            "how many tokens they took, so what they cost is unknown": completion.tokens is None,
+        }
+        for what, is_so in unknown.items():
+            if is_so and what not in self._reported:
+                self._reported.add(what)
+                _LOG.warning("%s: answers do not tell %s (reported once)", self.name, what)
         self.heard = True
         self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
@@ -90,13 +104,20 @@ class Models:
         """Return whether a request's model answered another one that was sent after this one was refused."""
         return self._answered.get(request.model, refused) > refused
 
+    def report(self, fault: Fault, wait: float) -> None:
+        """Report a fault, which holds no secrets, and the seconds until the next try; each kind of fault once."""
+        kind = fault.message.partition(":")[0]
+        if kind not in self._reported:
+            self._reported.add(kind)
+            _LOG.warning(
+                "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self.name, fault.message, wait
+            )
+
 
 @dataclass(slots=True, kw_only=True)
 class Failures:
     """The requests of one round that got no answer, as (position, request, fault)."""
 
-    #: What the user chose, for messages, e.g. `llm=anthropic`.
-    name: str
     models: Models
     delivery: Delivery = Delivery.direct
     _all: list[tuple[int, Request, Fault]] = field(default_factory=list)
@@ -118,7 +139,18 @@ class Failures:
         about the account, and would be recorded for every request that follows.
         """
         return [
-            (position, self._in_place(request, fault))
+            (
+                position,
+                Completion(
+                    text="",
+                    model=request.model,
+                    stop_reason=fault.stop_reason,
+                    input_tokens=0,
+                    output_tokens=0,
+                    dropped=self.models.dropped(request),
+                    delivery=self.delivery,
+                ),
+            )
             for position, request, fault in self._all
             if self._is_about_the_request(request, fault)
         ]
@@ -137,13 +169,13 @@ class Failures:
         passing = [fault for fault in rest if fault.kind is FaultKind.passing]
         final = next((fault for fault in rest if fault.kind is not FaultKind.passing), None)
         if final is not None:
-            raise ConfigError(f"the server says: {final.message}", place=self.name, remedy=final.remedy)
+            raise ConfigError(f"the server says: {final.message}", place=self.models.name, remedy=final.remedy)
         if passing:
             got = f"{len(passing)} of {requests} requests failed after all tries, the first with {passing[0].message}"
             remedy = "repeat the same command: the answers that came are recorded"
             if passing[0].silent:
                 remedy = "start the server, or check llm.base_url; then repeat the same command"
-            raise TransportError(got, place=self.name, remedy=remedy)
+            raise TransportError(got, place=self.models.name, remedy=remedy)
 
     def _is_about_the_request(self, request: Request, fault: Fault) -> bool:
         if fault.kind not in {FaultKind.request, FaultKind.doubtful} or not self.models.answers(request):
@@ -151,17 +183,6 @@ class Failures:
         if fault.kind is FaultKind.request or self.models.answered_since(request, fault.at):
             return True
         return Counter(other.message for _, _, other in self._all)[fault.message] == 1
-
-    def _in_place(self, request: Request, fault: Fault) -> Completion:
-        return Completion(
-            text="",
-            model=request.model,
-            stop_reason=fault.stop_reason,
-            input_tokens=0,
-            output_tokens=0,
-            dropped=self.models.dropped(request),
-            delivery=self.delivery,
-        )
 
 
 def check_key(key: str, variable: str) -> None:
@@ -183,32 +204,3 @@ def scrubbed(completion: Completion, secrets: tuple[str, ...]) -> Completion:
         model=without_secrets(completion.model, secrets),
         stop_reason=without_secrets(completion.stop_reason, secrets),
     )
-
-
-@dataclass(slots=True)
-class Notices:
-    """Reports failed tries that are repeated, once for each kind (a status, an exception), and what answers lack."""
-
-    #: What the user chose, e.g. `llm=anthropic`.
-    name: str
-    reported: set[str] = field(default_factory=set)
-
-    def report(self, fault: Fault, wait: float) -> None:
-        """Report a fault, which holds no secrets, and the seconds until the next try; each kind of fault once."""
-        kind = fault.message.partition(":")[0]
-        if kind not in self.reported:
-            self.reported.add(kind)
-            _LOG.warning(
-                "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self.name, fault.message, wait
-            )
-
-    def note_unknown(self, completion: Completion) -> None:
-        """Report once each that answers do not name their model, or do not say how many tokens they took."""
-        unknown = {
-            "which model they are of": not completion.model,
-            "how many tokens they took, so what they cost is unknown": completion.tokens is None,
-        }
-        for what, is_so in unknown.items():
-            if is_so and what not in self.reported:
-                self.reported.add(what)
-                _LOG.warning("%s: answers do not tell %s (reported once)", self.name, what)

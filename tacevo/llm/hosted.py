@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeVar
 
 import httpx2
 
-from tacevo.llm.failures import Failures, Models, Notices, scrubbed
+from tacevo.llm.failures import Failures, Models, scrubbed
 from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
 from tacevo.llm.wire import HOOKS, SENDING, Sending, check_proxies
@@ -78,15 +78,9 @@ class HostedLLM:
     _: KW_ONLY
     #: Requests in flight at once.
     concurrency: int
-    #: What the user chose, for messages, e.g. `llm=anthropic`.
-    name: str
-    patience: Patience = field(default_factory=Patience)
     #: What is known of the models before the first request.
-    models: Models = field(default_factory=Models)
-    notices: Notices = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.notices = Notices(self.name)
+    models: Models
+    patience: Patience = field(default_factory=Patience)
 
     def complete(self, requests: Sequence[Request], keep: Keep = unkept) -> Iterator[tuple[int, Completion]]:
         """Answer every request, in the order of arrival (see `tacevo.llm.recording.KeepingLLM`).
@@ -96,12 +90,10 @@ class HostedLLM:
             TransportError: a request failed after all tries; what else was in flight was yielded before.
             StoreError: an answer could not be kept.
         """
-        asking = _Asking(
-            server=self.connect(), models=self.models, patience=self.patience, notices=self.notices, keep=keep
-        )
+        asking = _Asking(server=self.connect(), models=self.models, patience=self.patience, keep=keep)
         thread = threading.Thread(target=asking.run, args=(requests, self.concurrency), daemon=True)
         thread.start()
-        failures = Failures(name=self.name, models=self.models)
+        failures = Failures(models=self.models)
         broken: Exception | None = None
         try:
             while (arrival := asking.arrivals.get()) is not None:
@@ -131,7 +123,6 @@ class _Asking:
     server: Server
     models: Models
     patience: Patience
-    notices: Notices
     keep: Keep
     arrivals: _Arrivals = field(default_factory=queue.SimpleQueue)
     #: Once set, no request and no retry begins; what is in flight still arrives and is kept.
@@ -227,15 +218,14 @@ class _Asking:
                 self.models.heard = self.models.heard or not fault.silent
                 del self.asking[task]
             else:
-                self.models.note_answer(request, begun)
-                self.notices.note_unknown(completion)
+                self.models.note_answer(request, completion, begun)
                 return scrubbed(replace(completion, dropped=dropped), secrets)
             if self.models.learn(request, wanted - {*dropped}, fault):
                 continue
             wait = self.patience.wait(tried, fault, jitter=random.random(), heard=self.models.heard)
             if wait is None:
                 return fault
-            self.notices.report(fault, wait)
+            self.models.report(fault, wait)
             if not await self._waited(wait):
                 return fault
 

@@ -2,14 +2,13 @@
 
 import math
 import shlex
-from collections.abc import Iterable
 from pathlib import Path
 from statistics import median
 
 from tacevo.errors import RunError
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import studies_of
-from tacevo.results.study_lines import Row, ScoreLine, StudyRecord
+from tacevo.results.study_lines import ScoreLine, StudyRecord
 from tacevo.text import listed
 
 
@@ -51,18 +50,13 @@ def estimates_of(run: Path, digest: str) -> dict[str, float]:
     """
     for directory in studies_of(run):
         if directory.read().digest == digest:
-            return median_losses(directory.read_finished().scores.rows)
+            losses: dict[str, list[float]] = {}
+            for row in directory.read_finished().scores.rows:
+                losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
+            return {name: median(values) for name, values in losses.items() if max(values) < math.inf}
     raise RunError(
         f"studies of the digests {listed(str(each.read().digest)[:12] for each in studies_of(run))}",
         place=f"{run}/studies",
         expected=f"the noise run {digest[:12]} that the elites of a study were chosen by",
         remedy="`tacevo noise` with its settings makes it again; of a bundle, publish both",
     )
-
-
-def median_losses(rows: Iterable[Row]) -> dict[str, float]:
-    """Return the median validation loss of the networks of a noise run, by id; none of one whose training failed."""
-    losses: dict[str, list[float]] = {}
-    for row in rows:
-        losses.setdefault(row.id, []).append(row.validation_loss if isinstance(row, ScoreLine) else math.inf)
-    return {name: median(values) for name, values in losses.items() if max(values) < math.inf}

@@ -74,7 +74,7 @@ class Header(Record):
     schema: Literal[1] = 1
     #: Whether no network was trained: what stands in place of trainings was drawn, to measure the tools by.
     made_up: bool
-    #: As `tacevo.config.plain.to_plain` writes it: the space is `llm.space`, a training is `training`.
+    #: As `tacevo.records.to_json` writes it: the space is `llm.space`, a training is `training`.
     config: dict[str, FreeJson]
     task: Task
     data: DataFacts

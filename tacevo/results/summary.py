@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from tacevo.choices import ArchiveKind, FitnessRule
 from tacevo.config.schema import RunConfig
@@ -33,54 +33,17 @@ def summarise(run: RecordedRun) -> str:
 
     The run may have been stopped anywhere; its elites are those of the last archive that was written.
     """
-    told = tell(run)
-    parts = [f"# {run.record.name}", told.in_short.rstrip(), told.data, *_unpromised(run.candidates)]
+    parts = [f"# {run.record.name}", in_short(run).rstrip(), images(run), *_unpromised(run.candidates)]
     return "\n\n".join([*parts, *([_progress(run.generations, run.config)] if run.generations else [])]) + "\n"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
-    """A run in sentences; those of which there is nothing to say are empty."""
-
-    #: Task, seed, what answered, and the size.
-    searched: str
-    #: The images, and their trivial loss.
-    data: str
-    #: Which sampling settings the model refuses, and what that makes of T.
-    not_sent: str
-    #: That nothing was learned or found, and what to raise.
-    shortfall: str
-    #: The lowest fitness beside the baseline's and the best of generation 0; called the best only where it is one.
-    outcome: str
-    #: The best elites, as a table.
-    best: str
-    #: The gate's rate, why first answers were rejected, and what came of second ones.
-    gate: tuple[str, ...]
-    #: What the answers cost.
-    cost: str
-
-    @property
-    def in_short(self) -> str:
-        """What fits one screen; where nothing was found it begins with that."""
-        parts = [self.searched, self.not_sent]
-        if self.outcome:
-            parts += [self.shortfall, self.outcome, self.best, "\n".join(filter(None, (*self.gate, self.cost)))]
-        return "\n\n".join(filter(None, parts)) + "\n"
-
-
-def tell(run: RecordedRun) -> Told:
-    """Say what a run found, which may have been stopped anywhere."""
-    shortfall, outcome, best = _found(run)
-    return Told(
-        searched=_headline(run),
-        data=_data(run),
-        not_sent=_not_sent(run),
-        shortfall=shortfall,
-        outcome=outcome,
-        best=best,
-        gate=_gate(run.candidates),
-        cost=_cost(run),
-    )
+def in_short(run: RecordedRun) -> str:
+    """Return what fits one screen; where nothing was found it begins with that."""
+    fitness, elites = outcome(run)
+    parts = [searched(run), _not_sent(run)]
+    if fitness:
+        parts += [run.shortfall, fitness, elites, "\n".join(rates(run))]
+    return "\n\n".join(filter(None, parts)) + "\n"
 
 
 #: What a fitness is of one training, and of several.
@@ -99,7 +62,8 @@ def worth(config: RunConfig) -> str:
     return f"{drawn(seeds, or_more=or_more)}, the {losses}, and the best is the lowest of many."
 
 
-def _headline(run: RecordedRun) -> str:
+def searched(run: RecordedRun) -> str:
+    """Say the task, the seed, what answered, and the size."""
     unasked = run.generations and not run.answered
     answers = "no model was asked" if unasked else f"requests answered by {run.model}"
     return (
@@ -109,25 +73,30 @@ def _headline(run: RecordedRun) -> str:
     )
 
 
-def _data(run: RecordedRun) -> str:
-    data, trivial = run.record.data, run.record.trivial
-    train, validation, test = data.counts
+def images(run: RecordedRun) -> str:
+    """Say what the images are, and their trivial loss."""
+    facts, trivial = run.record.data, run.record.trivial
+    train, validation, test = facts.counts
     return (
-        f"Data {data.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
-        f"{data.image_size} x {data.image_size} pixels; the test images play no part in a search."
+        f"Data {facts.fingerprint[:12]}: {train} training, {validation} validation and {test} test images of "
+        f"{facts.image_size} x {facts.image_size} pixels; the test images play no part in a search."
         + ("" if trivial is None else f" The trivial loss, {TRIVIAL}: {_number(trivial)}.")
     )
 
 
 def _not_sent(run: RecordedRun) -> str:
+    """Say which sampling settings the model refuses, and what that makes of T."""
     planned = ["T, and the temperatures of the prompt archive, are what was planned."]
     return " ".join(
         [*(f"{words}." for words in run.not_sent.values()), *(planned if TEMPERATURE in run.not_sent else [])]
     )
 
 
-def _found(run: RecordedRun) -> tuple[str, str, str]:
-    """Return `Told.shortfall`, `found` and `best`; empty before a generation is complete, and without any elite."""
+def outcome(run: RecordedRun) -> tuple[str, str]:
+    """Return the lowest fitness beside the baseline's and the best of generation 0, and the best elites as a table.
+
+    It is called the best only where it is one. Both are empty before a generation is complete, and without any elite.
+    """
     # The elites are those of a whole generation; of a run that was stopped, one may have failed again since.
     lines = run.ledger.lines
     whole = 1 + max((at for at, line in enumerate(lines) if isinstance(line, GenerationLine)), default=-1)
@@ -137,7 +106,7 @@ def _found(run: RecordedRun) -> tuple[str, str, str]:
         (candidates[elite.id] for elite in run.elites if elite.id in known), key=lambda line: (_fitness(line), line.id)
     )
     if not ranked:
-        return "", "", ""
+        return "", ""
     baseline = candidates[run.baseline.id]
     first = min((_fitness(candidates[name]) for name in known if candidates[name].generation == 0), default=None)
     rows = [
@@ -152,28 +121,29 @@ def _found(run: RecordedRun) -> tuple[str, str, str]:
     )
     best = f"Best {words} Fitness is a validation loss of the short training; lower wins. Each is {worth(run.config)}"
     header = ["elite", "fitness", "parameters", "FLOPs", "ArchDiv", "EffRatio", "operator"]
-    return run.shortfall, f"Lowest {words}" if run.shortfall else best, table(header, rows)
+    return f"Lowest {words}" if run.shortfall else best, table(header, rows)
 
 
 def _fitness(line: CandidateLine) -> float:
     return math.nan if line.fitness is None else line.fitness
 
 
-def _gate(lines: Collection[CandidateLine]) -> tuple[str, ...]:
-    """Say how many first answers the gate let through, where and why others ended, and what came of second ones.
+def rates(run: RecordedRun) -> list[str]:
+    """Say how many first answers the gate let through, where others ended, what came of second ones, and the cost.
 
     The share that is left is the paper's rate.
     """
+    lines = run.candidates
     stages = gate_stages(lines)
     left, share = stages[-1].left, stages[-1].left_share
     if share is None:
-        return ("Gate: no model was asked.",)
+        return ["Gate: no model was asked.", *_cost(run)]
     answers = counted(left + sum(one.rejected for one in stages), "first answer")
     rejected = listed(f"{one.stage} {one.rejected} ({_reasons(one)})" for one in stages if one.rejected)
     skipped = skipped_note(lines)
     what = "trained or skipped" if skipped else "trained"
     rate = f"Gate: {left} of {answers} {what} ({_percent(share)}); rejected: {rejected}."
-    return (rate, *skipped, *misreported(stages), *_repaired(lines))
+    return [rate, *skipped, *misreported(stages), *_repaired(lines), *_cost(run)]
 
 
 def _reasons(stage: GateStage) -> str:
@@ -210,13 +180,13 @@ def _unpromised(lines: Collection[CandidateLine]) -> list[str]:
     return [f"{words} (docs/determinism.md): {', '.join(names)}." for words, names in named.items() if names]
 
 
-def _cost(run: RecordedRun) -> str:
+def _cost(run: RecordedRun) -> list[str]:
     """Say in a line what the answers cost when they were recorded; nothing where they were free."""
     known = [run.spent[line.id] for line in run.candidates if line.id in run.spent]
     spent = total(known)
     missing = len(run.answered) - sum(part.answers > 0 for part in known)
     gap = f" That of {counted(missing, 'candidate')} is not in timings.jsonl." if missing else ""
-    return f"Cost: {in_words(spent)}.{gap}" if spent.usd or spent.unpriced else ""
+    return [f"Cost: {in_words(spent)}.{gap}"] if spent.usd or spent.unpriced else []
 
 
 def _progress(generations: Sequence[GenerationLine], config: RunConfig) -> str:

@@ -12,10 +12,10 @@ from typing import Any
 
 from tacevo.choices import Varied
 from tacevo.config.identity import config_hash, decisive
-from tacevo.config.plain import from_plain, to_plain
+from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
 from tacevo.errors import DivergenceError
-from tacevo.records import Json
+from tacevo.records import Json, to_json
 from tacevo.results.publishable import published_config
 from tacevo.results.settings import settings_of
 from tacevo.storage.canonical import content_hash, differences, shown
@@ -51,7 +51,7 @@ def check_jobs(directory: SweepDirectory) -> None:
                 place=f"{directory.path / 'sweep.json'}, terms.vary, job {job.name}",
                 expected=f"settings that are {job.seed} in its run, the seed of the job",
             )
-        published = from_plain(published_config(to_plain(config)))  # paths by their last part
+        published = from_plain(published_config(to_json(config)))  # paths by their last part
         settings.append(decisive(replace(varied(published, vary, 0), seed=0)))
     _check_different_jobs(jobs)
     _check_arms(jobs, settings)

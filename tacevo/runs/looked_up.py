@@ -14,7 +14,7 @@ from tacevo.randomness import stream
 from tacevo.records import Json, Limits, Rejection, Training, to_json
 from tacevo.results.space_table import DECISIVE, SpaceTable, read_table, value_of
 from tacevo.rules import CURRENT
-from tacevo.sandbox.client import Finished, Frame, Score
+from tacevo.sandbox.client import Finished, Frame, RunJob, Score
 from tacevo.storage.canonical import canonical
 from tacevo.storage.store import Store
 from tacevo.training.evaluation import Evaluator, Examples, Setting
@@ -84,21 +84,17 @@ def data_of(table: SpaceTable) -> Dataset:
     )
 
 
-class Probes:
-    """Answers probes as the sandbox does, and nothing else."""
+def probes_of(table: SpaceTable) -> RunJob:
+    """Return what answers probes as the sandbox does, with recorded profiles or refusals, and nothing else."""
 
-    def __init__(self, table: SpaceTable) -> None:
-        self._table = table
-
-    def __call__(
-        self, entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None
-    ) -> Finished:
-        """Answer with the recorded profile, or with why the network was refused."""
+    def answer(entry: str, header: Json, payload: bytes, limits: Limits, score: Score | None = None) -> Finished:
         assert entry == "probe"  # trainings are looked up without a job
         assert isinstance(header, dict)
-        network = self._table.networks[_row(self._table, str(header["source"]))]
-        answer = {"profile": network.profile} if network.rejection is None else {"rejection": network.rejection}
-        return Finished((Frame(to_json(answer), b""),))
+        network = table.networks[_row(table, str(header["source"]))]
+        said = {"profile": network.profile} if network.rejection is None else {"rejection": network.rejection}
+        return Finished((Frame(to_json(said), b""),))
+
+    return answer
 
 
 class LookedUp(Evaluator):
@@ -120,7 +116,7 @@ class LookedUp(Evaluator):
         examples: Examples,
         rules: int,
     ) -> None:
-        super().__init__(run=Probes(table), store=store, setting=setting, examples=examples, rules=rules)
+        super().__init__(run=probes_of(table), store=store, setting=setting, examples=examples, rules=rules)
         self._table, self._numbered = table, numbered
 
     def _train(self, data: Examples, source: str, seed: int) -> Training | Rejection:

@@ -48,12 +48,12 @@ class Progress:
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True)
         self._bars = Bars(
-            _TextColumn("description"),
+            _Words(lambda task: task.description),
             BarColumn(bar_width=12),
-            _CountColumn(Column(no_wrap=True)),
-            _TextColumn("note"),
-            _RateColumn(Column(no_wrap=True)),
-            _LeftColumn(Column(no_wrap=True)),
+            _Words(_count, Column(no_wrap=True)),
+            _Words(lambda task: task.fields["note"]),
+            _Words(_pace, Column(no_wrap=True)),
+            _Words(_time, Column(no_wrap=True)),
             console=self._console,
             disable=not self._console.is_terminal,
         )
@@ -117,46 +117,36 @@ def _left(task: Task) -> float | None:
     return (task.total - task.completed) / rate if rate and task.total is not None else None
 
 
-class _TextColumn(ProgressColumn):
-    """A text that is cut where the terminal is narrow: what the other columns say must be readable."""
+def _count(task: Task) -> str:
+    """Write how much is done, where it is counted."""
+    return "" if task.total is None else f"{task.completed:.0f}/{task.total:.0f}"
 
-    def __init__(self, name: str) -> None:
-        super().__init__()
-        self._name = name
+
+def _pace(task: Task) -> str:
+    """Write the units a second, or a minute where they are slow, once there are any."""
+    rate = _rate(task) if task.total is not None else None
+    if not rate:
+        return ""
+    return f"{rate:.2g}/s" if rate >= 1 else f"{60 * rate:.2g}/min"
+
+
+def _time(task: Task) -> str:
+    """Write the time that the rest takes, or where this is not known, or nothing is left, the time that it took."""
+    left = None if task.finished else _left(task)
+    seconds = (task.finished_time or task.elapsed or 0) if left is None else left
+    return f"{timedelta(seconds=round(seconds))}{'' if left is None else ' left'}"
+
+
+class _Words(ProgressColumn):
+    """A text; without a column of its own it is cut where the terminal is narrow, and what the others say is not."""
+
+    def __init__(self, write: Callable[[Task], str], column: Column | None = None) -> None:
+        super().__init__(column)
+        self._write = write
 
     def render(self, task: Task) -> Text:
         """Write the text on one line."""
-        text = task.description if self._name == "description" else task.fields[self._name]
-        return Text(text, no_wrap=True, overflow="ellipsis")
-
-
-class _CountColumn(ProgressColumn):
-    """How much is done, where it is counted."""
-
-    def render(self, task: Task) -> Text:
-        """Write the count."""
-        return Text("" if task.total is None else f"{task.completed:.0f}/{task.total:.0f}")
-
-
-class _RateColumn(ProgressColumn):
-    """Units a second, or a minute where they are slow."""
-
-    def render(self, task: Task) -> Text:
-        """Write the rate, once there is one."""
-        rate = _rate(task) if task.total is not None else None
-        if not rate:
-            return Text("")
-        return Text(f"{rate:.2g}/s" if rate >= 1 else f"{60 * rate:.2g}/min")
-
-
-class _LeftColumn(ProgressColumn):
-    """The time that the rest takes, or where this is not known, or nothing is left, the time that it took."""
-
-    def render(self, task: Task) -> Text:
-        """Write the time."""
-        left = None if task.finished else _left(task)
-        seconds = (task.finished_time or task.elapsed or 0) if left is None else left
-        return Text(f"{timedelta(seconds=round(seconds))}{'' if left is None else ' left'}")
+        return Text(self._write(task), no_wrap=True, overflow="ellipsis")
 
 
 class Watcher:

@@ -136,29 +136,22 @@ def _provider(llm: LLMConfig, root: Path, prices: PriceTable) -> KeepingLLM:
         case Provider.anthropic:
             from tacevo.llm import anthropic, batches
 
-            models = Models(partial(ever_answered, store), prices=prices, unlabelled=_unlabelled(llm))
+            models = Models("llm=anthropic", partial(ever_answered, store), prices=prices, unlabelled=_unlabelled(llm))
             if llm.delivery is Delivery.direct:
                 return _hosted(llm, anthropic.connect, models)
             connect = partial(anthropic.connect_batches, llm.base_url)
             connect().close()  # a missing key is reported at once
-            return batches.BatchLLM(
-                connect, store=store, directory=root / "batches", name="llm=anthropic", models=models
-            )
+            return batches.BatchLLM(connect, store=store, directory=root / "batches", models=models)
         case Provider.openai:
             from tacevo.llm import openai
 
-            models = Models(partial(ever_answered, store), unlabelled=_unlabelled(llm))
+            models = Models("llm=openai", partial(ever_answered, store), unlabelled=_unlabelled(llm))
             return _hosted(llm, partial(openai.connect, dialect=openai.Dialect()), models)
 
 
 def _hosted(llm: LLMConfig, connect: Callable[[str | None, int], Server], models: Models) -> HostedLLM:
     connect(llm.base_url, 1)  # a missing key is reported at once
-    return HostedLLM(
-        partial(connect, llm.base_url, llm.concurrency),
-        concurrency=llm.concurrency,
-        name=f"llm={llm.provider}",
-        models=models,
-    )
+    return HostedLLM(partial(connect, llm.base_url, llm.concurrency), concurrency=llm.concurrency, models=models)
 
 
 def _price(llm: LLMConfig, prices: PriceTable) -> Price:

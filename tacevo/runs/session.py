@@ -10,7 +10,6 @@ from pathlib import Path
 from tacevo.choices import DataSource, ExecutorKind, Tracking
 from tacevo.config.checks import doubts_of_settings
 from tacevo.config.identity import length
-from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.costs import Spending, spending_on, total
@@ -22,10 +21,10 @@ from tacevo.evolution.lines import GenerationLine, SearchLine
 from tacevo.evolution.reevaluation import Reevaluation
 from tacevo.evolution.run_files import EliteEntry, Line, RunLine, line_kind, read_ledger, write_archives
 from tacevo.evolution.state import Plan, SearchState
-from tacevo.records import DataFacts, Json, Mode, Rejection, Task, written
+from tacevo.records import DataFacts, Json, Mode, Rejection, Task, to_json, written
 from tacevo.redaction import without_password
 from tacevo.results.run import RecordedRun
-from tacevo.results.summary import summarise, tell
+from tacevo.results.summary import in_short, summarise
 from tacevo.rounding import significant
 from tacevo.rules import CURRENT, PAGES
 from tacevo.runs.datasets import load_data, trivial_of
@@ -224,7 +223,7 @@ def _publishable(config: RunConfig) -> dict[str, Json]:
     """Return the configuration without passwords and addresses, because run directories are shared."""
     base_url = None if config.llm.base_url is None else without_password(config.llm.base_url)
     executor = replace(config.executor, address=None)
-    return to_plain(replace(config, llm=replace(config.llm, base_url=base_url), executor=executor))
+    return to_json(replace(config, llm=replace(config.llm, base_url=base_url), executor=executor))
 
 
 def _commit_header(ledger: Ledger, header: RunLine, directory: RunDirectory) -> None:
@@ -268,8 +267,7 @@ def _finish(
     ledger = read_ledger(directory)
     run = RecordedRun(directory=directory, record=record, config=config, ledger=ledger, elites=elites)
     directory.write_text("summary.md", summarise(run))
-    told = tell(run)
-    return told.in_short, not told.shortfall
+    return in_short(run), not run.shortfall
 
 
 @contextlib.contextmanager

@@ -27,7 +27,7 @@ from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, TRAININGS_OF_STUDIES, Rules
 from tacevo.runs.datasets import examples_of, held_out_of
-from tacevo.runs.looked_up import LookedUp, Probes, table_of
+from tacevo.runs.looked_up import LookedUp, probes_of, table_of
 from tacevo.runs.providers import build_llm, provider_settings
 from tacevo.sandbox.client import Died, Finished, RunJob, Sandbox, Score, Zygote
 from tacevo.sandbox.confinement import check_confinement, in_force
@@ -324,7 +324,7 @@ class Workbench:
 
     def _runner(self) -> RunJob:
         if self.run is None and self.config.data.source is DataSource.table:
-            self.run = Probes(table_of(self.config))
+            self.run = probes_of(table_of(self.config))
         if self.run is None:
             match self.config.executor.kind:
                 case ExecutorKind.local:

@@ -72,7 +72,7 @@ class RunRecord(Record):
     #: Layout of the file.
     schema: Literal[1] = 1
     name: str
-    #: As `tacevo.config.plain.to_plain` writes it.
+    #: As `tacevo.records.to_json` writes it.
     config: dict[str, FreeJson]
     task: Task
     data: DataFacts

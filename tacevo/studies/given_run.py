@@ -4,11 +4,10 @@ So whatever is made of a run is made of them: replays, studies, tables, figures,
 """
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tacevo.config.given import NetworkFile
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.errors import ConfigError
@@ -23,7 +22,7 @@ from tacevo.runs.session import needed_llm, record
 from tacevo.runs.wiring import Workbench, start_zygote
 
 
-def record_given(config: RunConfig, files: Sequence[NetworkFile], view: Progress) -> Path:
+def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress) -> Path:
     """Record given networks as a run, or find the one that was recorded under the same configuration.
 
     Returns:
@@ -41,29 +40,29 @@ def record_given(config: RunConfig, files: Sequence[NetworkFile], view: Progress
         # All of them are judged before the first is trained; the run recalls these verdicts.
         with Workbench(config, task, data.facts, Mode.record) as bench:
             gate = bench.gate(CURRENT)
-            given = tuple(bench.executor.map(lambda file: _admitted(gate, file), files))
+            given = tuple(bench.executor.map(lambda file: _admitted(gate, *file), files.items()))
         _check_different(task, given)
         return record(config, replace(task, given=given), data, view, zygote=zygote, llm=llm).directory
 
 
-def _admitted(gate: Gate, file: NetworkFile) -> Given:
+def _admitted(gate: Gate, path: Path, network: Given) -> Given:
     """Put a file through the gate, as if a model had answered with it."""
-    answer = Completion(text=file.text, model="", stop_reason="end_turn", input_tokens=0, output_tokens=0)
+    answer = Completion(text=network.source, model="", stop_reason="end_turn", input_tokens=0, output_tokens=0)
     verdict = gate.admit(answer)
     if isinstance(verdict, Rejection):
         raise ConfigError(
             f"one that is rejected: {verdict.stage}, {verdict.reason}: {verdict.detail}",
-            place=f"networks, {file.path}",
+            place=f"networks, {path}",
             expected="a network that the gate admits",
         )
-    if verdict.source != as_whole(file.text):
+    if verdict.source != as_whole(network.source):
         raise ConfigError(
             "text of which the gate would take a part, as from a model's answer",
-            place=f"networks, {file.path}",
+            place=f"networks, {path}",
             expected="Python as a whole",
             remedy="correct the file: a syntax error, text beside the code or marks of a merge may stand in it",
         )
-    return Given(name=file.name, source=verdict.source)
+    return replace(network, source=verdict.source)
 
 
 def _check_different(task: Task, given: Sequence[Given]) -> None:

@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from tacevo.choices import DataSource, ExecutorKind
-from tacevo.config.plain import to_plain
 from tacevo.config.schema import ExecutorConfig, RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.data.dataset import Dataset
@@ -22,7 +21,7 @@ from tacevo.llm.grammar.parsing import parse
 from tacevo.llm.grammar.rendering import render
 from tacevo.llm.grammar.space import Genome, genomes, member
 from tacevo.profile import Admitted
-from tacevo.records import DataFacts, Mode, Rejection, Task
+from tacevo.records import DataFacts, Mode, Rejection, Task, to_json
 from tacevo.results.publishable import published_config
 from tacevo.results.space_table import (
     Header,
@@ -75,7 +74,7 @@ def header_of(config: RunConfig, task: Task, facts: DataFacts, trivial: float, *
     """Return what the rows of a configuration's table follow from."""
     return Header(
         made_up=made_up,
-        config=published_config(to_plain(replace(config, executor=ExecutorConfig(kind=ExecutorKind.local, workers=1)))),
+        config=published_config(to_json(replace(config, executor=ExecutorConfig(kind=ExecutorKind.local, workers=1)))),
         task=task,
         data=facts,
         seeds=tuple(training_seed(config.seed, number) for number in range(config.training.seeds)),

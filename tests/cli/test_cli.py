@@ -144,6 +144,8 @@ def test_show_tells_a_run_and_a_candidate(whole_search: tuple[Path, str], capsys
     assert "class ImageRegressionCNN" in shown
     assert main(["show", run, "g99s00"]) == 2
     assert "got 'g99s00'" in capsys.readouterr().err
+    assert main(["show", run, "best"]) == 2
+    assert "expected the id of a candidate, such as g02s03" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,9 @@ from tacevo.cli.app import main
 from tacevo.cli.inspect import _sandbox
 from tacevo.cli.show import show_run
 from tacevo.config.conf_folder import conf_root
-from tacevo.config.plain import to_plain
 from tacevo.errors import RunError, SandboxError
 from tacevo.evolution.lines import ReevaluationLine, RepairedAnswer
-from tacevo.records import Given, Operator, Reason, Stage
+from tacevo.records import Given, Operator, Reason, Stage, to_json
 from tacevo.runs.answers import task_without_data
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.run_directory import RunDirectory
@@ -93,7 +92,7 @@ def test_run_without_its_ledger_names_the_ledger(shown: Path) -> None:
 def test_setting_of_a_run_that_is_wrong_names_its_file(shown: Path) -> None:
     """As a replay does."""
     directory = RunDirectory(shown)
-    config = to_plain(task_without_data("force", 32)[0])
+    config = to_json(task_without_data("force", 32)[0])
     directory.write_run(replace(directory.read_run(), config={**config, "seed": -1}))
     with refused(RunError, place="run.json", got="seed: expected an integer of at least 0; got -1"):
         show_run(shown)

@@ -113,3 +113,12 @@ def test_settings_of_a_sweep_are_shown_as_they_were_typed(place: Path, capsys: p
     assert main(["show", str(place)]) == 0
     shown = capsys.readouterr().out.partition(": 0 jobs")[0]
     assert tuple(shlex.split(shown)[2:]) == overrides
+
+
+def test_job_behind_a_sweep_is_answered_with_the_name_of_its_run(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A job is no candidate: what is wrong is said of the sweep, and not of the form of an id."""
+    SweepDirectory(place).write(SweepRecord(overrides=(), jobs=()))
+    assert main(["show", str(place), "none-seed0"]) == 2
+    assert f"a job of it is named {place}/JOB; got none-seed0" in capsys.readouterr().err

@@ -15,12 +15,12 @@ from tacevo.choices import DataSource, SplitRule
 from tacevo.config import conf_folder
 from tacevo.config.compose import compose, compose_study, spread
 from tacevo.config.conf_folder import conf_root, groups
-from tacevo.config.plain import from_plain, to_plain
+from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
 from tacevo.data.splitting import part_sizes
 from tacevo.errors import ConfigError
-from tacevo.records import DataFacts, Kind
+from tacevo.records import DataFacts, Kind, to_json
 
 #: Arms are composed with every experiment, below.
 CHOICES = [(group, choice) for group, choices in groups().items() for choice in choices if group != "ablation"]
@@ -93,8 +93,8 @@ def flat(value: Any, prefix: str = "") -> dict[str, Any]:
 
 def differing(overrides: list[str]) -> dict[str, Any]:
     """Compose, and return the settings that differ from the defaults."""
-    defaults = flat(to_plain(composed()))
-    return {key: value for key, value in flat(to_plain(compose(overrides))).items() if value != defaults[key]}
+    defaults = flat(to_json(composed()))
+    return {key: value for key, value in flat(to_json(compose(overrides))).items() if value != defaults[key]}
 
 
 @pytest.mark.few(16)
@@ -102,7 +102,7 @@ def differing(overrides: list[str]) -> dict[str, Any]:
 def test_every_shipped_config_composes(group: str, choice: str) -> None:
     """Each choice of each group gives a whole, checked configuration, which run.json holds and gives back."""
     config = composed(f"{group}={choice}", *NEEDED.get((group, choice), []))
-    assert from_plain(to_plain(config)) == config
+    assert from_plain(to_json(config)) == config
 
 
 def test_every_arm_is_there() -> None:
@@ -121,8 +121,8 @@ def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: st
     if ablation == "linear_eff_ratio":  # the paper's experiments have the linear axis without it
         chosen.append("archive.eff_ratio_scale=log")
     config = composed(*chosen, f"ablation={ablation}")
-    assert from_plain(to_plain(config)) == config
-    plain, ablated = flat(to_plain(composed(*chosen))), flat(to_plain(config))
+    assert from_plain(to_json(config)) == config
+    plain, ablated = flat(to_json(composed(*chosen))), flat(to_json(config))
     assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
 
 
@@ -351,7 +351,7 @@ def test_unknown_placeholder_is_refused(tmp_path: Path) -> None:
 
 def test_configuration_of_an_older_run_is_read() -> None:
     """A run.json from before there were prices, budgets, repairs and axes stands for a run without them."""
-    plain: Any = to_plain(composed())
+    plain: Any = to_json(composed())
     later = {"delivery", "top_p", "top_k", "stop_sequences", "thinking_tokens", "budget_usd", "prices"}
     later |= {"repair_attempts", "operator_for", "axes", "population", "tournament", "training_flops", "skipped"}
     older = {
@@ -375,7 +375,7 @@ def test_value_that_cannot_be_found_is_refused(override: str) -> None:
 
 def test_recorded_configuration_asks_nothing_of_its_reader() -> None:
     """A stranger's run.json cannot read variables of the environment: `${...}` is text like any other."""
-    plain = to_plain(composed())
+    plain = to_json(composed())
     recorded = from_plain({**plain, "store": {"root": "${oc.env:HOME}"}})
     assert recorded.store.root == "${oc.env:HOME}"
 
@@ -395,7 +395,7 @@ def test_recorded_configuration_asks_nothing_of_its_reader() -> None:
 )
 def test_recorded_configuration_has_one_spelling(key: str, value: Any) -> None:
     """What was edited, or reads as a setting to one reader and as another to the next, is refused by its key."""
-    recorded: Any = to_plain(composed())
+    recorded: Any = to_json(composed())
     *above, name = key.split(".")
     inner = recorded[above[0]] if above else recorded
     inner[name] = value

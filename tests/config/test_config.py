@@ -12,9 +12,10 @@ from tacevo.config.checks import check_together
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose
 from tacevo.config.identity import identity, llm_identity
-from tacevo.config.plain import from_plain, to_plain
+from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig, keys
 from tacevo.errors import ConfigError
+from tacevo.records import to_json
 from tacevo.storage.canonical import canonical, leaves
 
 CONFIG = compose([])
@@ -30,7 +31,7 @@ def half(config: RunConfig, group: str, name: str) -> Any:
 
 def changed(key: str, value: Any, config: RunConfig = CONFIG) -> RunConfig:
     """Build a configuration that differs in one setting."""
-    plain: Any = to_plain(config)
+    plain: Any = to_json(config)
     group, _, name = key.rpartition(".")
     (plain[group] if group else plain)[name] = value
     return from_plain(plain)
@@ -387,5 +388,5 @@ def test_setting_that_decides_nothing_stays_out(key: str) -> None:
 
 def test_every_setting_has_its_words() -> None:
     """`tacevo search --help` and the site show them; a group alone is no setting."""
-    settings = [key for key, _ in leaves(to_plain(compose(["llm=grammar"])))]
+    settings = [key for key, _ in leaves(to_json(compose(["llm=grammar"])))]
     assert [key for key in settings if not comments().get(key)] == []

@@ -28,7 +28,7 @@ def networks(*names: str, folder: Path = Path()) -> None:
 
 def named(*given: str) -> list[str]:
     """Name the networks of a study."""
-    return [file.name for file in compose_given([f"networks=[{','.join(given)}]", "task=force"])[2]]
+    return [file.name for file in compose_given([f"networks=[{','.join(given)}]", "task=force"])[2].values()]
 
 
 @pytest.mark.parametrize(
@@ -57,13 +57,16 @@ def test_run_of_given_networks_keeps_all_of_them(place: Path) -> None:
     assert (run.seed, run.data.images, run.store.root, run.run.dir) == (4, 40, "other", "here")
     assert (run.search.generations, run.search.initial) == (0, 2)
     assert (run.archive.kind, run.archive.kept, run.prompts.policy) == (ArchiveKind.best, 3, PromptPolicy.none)
-    assert [(file.name, file.text) for file in files] == [("a", "class Net: pass\n"), ("b", "class Net: pass\n")]
+    assert [(file.name, file.source) for file in files.values()] == [
+        ("a", "class Net: pass\n"),
+        ("b", "class Net: pass\n"),
+    ]
 
 
 def test_baseline_alone_is_a_run_of_one() -> None:
     """A task without files."""
     study, run, files = compose_given(["task=hardness"])
-    assert (study.networks, files, run.search.initial, run.archive.kept) == ((), (), 0, 1)
+    assert (study.networks, files, run.search.initial, run.archive.kept) == ((), {}, 0, 1)
 
 
 def test_experiment_that_wants_a_model_is_not_asked_for_one() -> None:
@@ -83,8 +86,8 @@ def test_files_are_found_by_name_directory_and_pattern(place: Path) -> None:
 def test_shipped_networks_are_found_from_anywhere(task: str, place: Path) -> None:
     """The four published variants of a task, in conf/."""
     assert named(f"library/{task}/published") == ["variant1", "variant2", "variant3", "variant4"]
-    (first, *_) = compose_given([f"networks=library/{task}/published/variant2.py", f"task={task}"])[2]
-    assert first.text == (conf_root() / "library" / task / "published" / "variant2.py").read_text()
+    (first, *_) = compose_given([f"networks=library/{task}/published/variant2.py", f"task={task}"])[2].values()
+    assert first.source == (conf_root() / "library" / task / "published" / "variant2.py").read_text()
 
 
 def test_brackets_of_a_directory_are_no_pattern(place: Path) -> None:

@@ -18,6 +18,7 @@ from refusals import refused
 from waiting import eventually
 
 from tacevo.errors import ConfigError, StoreError, TransportError
+from tacevo.llm.failures import Models
 from tacevo.llm.hosted import SHARE, HostedLLM
 from tacevo.llm.recording import RecordingLLM
 from tacevo.llm.retry import Fault, FaultError, FaultKind
@@ -104,7 +105,7 @@ class _Starting(_Fake):
 def test_requests_begin_one_after_the_other() -> None:
     """Each begins when those before it had a turn: a thousand that begin in one go would keep the first from one."""
     server = _Starting(together=50)
-    llm = HostedLLM(lambda: server, concurrency=50, name="llm=fake")
+    llm = HostedLLM(lambda: server, concurrency=50, models=Models("llm=fake"))
     assert len(list(llm.complete([request(str(number)) for number in range(50)]))) == 50
     assert server.seen == list(range(1, 51))
 
@@ -214,7 +215,7 @@ class _Slow(_Fake):
 def slow(*, concurrency: int = 1) -> tuple[_Slow, HostedLLM]:
     """Make such a server, and an LLM that asks it."""
     server = _Slow()
-    return server, HostedLLM(lambda: server, concurrency=concurrency, name="llm=fake")
+    return server, HostedLLM(lambda: server, concurrency=concurrency, models=Models("llm=fake"))
 
 
 def test_answers_are_stored_before_the_reader_sees_them(tmp_path: Path) -> None:
@@ -253,7 +254,7 @@ class _Broken(_Slow):
 def test_unforeseen_failure_loses_no_answer_in_flight(tmp_path: Path) -> None:
     """An exception that no provider should raise ends the asking, after the others in flight are stored."""
     server = _Broken()
-    llm = HostedLLM(lambda: server, concurrency=2, name="llm=fake")
+    llm = HostedLLM(lambda: server, concurrency=2, models=Models("llm=fake"))
     threading.Timer(0.3, server.go.release).start()
     with pytest.raises(RuntimeError, match="unforeseen"):
         list(RecordingLLM(llm, Store(tmp_path, "completions")).complete([request("a"), request("b")]))
@@ -271,7 +272,7 @@ def test_failure_between_requests_reaches_the_reader(tmp_path: Path) -> None:
     """What fails in the thread that asks does not end in silence; the answers before are seen and stored."""
     server = _Unclosed()
     server.go.release()
-    llm = HostedLLM(lambda: server, concurrency=1, name="llm=fake")
+    llm = HostedLLM(lambda: server, concurrency=1, models=Models("llm=fake"))
     answers = RecordingLLM(llm, Store(tmp_path, "completions")).complete([request("a")])
     assert next(answers)[0] == 0
     with pytest.raises(RuntimeError, match="stays open"):

@@ -81,7 +81,7 @@ def test_settings_that_an_earlier_run_was_answered_with_are_not_at_fault(provide
 
 def resumed(url: str, provider: str, store: Store) -> RecordingLLM:
     """Make what a new process makes over an old store."""
-    models = Models(lambda asked: ever_answered(store, asked))
+    models = Models(f"llm={provider}", lambda asked: ever_answered(store, asked))
     return RecordingLLM(hosted(url, provider, models=models), store)
 
 
@@ -185,7 +185,7 @@ PRICES = PriceTable(
 def test_model_that_the_server_lacks_is_reported_with_those_that_it_has(provider: str) -> None:
     """And with the day on which the model was retired."""
     with serving(Script(models=("model-y-20251001", "model-z"))) as server:
-        llm = hosted(server.url, provider, models=Models(prices=PRICES))
+        llm = hosted(server.url, provider, models=Models(f"llm={provider}", prices=PRICES))
         expected = "a model that the server has (model-y-20251001, model-z)"
         with refused(ConfigError, place="llm.model", expected=expected, got="model-x, which was retired on 2026-04-20"):
             texts(llm, *"abcdefgh")
@@ -194,7 +194,10 @@ def test_model_that_the_server_lacks_is_reported_with_those_that_it_has(provider
 @both
 @pytest.mark.parametrize(
     ("models", "expected"),
-    [(Models(prices=PRICES), "a model that llm.prices has (model-y)"), (Models(), "a model that the server has")],
+    [
+        (Models("llm", prices=PRICES), "a model that llm.prices has (model-y)"),
+        (Models("llm"), "a model that the server has"),
+    ],
 )
 def test_server_without_a_list_of_models_is_no_further_fault(models: Models, expected: str, provider: str) -> None:
     """The message has what the price table knows, and what the server said."""

@@ -10,6 +10,7 @@ from refusals import refused
 from test_answers import chat
 
 from tacevo.errors import ConfigError, TransportError
+from tacevo.llm.failures import Models
 from tacevo.llm.hosted import HostedLLM
 from tacevo.llm.openai import Dialect, connect
 from tacevo.llm.recording import RecordingLLM
@@ -51,7 +52,7 @@ def test_other_name_of_the_limit_is_tried_and_remembered(status: int, refusal: J
     dialect, store = Dialect(), Store(tmp_path, "completions")
     with replying(reply) as server:
         llm = HostedLLM(
-            lambda: connect(f"{server.url}/v1", 1, dialect), concurrency=1, name="llm=openai", patience=QUICK
+            lambda: connect(f"{server.url}/v1", 1, dialect), concurrency=1, models=Models("llm=openai"), patience=QUICK
         )
         recording = RecordingLLM(llm, store)
         for text in "abc":

@@ -4,8 +4,9 @@ import pytest
 from refusals import refused
 
 from tacevo.config.compose import compose
-from tacevo.config.plain import from_plain, to_plain
+from tacevo.config.plain import from_plain
 from tacevo.errors import ConfigError
+from tacevo.records import to_json
 from tacevo.results.publishable import published_config, published_overrides
 from tacevo.storage.canonical import value_at
 
@@ -32,7 +33,7 @@ OF_BOTH = [
 )
 def test_no_path_and_no_address_is_left(paths: list[str], left: dict[str, str]) -> None:
     """Each keeps its last part, or goes."""
-    published = published_config(to_plain(compose([*paths, *OF_BOTH])))
+    published = published_config(to_json(compose([*paths, *OF_BOTH])))
     assert "secret" not in str(published)
     for name, value in {"root": "images", **left}.items():
         assert value_at(published, ("data", name)) == value
@@ -41,14 +42,14 @@ def test_no_path_and_no_address_is_left(paths: list[str], left: dict[str, str]) 
 @pytest.mark.parametrize("root", [".", "..", "/", "images/.."])
 def test_folder_without_a_name_gets_one(root: str) -> None:
     """An empty name would make the published configuration none that can be read."""
-    published = published_config(to_plain(compose(["data=folder", f"data.root={root}"])))
+    published = published_config(to_json(compose(["data=folder", f"data.root={root}"])))
     assert value_at(published, ("data", "root")) == "data"
     assert from_plain(published).data.root == "data"
 
 
 def test_relative_files_stay() -> None:
     """They say nothing of the machine, and which file it was."""
-    config = to_plain(compose(["data=csv", "data.root=x", "data.target_columns=[fx]", "data.table=tables/labels.csv"]))
+    config = to_json(compose(["data=csv", "data.root=x", "data.target_columns=[fx]", "data.table=tables/labels.csv"]))
     assert value_at(published_config(config), ("data", "table")) == "tables/labels.csv"
     assert published_config(config)["task"] == config["task"]
 
@@ -57,8 +58,8 @@ def test_relative_files_stay() -> None:
 def test_overrides_give_the_published_configuration(paths: list[str]) -> None:
     """What is left of the command composes to what is left of the settings."""
     command = [*paths, *OF_BOTH, "seed=4"]
-    published = published_config(to_plain(compose(command)))
-    composed = to_plain(compose(published_overrides(command)))
+    published = published_config(to_json(compose(command)))
+    composed = to_json(compose(published_overrides(command)))
     assert "secret" not in str(published_overrides(command))
     for group in ("seed", "data", "task", "search", "archive"):
         assert composed[group] == published[group]
@@ -74,7 +75,7 @@ def test_quoted_override_stays_quoted() -> None:
 
 def test_original_is_left_as_it_is() -> None:
     """Publishing changes nothing of the run."""
-    config = to_plain(compose([*OF_TABLE, *OF_BOTH]))
+    config = to_json(compose([*OF_TABLE, *OF_BOTH]))
     before = str(config)
     published_config(config)
     assert str(config) == before
@@ -91,7 +92,7 @@ def test_group_set_whole_is_refused(override: str) -> None:
 def test_label_stands_for_a_model_that_is_a_path() -> None:
     """In the configuration; an arm's name has the last part, as of every path."""
     chosen = ["llm=openai", "llm.model=/home/secret/llama"]
-    labelled = published_config(to_plain(compose([*chosen, "llm.label=llama-8b"])))
+    labelled = published_config(to_json(compose([*chosen, "llm.label=llama-8b"])))
     assert value_at(labelled, ("llm", "model")) == "llama-8b"
     assert from_plain(labelled).llm.name == "llama-8b"
     assert published_overrides(chosen) == ("llm=openai", "llm.model=llama")

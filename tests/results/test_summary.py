@@ -18,7 +18,7 @@ from tacevo.evolution.lines import GenerationLine, ReevaluationLine, RepairedAns
 from tacevo.evolution.run_files import Line
 from tacevo.records import Operator, Reason, Stage
 from tacevo.results.run import RecordedRun
-from tacevo.results.summary import summarise, tell
+from tacevo.results.summary import in_short, summarise
 
 CONFIG = compose(["experiment=published_force", "seed=3"])
 
@@ -220,8 +220,8 @@ def test_end_of_a_search_fits_one_screen() -> None:
     ends = generation(1, trained=8, candidates=8, best=0.1, median=0.4)
     elites = [trained(name, 0.1 * at, operator=Operator.crossover) for at, name in enumerate(names, start=1)]
     run = run_of(*LINES[:3], *elites, rejected("g01s08", "extract", "truncated"), ends, elites=names)
-    assert not tell(run).shortfall
-    told = tell(run).in_short
+    assert not run.shortfall
+    told = in_short(run)
     assert told.rstrip() in summarise(run)
     assert "Best fitness 0.100 by g01s00; the best of generation 0 has 0.400, the baseline 0.500." in told
     assert "Each is one draw, the lowest loss of one seed, and the best is the lowest of many." in told
@@ -233,7 +233,7 @@ def test_end_of_a_search_fits_one_screen() -> None:
 def test_end_of_a_search_that_asked_nobody_has_no_rate() -> None:
     """There are no first answers."""
     run = run_of(LINES[0], generation(0, trained=1, candidates=1, best=0.5, median=0.5), elites=["g00s00"])
-    assert tell(run).in_short.endswith("\n\nGate: no model was asked.\n")
+    assert in_short(run).endswith("\n\nGate: no model was asked.\n")
 
 
 @pytest.mark.parametrize("trivial", [0.1, 0.104])
@@ -246,7 +246,7 @@ def test_summary_of_a_search_at_chance_says_so_first(trivial: float) -> None:
     assert "training.epochs" in first
     assert f"the baseline 0.500; the trivial loss is {trivial:.3f}." in page
     assert f"every validation image can have: {trivial:.3f}." in page
-    told = tell(run).in_short
+    told = in_short(run)
     assert told.index("At chance: ") < told.index("Lowest fitness 0.100")
     assert "Best fitness" not in told
 

@@ -13,7 +13,7 @@ from small_recordings import save_arrays, save_folder, save_forces, save_grating
 
 from tacevo.choices import Confinement, GratingClasses
 from tacevo.config.compose import compose
-from tacevo.config.plain import from_plain, to_plain
+from tacevo.config.plain import from_plain
 from tacevo.config.task_texts import facts_without_data, load_task
 from tacevo.data.dataset import Dataset
 from tacevo.data.sources.tacverse import TacVerse
@@ -85,7 +85,7 @@ def test_settings_of_a_release_select_but_in_runs_of_before(tmp_path: Path) -> N
     assert isinstance(source, TacVerse)
     assert (source.spacings_mm, source.images, source.classes) == ((0.5, 1.5), 15, GratingClasses.joint)
     later = {"select", "classes", "test_sensor", "shots"}
-    plain = to_plain(config)
+    plain = to_json(config)
     plain["data"] = {name: value for name, value in to_json(config.data).items() if name not in later}
     older = from_plain(plain)
     assert source_of(older) == replace(source, spacings_mm=(), images=None, classes=GratingClasses.size)

@@ -40,9 +40,8 @@ def hosted(
     return HostedLLM(
         lambda: connect(url + path, concurrency),
         concurrency=concurrency,
-        name=f"llm={provider}",
         patience=patience,
-        models=models or Models(),
+        models=models or Models(f"llm={provider}"),
     )
 
 
@@ -52,7 +51,7 @@ def batched(url: str, root: Path) -> BatchLLM:
         lambda: anthropic.connect_batches(url),
         store=Store(root, "completions"),
         directory=root / "batches",
-        name="llm=anthropic",
+        models=Models("llm=anthropic"),
         patience=Patience(tries=5, first=0.001, longest=0.01),
         poll=0.01,
     )

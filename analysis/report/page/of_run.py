@@ -36,7 +36,7 @@ from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
-from tacevo.results.summary import tell
+from tacevo.results.summary import images, outcome, rates, searched
 
 #: Corners of a polygon in order, each (x, y) in [0, 1].
 Corners = tuple[tuple[float, float], ...]
@@ -140,17 +140,16 @@ def _sourceless(given: RunMaterial) -> list[str]:
 def _headlines(collection: Collection) -> list[str]:
     """Say what was searched and found, as summary.md does; with which data; and what it rests on."""
     run, again = collection.run, reestimated(collection.run, collection.reestimates)
-    told = tell(run)
     provider = f"; provider of the model: {run.config.llm.provider}" if run.answered else ""
     trained_again = ""
     if again is not None:
         words, reference, median = again
         trained_again = f" The lowest, {words}: {shown(median)} against the baseline's {shown(reference)}."
     lines = [
-        told.searched,
-        told.outcome + trained_again,
-        f"{told.data} Data source: {run.config.data.source}{provider}.",
-        " ".join(filter(None, (*told.gate, told.cost))),
+        searched(run),
+        outcome(run)[0] + trained_again,
+        f"{images(run)} Data source: {run.config.data.source}{provider}.",
+        " ".join(rates(run)),
         f"Digest: {run.digest}. Rules: {rules_in_words(run.rules)}.",
     ]
     return [line for line in lines if line]

@@ -23,7 +23,7 @@ from tacevo.llm.grammar.network import (
     Pooling,
     Signature,
 )
-from tacevo.llm.grammar.variations import FARTHEST, MOST_EDITS, pick
+from tacevo.llm.grammar.variations import FARTHEST, edits, pick
 from tacevo.space import Space
 
 Genome = Mapping[str, int | float | str]
@@ -118,10 +118,8 @@ def wandered(space: Space, network: Network, rng: np.random.Generator) -> Networ
 
 def _warm(space: Space, genome: Genome, temperature: float, rng: np.random.Generator) -> Genome:
     """Do what `variations.warm` does, each edit of one gene."""
-    chances = sorted(rng.random() for _ in range(MOST_EDITS))
-    for chance in chances:
-        if chance < temperature / 2:
-            genome = _edited(space, genome, rng)
+    for _ in edits(temperature, rng):
+        genome = _edited(space, genome, rng)
     return genome
 
 

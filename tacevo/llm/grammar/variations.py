@@ -39,15 +39,18 @@ def vary(network: Network, variations: Sequence[Variation], rng: np.random.Gener
     return network
 
 
+def edits(temperature: float, rng: np.random.Generator) -> range:
+    """Count the small edits of a temperature T in [0, 1]: each of four happens with probability T / 2."""
+    return range(sum(rng.random() < temperature / 2 for _ in range(MOST_EDITS)))
+
+
 def warm(network: Network, temperature: float, rng: np.random.Generator) -> Network:
-    """Add the small random edits of a temperature T in [0, 1]: each of four happens with probability T / 2.
+    """Add the small random edits of a temperature.
 
     They are the first of an order that T does not change: a warmer network has those of a colder one, and then more.
     """
-    chances = sorted(rng.random() for _ in range(MOST_EDITS))
-    for chance in chances:
-        if chance < temperature / 2:
-            network = vary(network, SMALL_EDITS, rng)
+    for _ in edits(temperature, rng):
+        network = vary(network, SMALL_EDITS, rng)
     return network
 
 

@@ -9,14 +9,13 @@ from typing import Any
 from ledger_lines import candidate, ended, header, run_record
 
 from tacevo.config.compose import compose
-from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.costs import Spending
 from tacevo.errors import ConfigError
 from tacevo.evolution.archive import AddStatus, AxisBounds
 from tacevo.evolution.lines import CandidateLine, GenerationLine, RepairedAnswer
 from tacevo.evolution.run_files import EliteEntry, Line, TrialEntry
-from tacevo.records import DataFacts, Instruction, Kind, Operator, Reason, Stage
+from tacevo.records import DataFacts, Instruction, Kind, Operator, Reason, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.storage.ledger import Sealed
 from tacevo.storage.run_directory import RunDirectory, RunRecord
@@ -28,7 +27,7 @@ FACTS = DataFacts(
 
 _SMALL = ["llm=grammar", "search.candidates=2", "search.initial=1", "training.epochs=1"]
 
-_CONFIG: Any = to_plain(compose([*_SMALL, "archive.niches=4", "archive.samples=100", "archive.eff_ratio_scale=linear"]))
+_CONFIG: Any = to_json(compose([*_SMALL, "archive.niches=4", "archive.samples=100", "archive.eff_ratio_scale=linear"]))
 
 
 def configured(**groups: Any) -> RunConfig:

@@ -8,9 +8,9 @@ from pathlib import Path
 from ledger_lines import ended, header, run_record
 
 from tacevo.config.compose import compose
-from tacevo.config.plain import to_plain
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import facts_without_data, load_task
+from tacevo.records import to_json
 from tacevo.runs.progress import Progress
 from tacevo.storage.ledger import sealed_text
 from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
@@ -35,7 +35,7 @@ def begin(directory: SweepDirectory, job: Job, shared: Sequence[str] = SHARED, *
     facts = replace(facts_without_data(config), counts=(config.data.images or 0, 0, 0))
     text, digest = sealed_text([header(task=job.name), ended(0)])
     run.write_text("ledger.jsonl", text)
-    described = {"config": to_plain(config), "task": load_task(config, facts), "data": facts}
+    described = {"config": to_json(config), "task": load_task(config, facts), "data": facts}
     run.write_run(run_record(**described, digest=digest if finished else None))
     if finished:
         run.write_text("summary.md", "found")
