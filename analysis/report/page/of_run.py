@@ -260,8 +260,8 @@ def _rows(frame: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _of_study(table: Table, studies: Sequence[Compared]) -> bool:
-    """Return whether a table is a study's: its name then ends in the study's (`collection.tables_of`)."""
-    return any(table.name.endswith(f"_{compared.name}") for compared in studies)
+    """Return whether a table is a study's: its name then begins with the study's (`collection.tables_of`)."""
+    return any(table.name.startswith(f"{compared.name}/") for compared in studies)
 
 
 def _study(compared: Compared, tables: Sequence[Table]) -> dict[str, Any]:
