@@ -23,6 +23,7 @@ from tacevo.typed import convert
 #: The first published runs, and the digests that every later release must replay them to; nobody may exchange them.
 DIGESTS = {
     "ablation-force-grammar.zip": "9d2feb3bf77c6d69f41ec90af0ba8e768ea6c16361c83d5ebf455df8897ff9cf",
+    "ablation-grating.zip": "7624ebab3f68e92b0df3427bdac19d5b785cad3248670e26f852e3954944af39",
     "force-grammar.zip": "fec21d53ea9151fb2168425ae18faa61850a443b1e7d435470efa28351b2008f",
     "grating-grammar.zip": "ffc6a36ea7658b4ed3488212eb75fbd9222f6e05c3bc8ef320af9a20849ae00d",
 }
