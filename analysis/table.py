@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, is_dataclass
 from typing import Any
 
 import pandas as pd
@@ -148,7 +148,7 @@ def _exact(cell: Cell) -> list[str | int | float | None]:
     """Return a cell unrounded: one value, or an estimate and the ends of its interval."""
     if cell is None or isinstance(cell, str):
         return [cell]
-    return [finite(value) for value in ([cell] if isinstance(cell, int | float) else astuple(cell))]
+    return [finite(value) for value in (astuple(cell) if is_dataclass(cell) else [cell])]
 
 
 def _dtype(values: Iterable[str | int | float | None]) -> str:

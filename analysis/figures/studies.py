@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from analysis.figures.axes import boxes, spread
 from analysis.figures.style import BLACK, BLUE, ORANGE, VERMILLION, house_style, new_figure
 from analysis.studies.metric_names import SHARES, metric_name
+from tacevo.records import Kind
 from tacevo.results.study import RecordedStudy
 
 #: From this many networks on, `variant 1` has two lines, since one would run into the next.
@@ -53,8 +54,13 @@ def seed_boxes(study: RecordedStudy, words: Mapping[str, str]) -> Figure:
 def confusion_matrices(study: RecordedStudy) -> Figure:
     """Draw the test images of every network by true and predicted class: counts, and per cent of the true class.
 
-    Each network of a classification is shown at its `RecordedStudy.median_seed`.
+    Each network is shown at its `RecordedStudy.median_seed`.
+
+    Raises:
+        ValueError: it is the study of a regression.
     """
+    if study.kind is not Kind.classification:
+        raise ValueError(f"the study of {study.task}, a regression, has no confusion matrix")
     names = [network.name for network in study.networks]
     columns = min(len(names), 3)
     rows = math.ceil(len(names) / columns)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from tacevo.api import frames
 from tacevo.errors import ConfigError
-from tacevo.records import Json
+from tacevo.records import Json, to_json
 from tacevo.runs.answers import judged_answers
 from tacevo.runs.data_check import inspect_data
 
@@ -52,4 +52,6 @@ def check_data(*overrides: str, sheet: str | os.PathLike[str] | None = None, qui
     from rich.console import Console
 
     console = Console(stderr=True, quiet=quiet)
-    return inspect_data(overrides, None if sheet is None else os.fspath(sheet), console)
+    inspection = to_json(inspect_data(overrides, None if sheet is None else os.fspath(sheet), console))
+    assert isinstance(inspection, dict)
+    return inspection

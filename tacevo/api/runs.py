@@ -313,7 +313,7 @@ class Run:
             raise ConfigError(
                 f"{candidate!r}, which the gate rejected" if is_there else repr(candidate),
                 place="candidate",
-                expected=f"the id of an admitted candidate of {self.name}",
+                expected=f"the id of an admitted candidate of {self.name}, such as g02s03",
                 remedy=nearest(candidate, sources, "run.candidates has all"),
             )
         return self.recorded.directory.read_source(candidate, str(sources[candidate]))

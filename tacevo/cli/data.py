@@ -6,8 +6,9 @@ import json
 from rich.console import Console
 
 from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
+from tacevo.records import to_json
 from tacevo.runs.data_check import inspect_data, show, simulate
-from tacevo.runs.data_report import leaks, report
+from tacevo.runs.data_report import report
 
 _EPILOG = """\
 examples:
@@ -56,9 +57,9 @@ def add_data(parser: Parser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    findings = inspect_data(options.overrides, options.output, Console(stderr=True))
-    print(json.dumps(findings, indent=2) if options.json else report(findings))
-    return DIFFERENT if leaks(findings) else DONE
+    inspection = inspect_data(options.overrides, options.output, Console(stderr=True))
+    print(json.dumps(to_json(inspection), indent=2) if options.json else report(inspection))
+    return DIFFERENT if inspection.leaks else DONE
 
 
 def _show(options: argparse.Namespace) -> int:

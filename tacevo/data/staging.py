@@ -79,7 +79,8 @@ def new_directory(out: Path) -> Iterator[Path]:
     Unlike with `staged`, no lock file stays behind: this is the user's own directory.
 
     Raises:
-        OSError: the parent cannot be written to; or `out` is there at the end, and is not an empty directory.
+        OSError: the parent cannot be written to; or `out` is there at the end, and is not an empty directory; or the
+            disk does not take it, and then `out` may stand.
     """
     stage = out.with_name(f".{out.name}-{uuid.uuid4().hex[:12]}")
     stage.mkdir(parents=True)

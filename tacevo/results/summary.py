@@ -33,16 +33,16 @@ def summarise(run: RecordedRun) -> str:
 
     The run may have been stopped anywhere; its elites are those of the last archive that was written.
     """
-    parts = [f"# {run.record.name}", in_short(run).rstrip(), images(run), *_unpromised(run.candidates)]
+    parts = [f"# {run.record.name}", in_short(run).rstrip(), data_in_words(run), *_unpromised(run.candidates)]
     return "\n\n".join([*parts, *([_progress(run.generations, run.config)] if run.generations else [])]) + "\n"
 
 
 def in_short(run: RecordedRun) -> str:
     """Return what fits one screen; where nothing was found it begins with that."""
-    fitness, elites = outcome(run)
+    fitness, elites = outcome_in_words(run)
     parts = [searched(run), _not_sent(run)]
     if fitness:
-        parts += [run.shortfall, fitness, elites, "\n".join(rates(run))]
+        parts += [run.shortfall, fitness, elites, "\n".join(rates_in_words(run))]
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
@@ -73,7 +73,7 @@ def searched(run: RecordedRun) -> str:
     )
 
 
-def images(run: RecordedRun) -> str:
+def data_in_words(run: RecordedRun) -> str:
     """Say what the images are, and their trivial loss."""
     facts, trivial = run.record.data, run.record.trivial
     train, validation, test = facts.counts
@@ -92,7 +92,7 @@ def _not_sent(run: RecordedRun) -> str:
     )
 
 
-def outcome(run: RecordedRun) -> tuple[str, str]:
+def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
     """Return the lowest fitness beside the baseline's and the best of generation 0, and the best elites as a table.
 
     It is called the best only where it is one. Both are empty before a generation is complete, and without any elite.
@@ -128,7 +128,7 @@ def _fitness(line: CandidateLine) -> float:
     return math.nan if line.fitness is None else line.fitness
 
 
-def rates(run: RecordedRun) -> list[str]:
+def rates_in_words(run: RecordedRun) -> list[str]:
     """Say how many first answers the gate let through, where others ended, what came of second ones, and the cost.
 
     The share that is left is the paper's rate.

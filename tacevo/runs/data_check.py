@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -26,8 +25,8 @@ from tacevo.data.splitting import PARTS
 from tacevo.data.survey import constant_images, equal_images, label_table, nearly_equal, split_of
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
-from tacevo.records import DataFacts, Json, Task, to_json
-from tacevo.runs.data_report import HOW
+from tacevo.records import DataFacts, Task
+from tacevo.runs.data_report import HOW, Image, Inspection
 from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.doubts import doubts_of, told
 from tacevo.runs.progress import Progress
@@ -37,14 +36,10 @@ from tacevo.text import counted
 _NO_MODEL = "llm=grammar"
 
 
-def inspect_data(overrides: Sequence[str], output: str | None, console: Console) -> dict[str, Any]:
+def inspect_data(overrides: Sequence[str], output: str | None, console: Console) -> Inspection:
     """Load a data set as a search would, count it and write a contact sheet.
 
     Without `output`, the sheet is `contact-sheet-<fingerprint>.png` in the current directory.
-
-    Returns:
-        What `tacevo data check --json` prints, and `report` tells a person. An image is its `row`, its `part` (`train`,
-        `validation` or `test`) and its `file`, None where images are not files.
 
     Raises:
         TacevoError: the data set is broken, does not suit the task, or the sheet's name has an unknown ending.
@@ -57,9 +52,8 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     title = f"{config.task.name} ({config.data.source}): {counts} images, fingerprint {facts.fingerprint[:8]}"
     save(contact_sheet(dataset, units=units, title=title), path)
 
-    def image(row: int) -> dict[str, Json]:
-        file = None if catalogue.files is None else str(catalogue.files[row])
-        return {"row": row, "part": splits[row], "file": file}
+    def image(row: int) -> Image:
+        return Image(row=row, part=splits[row], file=None if catalogue.files is None else str(catalogue.files[row]))
 
     pixels = np.load(dataset.images, mmap_mode="r")
     mean, deviation = input_statistics(pixels, dataset.train, Normalisation.standardise)
@@ -67,51 +61,54 @@ def inspect_data(overrides: Sequence[str], output: str | None, console: Console)
     groups = catalogue.groups
     is_release = config.data.source is DataSource.tacverse
     release, differing = compared(Path(config.data.root or "")) if is_release else ((), ())
-    warnings = list(doubts_of(config, task, dataset, catalogue))
-    if alike:
-        how = HOW.get(config.data.source, "") if groups is None else ""
-        warnings.append(
-            f"{counted(len(alike), 'image')} for validation or test nearly equal one of another part, as frames of one "
-            f"press do: a network is tested on what it has learnt{how}"
-        )
-    if differing:
-        warnings.append("data.root is not the whole release: what differs stands above")
-    found = {
-        "task": config.task.name,
-        "source": config.data.source,
-        "root": config.data.root,
-        "recorded_with": _recorded_with(config) if is_release else (),
-        "kind": facts.kind,
-        "names": facts.names,
-        "images": {"all": sum(facts.counts), **dict(zip(PARTS, facts.counts, strict=True))},
-        "skipped": catalogue.skipped,  # rows of a table whose image is missing
-        "selected": facts.selected,
-        "release": release,
-        "ignored": list(map(str, catalogue.ignored)),
-        "recorded_size": catalogue.recorded_size,  # width and height; None where images are drawn
-        "image_size": facts.image_size,
-        "is_sized": any(override.startswith(("experiment=", "data.image_size=")) for override in overrides),
-        "labels": label_table(dataset, units).to_dict("records"),
-        "mean": mean,
-        "deviation": deviation,
-        "duplicates": [list(map(image, rows)) for rows in equal_images(pixels)],
-        "constant": list(map(image, constant_images(pixels))),
-        "groups": None if groups is None else np.unique(groups, return_counts=True)[1].tolist(),  # images of each
-        "groups_chosen_by": catalogue.groups_chosen_by,
-        "nearly_equal": [(image(row), image(other)) for row, other in alike],
-        "prompt": told(task),
-        "warnings": warnings,
-        "fingerprint": facts.fingerprint,
-        "cache": str(dataset.images.parent),
-        "sheet": str(path),
-    }
-    return {name: to_json(value) for name, value in found.items()}
+    return Inspection(
+        task=config.task.name,
+        source=config.data.source,
+        root=config.data.root,
+        recorded_with=_recorded_with(config) if is_release else (),
+        kind=facts.kind,
+        names=facts.names,
+        images={"all": sum(facts.counts), **dict(zip(PARTS, facts.counts, strict=True))},
+        skipped=catalogue.skipped,
+        selected=facts.selected,
+        release=release,
+        ignored=tuple(map(str, catalogue.ignored)),
+        recorded_size=catalogue.recorded_size,
+        image_size=facts.image_size,
+        is_sized=any(override.startswith(("experiment=", "data.image_size=")) for override in overrides),
+        labels=tuple(label_table(dataset, units).to_dict("records")),
+        mean=mean,
+        deviation=deviation,
+        duplicates=tuple(tuple(map(image, rows)) for rows in equal_images(pixels)),
+        constant=tuple(map(image, constant_images(pixels))),
+        groups=None if groups is None else tuple(np.unique(groups, return_counts=True)[1].tolist()),
+        groups_chosen_by=catalogue.groups_chosen_by,
+        nearly_equal=tuple((image(row), image(other)) for row, other in alike),
+        prompt=told(task),
+        warnings=(
+            *doubts_of(config, task, dataset, catalogue),
+            *_alike_words(len(alike), "" if groups is not None else HOW.get(config.data.source, "")),
+            *(["data.root is not the whole release: what differs stands above"] if differing else []),
+        ),
+        fingerprint=facts.fingerprint,
+        cache=str(dataset.images.parent),
+        sheet=str(path),
+    )
 
 
-def _recorded_with(config: RunConfig) -> list[str]:
+def _recorded_with(config: RunConfig) -> tuple[str, ...]:
     """Return the settings that say which directories of the release are read."""
     pattern = config.data.pattern if config.task.name == RecordedTask.grating else None
-    return [f"data.sensor={config.data.sensor}", *([] if pattern is None else [f"data.pattern={pattern}"])]
+    return (f"data.sensor={config.data.sensor}", *([] if pattern is None else [f"data.pattern={pattern}"]))
+
+
+def _alike_words(count: int, remedy: str) -> list[str]:
+    if not count:
+        return []
+    return [
+        f"{counted(count, 'image')} for validation or test nearly equal one of another part, as frames of one press "
+        f"do: a network is tested on what it has learnt{remedy}"
+    ]
 
 
 def show(overrides: Sequence[str], output: str, width: str, console: Console) -> Path:

@@ -1,11 +1,12 @@
-"""What `tacevo data check` found as text for a person; `inspect_data` says what the findings hold."""
+"""What `tacevo data check` found: a record that is its JSON, and the same as text for a person."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import pandas as pd
 
 from tacevo.choices import DataSource
+from tacevo.records import Json, Kind
 from tacevo.text import counted
 
 #: Equal or constant images that the report spells out before it only counts them; the JSON lists all.
@@ -22,91 +23,145 @@ HOW = {
 _UNSIZED = " (data.image_size; an experiment may set another, so name that of the search here, too)"
 
 
-#: What `inspect_data` returns.
-Findings = Mapping[str, Any]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Image:
+    """One image of a data set."""
+
+    row: int
+    #: `train`, `validation` or `test`.
+    part: str
+    #: None where images are not files.
+    file: str | None
+
+    def __str__(self) -> str:
+        return f"row {self.row}{'' if self.file is None else f' {self.file}'} ({self.part})"
 
 
-def leaks(data: Findings) -> list[list[dict[str, Any]]]:
-    """Return the groups of equal images in more than one part, so that a network is tested on what it has learnt."""
-    return [images for images in data["duplicates"] if len({image["part"] for image in images}) > 1]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inspection:
+    """What `check` found."""
+
+    task: str
+    source: DataSource
+    root: str | None
+    #: TacVerse: of which sensors, and of gratings which patterns; as settings.
+    recorded_with: tuple[str, ...]
+    kind: Kind
+    names: tuple[str, ...]
+    #: How many there are in `all` and in each part.
+    images: Mapping[str, int]
+    #: Rows of a table that were left out, because their image is missing.
+    skipped: int
+    #: The settings that selected images of the recording.
+    selected: tuple[str, ...]
+    #: Of TacVerse: what lies in the directory, beside what the release holds; a line for each task.
+    release: tuple[str, ...]
+    #: Files beside the images that are not used.
+    ignored: tuple[str, ...]
+    #: Width and height before resizing; None where images are drawn.
+    recorded_size: tuple[int, int] | None
+    image_size: int
+    #: Whether an experiment was named, or the size of the images, which an experiment may set.
+    is_sized: bool
+    #: The rows of `label_table`.
+    labels: tuple[dict[str, Json], ...]
+    mean: tuple[float, ...]
+    deviation: tuple[float, ...]
+    #: Groups of images with equal pixels.
+    duplicates: tuple[tuple[Image, ...], ...]
+    #: Images of one colour.
+    constant: tuple[Image, ...]
+    #: How many images were recorded together, of each group; None where no groups are known.
+    groups: tuple[int, ...] | None
+    #: The setting that names them, if one does.
+    groups_chosen_by: str | None
+    #: Images that are nearly equal to one of an earlier part, each with that one.
+    nearly_equal: tuple[tuple[Image, Image], ...]
+    #: What the prompt tells the model of the images.
+    prompt: str
+    #: What is probably wrong, a sentence each.
+    warnings: tuple[str, ...]
+    fingerprint: str
+    #: The directory of the finished images, and the contact sheet.
+    cache: str
+    sheet: str
+
+    @property
+    def leaks(self) -> list[tuple[Image, ...]]:
+        """Groups of equal images in more than one part, so that a network is tested on what it has learnt."""
+        return [images for images in self.duplicates if len({image.part for image in images}) > 1]
 
 
-def report(data: Findings) -> str:
-    """Write findings for a person."""
-    size, skipped = data["image_size"], data["skipped"]
-    drawn = "drawn at" if data["recorded_size"] is None else "{}x{} pixels, used at".format(*data["recorded_size"])
-    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(data["mean"], data["deviation"], strict=True)]
-    table = pd.DataFrame(data["labels"]).to_string(index=False, float_format="{:.4g}".format)
-    origin = [data["source"], *([] if data["root"] is None else [data["root"]]), *data["recorded_with"]]
+def report(data: Inspection) -> str:
+    """Write an inspection for a person."""
+    size = f"{data.image_size}x{data.image_size}"
+    drawn = "drawn at" if data.recorded_size is None else "{}x{} pixels, used at".format(*data.recorded_size)
+    moments = [f"{mean:.2f} +- {spread:.2f}" for mean, spread in zip(data.mean, data.deviation, strict=True)]
+    table = pd.DataFrame(data.labels).to_string(index=False, float_format="{:.4g}".format)
+    origin = [data.source, *([] if data.root is None else [data.root]), *data.recorded_with]
     lines = [
-        f"source:      {', '.join(origin)}, task {data['task']}",
-        "images:      {all}: {train} training, {validation} validation, {test} test".format(**data["images"]),
-        *(["selected:    by " + ", ".join(data["selected"])] if data["selected"] else []),
-        *(f"release:     {words}" for words in data["release"]),
-        *([f"left out:    {counted(skipped, 'row')} whose image is missing (data.skip_missing)"] if skipped else []),
-        *_listed("ignored:     {} outside the data set: ", "file", data["ignored"]),
-        f"size:        {drawn} {size}x{size} pixels{'' if data['is_sized'] else _UNSIZED}",
+        f"source:      {', '.join(origin)}, task {data.task}",
+        "images:      {all}: {train} training, {validation} validation, {test} test".format(**data.images),
+        *([f"selected:    by {', '.join(data.selected)}"] if data.selected else []),
+        *(f"release:     {words}" for words in data.release),
+        *_listed("left out:    {} whose image is missing (data.skip_missing)", "row", data.skipped),
+        *_listed("ignored:     {} outside the data set: ", "file", len(data.ignored), data.ignored, ", "),
+        f"size:        {drawn} {size} pixels{'' if data.is_sized else _UNSIZED}",
         "labels:",
         *(f"  {line}" for line in table.splitlines()),
         f"channels:    {', '.join(moments)} (mean and deviation of the training split, 0 to 255)",
         *_equal_lines(data),
-        *_listed("constant:    {} of one colour: ", "image", list(map(_name, data["constant"]))),
+        *(_listed("constant:    {} of one colour: ", "image", len(data.constant), data.constant, ", ")),
         f"groups:      {_groups(data)}",
-        *_first("  nearly equal: ", data["nearly_equal"], " ~ "),
-        f"prompt:      {data['prompt']}",
-        f"fingerprint: {data['fingerprint']}",
-        f"cached in:   {data['cache']}",
-        f"look:        {data['sheet']}",
-        *(f"warning:     {words}" for words in data["warnings"]),
+        *_first("  nearly equal: ", data.nearly_equal, " ~ "),
+        f"prompt:      {data.prompt}",
+        f"fingerprint: {data.fingerprint}",
+        f"cached in:   {data.cache}",
+        f"look:        {data.sheet}",
+        *(f"warning:     {words}" for words in data.warnings),
     ]
     return "\n".join(lines)
 
 
-def _listed(words: str, kind: str, items: Sequence[str]) -> list[str]:
+def _listed(words: str, kind: str, count: int, items: Sequence[object] = (), joint: str = "") -> list[str]:
     """Count things and name the first of them; nothing where there are none."""
-    return [f"{words.format(counted(len(items), kind))}{_shortened(items, ', ')}"] if items else []
+    return [words.format(counted(count, kind)) + _shortened(items, joint)] if count else []
 
 
-def _groups(data: Findings) -> str:
+def _groups(data: Inspection) -> str:
     """Say which images the split keeps together."""
-    if data["recorded_size"] is None:
+    if data.recorded_size is None:
         return "each image is a press of its own"
-    groups, chosen_by = data["groups"], data["groups_chosen_by"]
-    if groups is None:
-        # A sensor that is tested has its own split.
-        is_told = not any(setting.startswith("data.test_sensor=") for setting in data["selected"])
-        how = HOW.get(data["source"], "") if is_told else ""
+    if data.groups is None:
+        is_told = not any(setting.startswith("data.test_sensor=") for setting in data.selected)  # it has its own split
+        how = HOW.get(data.source, "") if is_told else ""
         return f"none are known, so frames of one press may stand in two parts{how}"
-    least, most = min(groups), max(groups)
+    least, most = min(data.groups), max(data.groups)
     each = counted(most, "image") if least == most else f"{least} to {most} images"
     kept = "no two images share one" if most == 1 else "none in two parts"
-    return f"{len(groups)} of {each}, {kept}{'' if chosen_by is None else f' ({chosen_by})'}"
+    chosen_by = "" if data.groups_chosen_by is None else f" ({data.groups_chosen_by})"
+    return f"{len(data.groups)} of {each}, {kept}{chosen_by}"
 
 
-def _equal_lines(data: Findings) -> Iterator[str]:
+def _equal_lines(data: Inspection) -> Iterator[str]:
     """List equal images, those that straddle splits before the others."""
-    groups, torn = data["duplicates"], leaks(data)
-    if not groups:
+    leaks = data.leaks
+    if not data.duplicates:
         yield "equal:       no two images are equal"
         return
-    verdict = f"{len(torn)} of them in more than one split, which is a leak" if torn else "each within one split"
-    yield f"equal:       {counted(len(groups), 'group')} of equal images, {verdict}"
-    yield from _first("  leak: ", torn, " = ")
-    yield from _first("  ", [images for images in groups if images not in torn], " = ")
+    verdict = f"{len(leaks)} of them in more than one split, which is a leak" if leaks else "each within one split"
+    yield f"equal:       {counted(len(data.duplicates), 'group')} of equal images, {verdict}"
+    yield from _first("  leak: ", leaks, " = ")
+    yield from _first("  ", [images for images in data.duplicates if images not in leaks], " = ")
 
 
-def _first(words: str, groups: Sequence[Sequence[Mapping[str, Any]]], joint: str) -> Iterator[str]:
+def _first(words: str, groups: Sequence[Sequence[Image]], joint: str) -> Iterator[str]:
     """List the first groups of images, and count the others."""
     for images in groups[:SHOWN]:
-        yield f"{words}{_shortened(list(map(_name, images)), joint)}"
+        yield f"{words}{_shortened(images, joint)}"
     if len(groups) > SHOWN:
         yield f"  and {len(groups) - SHOWN} more; --json lists all"
 
 
-def _shortened(items: Sequence[str], joint: str) -> str:
-    return joint.join(items[:SHOWN]) + (f"{joint}..." if len(items) > SHOWN else "")
-
-
-def _name(image: Mapping[str, Any]) -> str:
-    file = "" if image["file"] is None else f" {image['file']}"
-    return f"row {image['row']}{file} ({image['part']})"
+def _shortened(items: Sequence[object], joint: str) -> str:
+    return joint.join(map(str, items[:SHOWN])) + (f"{joint}..." if len(items) > SHOWN else "")

@@ -52,7 +52,12 @@ def search_key(header: str, name: str, sweep: str) -> str:
 class SearchWriter:
     """A search's run, found by its `search_key` or created, and what the store holds of the search already.
 
-    The experiment is given by its id; `source` are the tags of the search and of every candidate that name its code.
+    Args:
+        experiment: its id.
+        key: identifies the search; a string without quotes.
+        name: what a new run is called.
+        tags: of the search's run.
+        source: tags of the search and of every candidate that name its code.
     """
 
     def __init__(
@@ -139,8 +144,15 @@ class SearchWriter:
     ) -> None:
         """Write a finished study that the store lacks as a nested run.
 
-        The description says in Markdown what it found; `files` are further artifacts by name; it is whole where every
-        training came to its end.
+        Args:
+            name: of its directory.
+            digest: of its scores.
+            params: its design and verdicts.
+            measures: a point for each metric, network and seed, and the statistics.
+            command: that made it.
+            description: what it found, in Markdown.
+            files: further artifacts by name.
+            whole: whether every training came to its end.
         """
         source = {"mlflow.source.name": command, "mlflow.source.type": "LOCAL"}
         run = self._begin(STUDY_TAG, name, digest, {**source, NOTE_TAG: note(description, _FOUND)})

@@ -122,3 +122,16 @@ def test_job_behind_a_sweep_is_answered_with_the_name_of_its_run(
     SweepDirectory(place).write(SweepRecord(overrides=(), jobs=()))
     assert main(["show", str(place), "none-seed0"]) == 2
     assert f"a job of it is named {place}/JOB; got none-seed0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [["show"], ["export", "-o", "network"]], ids=lambda words: words[0])
+def test_what_is_no_id_is_answered_with_one(
+    command: list[str], published: Path, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A reader at a shell has no `run.candidates` to look into."""
+    name, *options = command
+    assert main([name, str(published / "run"), "best", *options]) == 2
+    said = capsys.readouterr().err
+    assert "such as g02s03" in said
+    assert "got 'best'" in said
+    assert not (place / "network").exists()

@@ -36,7 +36,7 @@ from tacevo.evolution.run_files import rules_in_words
 from tacevo.records import Kind, Stage, to_json
 from tacevo.results.run import RecordedRun
 from tacevo.results.study import LOWER_IS_BETTER
-from tacevo.results.summary import images, outcome, rates, searched
+from tacevo.results.summary import data_in_words, outcome_in_words, rates_in_words, searched
 
 #: Corners of a polygon in order, each (x, y) in [0, 1].
 Corners = tuple[tuple[float, float], ...]
@@ -147,9 +147,9 @@ def _headlines(collection: Collection) -> list[str]:
         trained_again = f" The lowest, {words}: {shown(median)} against the baseline's {shown(reference)}."
     lines = [
         searched(run),
-        outcome(run)[0] + trained_again,
-        f"{images(run)} Data source: {run.config.data.source}{provider}.",
-        " ".join(rates(run)),
+        outcome_in_words(run)[0] + trained_again,
+        f"{data_in_words(run)} Data source: {run.config.data.source}{provider}.",
+        " ".join(rates_in_words(run)),
         f"Digest: {run.digest}. Rules: {rules_in_words(run.rules)}.",
     ]
     return [line for line in lines if line]

@@ -37,7 +37,7 @@ class Folder(FileSource):
     def catalogue(self) -> Catalogue:
         """List labels and images, class by class, images in the order of their names."""
         classes, images, names = self._read()
-        return self.listed(
+        return self.catalogue_of(
             images,
             names,
             names,

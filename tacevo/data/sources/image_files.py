@@ -74,7 +74,9 @@ class FileSource:
         settings = chosen(self, "white_point", "group_pattern")
         return {**settings, "decoding": DECODING, "images": files_hash(files), "image_size": self.image_size}
 
-    def listed(self, files: Sequence[Path], places: Sequence[str], paths: Sequence[str], **fields: Any) -> Catalogue:
+    def catalogue_of(
+        self, files: Sequence[Path], places: Sequence[str], paths: Sequence[str], **fields: Any
+    ) -> Catalogue:
         """List image files, at least one, which are decoded when their picture is made.
 
         Places are what messages call them, paths are those that `group_pattern` is about, and `fields` the other fields
@@ -83,9 +85,9 @@ class FileSource:
         Raises:
             DataError: as `common_size` and `groups_in`.
         """
-        size, depths = common_size(list(zip(places, files, strict=True)), self.white_point)
         if self.group_pattern is not None and "groups" not in fields:
             fields |= {"groups": groups_in(paths, self.group_pattern), "groups_chosen_by": "data.group_pattern"}
+        size, depths = common_size(list(zip(places, files, strict=True)), self.white_point)
         return Catalogue(
             image_size=self.image_size,
             pictures=tuple(partial(decode, path, self.image_size, self.white_point) for path in files),

@@ -82,7 +82,7 @@ class TableSource(FileSource):
         groups: dict[str, Any] = {}
         if self.group_column is not None:
             groups = {"groups": numbered([row.group for row in rows]), "groups_chosen_by": "data.group_column"}
-        return self.listed(
+        return self.catalogue_of(
             [row.path for row in rows],
             [row.place for row in rows],
             [PurePath(row.name).as_posix() for row in rows],

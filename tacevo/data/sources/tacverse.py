@@ -137,7 +137,7 @@ class TacVerse(FileSource):
         everything, skipped, ignored = self._listing()
         images, release = self._taken(everything)
         names, labels = self._labels(images)
-        return self.listed(
+        return self.catalogue_of(
             [image.path for image in images],
             [image.place for image in images],
             [image.name for image in images],

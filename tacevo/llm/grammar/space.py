@@ -23,7 +23,7 @@ from tacevo.llm.grammar.network import (
     Pooling,
     Signature,
 )
-from tacevo.llm.grammar.variations import FARTHEST, edits, pick
+from tacevo.llm.grammar.variations import FARTHEST, draw_edits, pick
 from tacevo.space import Space
 
 Genome = Mapping[str, int | float | str]
@@ -118,7 +118,7 @@ def wandered(space: Space, network: Network, rng: np.random.Generator) -> Networ
 
 def _warm(space: Space, genome: Genome, temperature: float, rng: np.random.Generator) -> Genome:
     """Do what `variations.warm` does, each edit of one gene."""
-    for _ in edits(temperature, rng):
+    for _ in range(draw_edits(temperature, rng)):
         genome = _edited(space, genome, rng)
     return genome
 

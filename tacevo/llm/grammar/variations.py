@@ -39,9 +39,9 @@ def vary(network: Network, variations: Sequence[Variation], rng: np.random.Gener
     return network
 
 
-def edits(temperature: float, rng: np.random.Generator) -> range:
-    """Count the small edits of a temperature T in [0, 1]: each of four happens with probability T / 2."""
-    return range(sum(rng.random() < temperature / 2 for _ in range(MOST_EDITS)))
+def draw_edits(temperature: float, rng: np.random.Generator) -> int:
+    """Draw how many small edits a temperature T in [0, 1] adds: each of four happens with probability T / 2."""
+    return sum(rng.random() < temperature / 2 for _ in range(MOST_EDITS))
 
 
 def warm(network: Network, temperature: float, rng: np.random.Generator) -> Network:
@@ -49,7 +49,7 @@ def warm(network: Network, temperature: float, rng: np.random.Generator) -> Netw
 
     They are the first of an order that T does not change: a warmer network has those of a colder one, and then more.
     """
-    for _ in edits(temperature, rng):
+    for _ in range(draw_edits(temperature, rng)):
         network = vary(network, SMALL_EDITS, rng)
     return network
 

@@ -197,6 +197,12 @@ def test_every_seed_is_a_point() -> None:
     assert "better" in texts(drawn)
 
 
+def test_regression_has_no_confusion() -> None:
+    """It confuses nothing."""
+    with pytest.raises(ValueError, match="force"):
+        confusion_matrices(FORCES)
+
+
 def test_confusion_shows_counts_and_shares_of_the_true_class() -> None:
     """One image of three is 33 % of its row; places without an image stay empty."""
     (axes,) = confusion_matrices(of_networks(confused(), 1)).axes
