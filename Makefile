@@ -112,7 +112,7 @@ ifndef RUNS
 RUNS := cache/published/grating-grammar.zip cache/published/grating-claude.zip
 WINNERS := cache/published/grating-winners.zip
 VARIANTS := cache/published/grating-variants.zip cache/published/force-variants.zip
-SWEEPS := cache/published/ablation-proposals.zip
+SWEEPS := cache/published/ablation-proposals.zip cache/published/ablation-elites.zip
 endif
 
 paper: $(READY) ## every table and figure of the published runs, or of RUNS="DIR DIR" SWEEPS="DIR", into build/paper

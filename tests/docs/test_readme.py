@@ -44,6 +44,7 @@ FIGURES = [
     (4, "ablation-proposals", "ablation_new_quartile*", "best_k", ("0.315", "0.012")),
     (4, "ablation-proposals", "ablation_new_quartile*", "fixed_temperature_0", ("0.31",)),
     (4, "ablation-proposals", "ablation_new_quartile*", "effect_prompts", ("0.31",)),
+    (4, "ablation-elites", "more/ablation_test_loss*", "drift", ("0.72",)),
     (5, "grating-variants", "verdicts_*", "baseline", ("89.5",)),
 ]
 
