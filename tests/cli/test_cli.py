@@ -196,7 +196,7 @@ QUICK = [
         f"{command} nowhere"
         for command in ("tables", "replay", "report", "show", "figures", "ablations", "publish -o a")
     ),
-    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "extend nowhere", "show . third"),
+    *("noise nowhere", "study run=nowhere", "plan sweep nowhere --effect 0.1", "extend nowhere"),
     *("tables --wrong", "tables", "tables one/run.zip two/run.zip -o out", "figures one/run.zip", "replay . --draw 1"),
     *("report one/run.zip --latex --follow", "show one/run.zip/job", "--help"),
 ]
