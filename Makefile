@@ -111,7 +111,7 @@ replay: $(READY) ## replay the published runs that come with the project, two at
 ifndef RUNS
 RUNS := cache/published/grating-grammar.zip cache/published/grating-claude.zip
 WINNERS := cache/published/grating-winners.zip
-VARIANTS := cache/published/grating-variants.zip cache/published/force-variants.zip
+VARIANTS := cache/published/grating-variants.zip cache/published/grating-by-hand.zip cache/published/force-variants.zip
 SWEEPS := cache/published/ablation-proposals.zip cache/published/ablation-elites.zip
 endif
 

@@ -22,6 +22,7 @@ ANSWERED = {
         "no verdict on a model",
     ],
     "grating-claude": ["The hosted API was not called", "one observation"],
+    "grating-by-hand": ["No model was asked"],
     "grating-variants": ["No model was asked"],
     "grating-winners": ["No model was asked", "The hosted API was not called"],
     "force-variants": ["No model was asked"],
