@@ -10,7 +10,7 @@ from analysis.rounding import shown
 from analysis.statistics.effects import LEVEL, RESAMPLES, median_confidence
 from analysis.studies.warnings import caution_notes, power_note
 from analysis.sweeps.ablation import FEWEST_SEEDS, Ablation, Comparability
-from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, Metric
+from analysis.sweeps.arm_metrics import FRACTIONS, LESS_IS_BETTER, SPENT, TESTED, TESTS, Metric
 from analysis.table import Cell, Halves, Layout, Percent, PValue, Table, between, percent_between
 from analysis.tables.comparison import EFFECTS_LAYOUT, scaled
 from analysis.tables.instruction_tables import grammar_note
@@ -38,7 +38,7 @@ _SHARED = "Arms share recorded answers, so that a sweep paid less than the sum o
 #: What a metric counts, where its name does not say it.
 _MEANINGS = {
     **dict.fromkeys(
-        TESTED,
+        TESTS.values(),
         "Of the best network that a run found, or of the stated number of best ones, the baseline among them, trained "
         "again with fresh seeds and tested: the median over these seeds, mean over the networks.",
     ),
