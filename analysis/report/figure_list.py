@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -104,36 +103,40 @@ def run_pictures(
     has_prompts = run.config.prompts.policy is not PromptPolicy.none
     reached = reachable_prompt_niches(run, niches.prompts) if has_prompts else frozenset()
     unsent = f"; {run.not_sent[TEMPERATURE]}" if TEMPERATURE in run.not_sent else ""
+    generations = progress(run)
     pictures: list[Picture] = []
 
-    def add(name: str, words: str, draw: Callable[..., Figure], *shown: Any) -> None:
-        pictures.append(Picture(name=name, caption=f"{words} ({run.name}).", draw=partial(draw, *shown)))
+    def add(name: str, words: str, draw: Callable[[], Figure]) -> None:
+        pictures.append(Picture(name=name, caption=f"{words} ({run.name}).", draw=draw))
 
     words = "Best and median fitness of the network archive after each generation, and the median of its new candidates"
-    add("fitness", words, fitness_evolution, run, archive_medians(run, niches.networks))
-    add("trainable", "First answers that were trained, and what became of the others", trainable, progress(run))
+    add("fitness", words, partial(fitness_evolution, run, archive_medians(run, niches.networks)))
+    words = "First answers that were trained, and what became of the others"
+    add("trainable", words, partial(trainable, generations))
     words = (
         "Coverage of both archives, that of prompts among the niches that could be reached; QD-score of the networks"
     )
-    add("archive_growth", words, growth, run, len(niches.prompts), len(reached))
-    add("temperature", f"Temperature of each generation, and of its requests{unsent}", temperature, run)
+    add("archive_growth", words, partial(growth, run, len(niches.prompts), len(reached)))
+    add("temperature", f"Temperature of each generation, and of its requests{unsent}", partial(temperature, run))
     if _has_map(run):
-        add("network_map", "The network archive; each cell is a niche", network_map, run, niches.networks)
+        words = "The network archive; each cell is a niche"
+        add("network_map", words, partial(network_map, run, niches.networks))
     if has_prompts:
         words = f"The prompt archive; each cell is a niche{unsent}"
         if len(reached) < len(niches.prompts):
             words += (
                 ". No search could reach the shaded ones, because the temperature rule leads to no temperature in them"
             )
-        add("prompt_map", words, prompt_map, run, niches.prompts, reached)
+        add("prompt_map", words, partial(prompt_map, run, niches.prompts, reached))
     if run.instructions:
         words = "Children of each instruction that entered the network archive"
-        add("prompt_productivity", words, prompt_productivity, by_prompt(run))
+        add("prompt_productivity", words, partial(prompt_productivity, by_prompt(run)))
     if run.elites:
         first = run.ranked()[0].id
-        add("lineage", f"The ancestors of {first}, the best network", lineage, find_lineage(run, first))
+        words = f"The ancestors of {first}, the best network"
+        add("lineage", words, partial(lineage, find_lineage(run, first)))
         words = "Short training of the baseline and the best networks"
-        add("training_curves", words, training_curves, [run.baseline, *run.best()])
+        add("training_curves", words, partial(training_curves, [run.baseline, *run.best()]))
         candidates = beside_costs(run, again)
         front = on_front(candidates, ["fitness", "flops"])
         words = (
@@ -141,7 +144,7 @@ def run_pictures(
             "in both. Right: the part of the box between (0, 0) and the reference point that they dominate, by what "
             "the search knew; the point is the baseline's loss and the most FLOPs of any trained candidate"
         )
-        add("pareto", words, pareto, candidates, front, run.baseline.id, progress(run))
+        add("pareto", words, partial(pareto, candidates, front, run.baseline.id, generations))
     return tuple(pictures)
 
 

@@ -95,6 +95,7 @@ def _costs(spent: Spending | None) -> dict[str, int | float | None]:
 def repeats(run: RecordedRun) -> frozenset[str]:
     """Find the candidates whose evaluation an earlier slot had asked for, by id."""
     asked = [candidate for candidate in run.candidates if candidate.evaluation is not None]
+    # The first that asked is the last to be put in.
     first = {candidate.evaluation: candidate.id for candidate in reversed(asked)}
     return frozenset(candidate.id for candidate in asked if first[candidate.evaluation] != candidate.id)
 

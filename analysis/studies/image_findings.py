@@ -67,7 +67,9 @@ def image_findings(study: RecordedStudy, predictions: Predictions) -> ImageFindi
     All networks share the draws of the images, and each has draws of its seeds from a stream of its own, so another
     variant changes no interval.
     """
-    return (_of_classes if study.kind is Kind.classification else _of_values)(study, predictions)
+    if study.kind is Kind.classification:
+        return _of_classes(study, predictions)
+    return _of_values(study, predictions)
 
 
 def _of_classes(study: RecordedStudy, predictions: Predictions) -> ImageFindings:

@@ -86,9 +86,8 @@ class Models:
             "how many tokens they took, so what they cost is unknown": completion.tokens is None,
         }
         for what, is_so in unknown.items():
-            if is_so and what not in self._reported:
-                self._reported.add(what)
-                _LOG.warning("%s: answers do not tell %s (reported once)", self.name, what)
+            if is_so:
+                self._warn_once(what, f"answers do not tell {what} (reported once)")
         self.heard = True
         self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
@@ -106,12 +105,13 @@ class Models:
 
     def report(self, fault: Fault, wait: float) -> None:
         """Report a fault, which holds no secrets, and the seconds until the next try; each kind of fault once."""
-        kind = fault.message.partition(":")[0]
+        words = f"{fault.message}; asking again in {wait:.1f} s (reported once for each kind of fault)"
+        self._warn_once(fault.message.partition(":")[0], words)
+
+    def _warn_once(self, kind: str, words: str) -> None:
         if kind not in self._reported:
             self._reported.add(kind)
-            _LOG.warning(
-                "%s: %s; asking again in %.1f s (reported once for each kind of fault)", self.name, fault.message, wait
-            )
+            _LOG.warning("%s: %s", self.name, words)
 
 
 @dataclass(slots=True, kw_only=True)

@@ -118,7 +118,8 @@ class TacVerse(FileSource):
 
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
-        images, release = self._taken(self._listing()[0])
+        everything, _, _ = self._listing()
+        images, release = self._taken(everything)
         described = {**self.described(image.path for image in images), "source": "tacverse", "task": self.task}
         described |= {"selected": list(self.selected)} if self.selected else {}
         if release is not None and (self.images is not None or self.test_sensor is not None):
