@@ -315,10 +315,11 @@ def tables_of(collection: Collection, profiles: Mapping[str, Profile] | None) ->
 
 
 def _of_study(table: Table, compared: Compared) -> Table:
-    """Name a table after its study; caption and a note tell of other data, since the same networks may stand beside."""
+    """Name a table after its study; caption and a note tell of other settings: the same networks may stand beside."""
     named = replace(table, name=f"{compared.name}/{table.name}")
-    if not compared.study.other_data or table.name.startswith("transfer"):
+    where = compared.study.apart
+    if not where or table.name.startswith("transfer"):
         return named
-    where = f"On other data than the run's: {compared.study.where}."
+    what = "on other data" if compared.study.other_data else "trained with other settings"
     notes = table.notes if any(where in note for note in table.notes) else (where, *table.notes)
-    return replace(named, caption=f"{table.caption.removesuffix('.')}, on other data than the run's.", notes=notes)
+    return replace(named, caption=f"{table.caption.removesuffix('.')}, {what} than the run's.", notes=notes)

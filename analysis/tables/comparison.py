@@ -283,10 +283,9 @@ def _scale_note(study: RecordedStudy) -> tuple[str, ...]:
 
 
 def _training(study: RecordedStudy) -> str:
-    other = f" On other data than the run's: {study.where}." if study.where else ""
     return (
         f"{counted(study.seeds, 'training seed')} of each network, {counted(study.recipe.epochs, 'epoch')}, weights of "
-        f"the best validation epoch.{other}"
+        f"the best validation epoch. {study.apart}".rstrip()
     )
 
 

@@ -75,20 +75,20 @@ def extend(run: Run | str | os.PathLike[str], *overrides: str, quiet: bool = Fal
 
 @overload
 def study(
-    run: Run | str | os.PathLike[str] | None = None, *data: str, quiet: bool = False, **settings: Any
+    run: Run | str | os.PathLike[str] | None = None, *other: str, quiet: bool = False, **settings: Any
 ) -> Study: ...
 @overload
-def study(run: Sweep, *, quiet: bool = False, **settings: Any) -> Sweep: ...
+def study(run: Sweep, *other: str, quiet: bool = False, **settings: Any) -> Sweep: ...
 def study(
-    run: Run | Sweep | str | os.PathLike[str] | None = None, *data: str, quiet: bool = False, **settings: Any
+    run: Run | Sweep | str | os.PathLike[str] | None = None, *other: str, quiet: bool = False, **settings: Any
 ) -> Study | Sweep:
     """Train a run's best networks and the baseline fully, with several seeds each, and test them.
 
     Args:
         run: a finished run in a directory; or an open sweep, whose finished jobs are studied and which is returned;
             None of given networks, `networks="mine"`, or a baseline alone, `task="force"`.
-        data: settings of other data to study a run's networks on, such as `"data.split_seed=7"`; without a run all
-            settings of the run that is made.
+        other: settings of data, numerics and device that are not the run's, such as `"data.split_seed=7"`, of a sweep
+            those of numerics and device; without a run all settings of the run that is made.
         quiet: whether to show no progress on standard error.
         settings: as of `tacevo study`, such as `elites=2, seeds=5, epochs=40`, and `arms=["none", "drift"]` of a sweep.
 
@@ -97,17 +97,17 @@ def study(
         RunError: the run is not finished; or trainings of the study failed, of a sweep's once all were tried.
     """
     if run is None:
-        config, made, files = compose_given([*_texts(settings), *data])
+        config, made, files = compose_given([*_texts(settings), *other])
         with progress(quiet) as view:
             done = run_study(replace(config, run=str(record_given(made, files, view))), view)
         return _study_of(done, config.store.root)
     if isinstance(run, Sweep):
         with progress(quiet) as view:
-            studies, _ = study_sweep(_of_sweep(run), compose_study(_settings(settings, "sweep")), view, data)
+            studies, _ = study_sweep(_of_sweep(run), compose_study(_settings(settings, "sweep")), view, other)
         return _again(run, studies)
     given = compose_study(_settings(settings))
     with progress(quiet) as view:
-        done = run_study(replace(given, run=str(_directory(run))), view, data)
+        done = run_study(replace(given, run=str(_directory(run))), view, other)
     return _study_of(done, given.store.root, run)
 
 

@@ -18,7 +18,7 @@ from tacevo.api.planning import planned_from, write_plan
 from tacevo.choices import DataSource
 from tacevo.cli.common import DIFFERENT, DONE, output_directory
 from tacevo.cli.tables import print_table, say
-from tacevo.config.compose import compose_data, compose_noise, compose_study, spread
+from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, is_elsewhere, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
@@ -73,33 +73,33 @@ def run_study(options: argparse.Namespace) -> int:
         with Progress() as view:
             studied = study(replace(config, run=str(record_given(run, files, view))), view)
     else:
-        data = [override for override in options.overrides if override.startswith(("data=", "data."))]
-        config = _composed(compose_study, [override for override in options.overrides if override not in data])
+        other = [override for override in options.overrides if is_elsewhere(override)]
+        config = _composed(compose_study, [override for override in options.overrides if override not in other])
         if config.sweep is not None:
             with Progress() as view:
-                studies, unfinished = study_sweep(Path(config.sweep), config, view, data)
+                studies, unfinished = study_sweep(Path(config.sweep), config, view, other)
             return _report_sweep(Path(config.sweep), studies, unfinished, "study", "raise seconds= or memory_mib=")
         if RunDirectory(Path(config.run or "")).read_run().task.given:
             check_unchosen(options.overrides)
-        if len(elsewhere := [*product(*spread(data))] if data else [()]) > 1:
-            return _study_each(config, elsewhere)
+        if len(each := [*product(*spread(other))] if other else [()]) > 1:
+            return _study_each(config, each)
         with Progress() as view:
-            studied = study(config, view, data)
+            studied = study(config, view, other)
     _introduce(studied, "study")
     _show(studied, config.store.root)
     return _end(studied, _REMEDY)
 
 
-def _study_each(config: StudyConfig, elsewhere: Sequence[Sequence[str]]) -> int:
+def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
     """Study the same networks on each of several data sets, one after the other, and set them side by side."""
     run = read_run(Path(config.run or ""), config.store.root)
-    for data in elsewhere:  # before the first is trained
-        compose_data(run.config, data)
+    for other in each:  # before the first is trained
+        compose_elsewhere(replace(run.config, executor=config.executor), other)
     statuses, done = [], dict[str, Studied]()
-    for data in elsewhere:
+    for other in each:
         with Progress() as view:
-            studied = study(config, view, data)
-        _introduce(studied, f"study of {' '.join(data)}")
+            studied = study(config, view, other)
+        _introduce(studied, f"study of {' '.join(other)}")
         statuses.append(_end(studied, _REMEDY))
         done[studied.directory.name] = studied
     # Of several studies on equal data a table takes the first: let it be the one that was asked for.

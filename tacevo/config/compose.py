@@ -7,7 +7,7 @@ import shlex
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
@@ -29,6 +29,12 @@ from tacevo.records import Json, to_json
 from tacevo.text import as_override, listed
 
 T = TypeVar("T")
+
+#: What a study may set for its trainings that is not its run's.
+_DEVICE = (
+    *("numerics", "numerics.kind", "sandbox.require"),
+    *("training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"),
+)
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:
@@ -103,16 +109,42 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
     return config if any(override.startswith("elites=") for override in overrides) else replace(config, elites=1)
 
 
-def compose_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
-    """Lay settings of data, such as `data.split_seed=7` or `data=tacverse`, over the configuration of a run.
+def is_elsewhere(override: str) -> bool:
+    """Answer whether an override sets what a study may have other than its run: data, numerics or device."""
+    key = override.partition("=")[0]
+    return key == "data" or key.startswith("data.") or key in _DEVICE
 
-    Another source brings what its file sets, and its split; else the run's settings hold. Only the overrides are
-    composed: OmegaConf would resolve `${...}` in the text of a recorded run, which may be a stranger's.
+
+def compose_elsewhere(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    """Lay settings of other data, numerics or another device over the configuration of a run.
+
+    Another source of data brings what its file sets, and its split; another device all that is set for it; else the
+    run's settings hold. Only the overrides are composed: OmegaConf would resolve `${...}` in the text of a recorded
+    run, which may be a stranger's.
 
     Raises:
         ConfigError: as `compose`; or the images would have another size than the run's networks are for.
     """
     _check_settings(overrides)
+    of_data = [override for override in overrides if override.startswith(("data=", "data."))]
+    on = [override for override in overrides if override not in of_data]
+    if of_data:
+        config = _with_data(config, of_data)
+    return _on_device(config, on) if on else config
+
+
+def _on_device(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
+    with _hydra([*groups(), *keys()], overrides, "study"):
+        laid: dict[str, Any] = {**_plain(_composed("config", overrides))}
+    named = {override.partition("=")[0] for override in overrides}
+    named |= {key for key in _DEVICE if "training.device" in named and key.startswith("training.")}
+    plain = cast(dict[str, Any], to_json(config))
+    for group, _, name in (key.partition(".") for key in named):
+        plain[group] = {**plain[group], **({name: laid[group][name]} if name else laid[group])}
+    return from_plain(plain)
+
+
+def _with_data(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     choices = [override for override in overrides if override.startswith("data=")]
     with _hydra([*groups(), *keys()], overrides, "study"):
         usual, chosen, laid = (_plain(_composed("config", each).data) for each in ([], choices, overrides))

@@ -15,14 +15,14 @@ from tacevo.environment import machine, versions
 from tacevo.errors import DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine, TrainedLine
 from tacevo.randomness import derived_seed
-from tacevo.records import Limits, Mode, Record, Rejection, Training
+from tacevo.records import Mode, Record, Rejection, Training
 from tacevo.reproduce.retrain import doubts_of
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import FinishedStudy, studies_of
 from tacevo.results.study_lines import ScoreLine
 from tacevo.rules import CHOSEN_SINCE, STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.progress import Progress
-from tacevo.runs.wiring import Workbench, training_seed
+from tacevo.runs.wiring import Workbench, trained_by, training_seed
 from tacevo.storage.store import Stores
 from tacevo.text import counted, listed
 from tacevo.training.evaluation import Evaluator
@@ -97,7 +97,7 @@ class Trained:
 def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> TrainingPlan:
     """Work out how a candidate is trained: as the run's first study of it, else as a study by default."""
     config, like, studies = run.config, settings.like, _studies(run, line)
-    study, training = None, config.training
+    study = None
     if like is Like.search:
         seeds = tuple(training_seed(config.seed, number) for number in range(settings.seeds))
         rules = run.rules.training
@@ -106,11 +106,12 @@ def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> T
         study = next((one for one in studies if settings.epochs in {None, one.record.recipe.epochs}), None)
         if study is None:
             given, rules = compose_study(["run=RUN"]), STUDY
-            limits, epochs = Limits(seconds=given.seconds, memory_mib=given.memory_mib), given.epochs
+            training = replace(config.training, epochs=given.epochs, seconds=given.seconds, memory_mib=given.memory_mib)
+            config = replace(config, training=training)
         else:
-            limits, epochs, rules = study.record.recipe.limits, study.record.recipe.epochs, study.record.rules
-        training = replace(training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
-    training = replace(training, epochs=settings.epochs or training.epochs)
+            record, rules = study.record, study.record.rules
+            config = trained_by(config, record.recipe, record.numerics, record.device)
+    training = replace(config.training, epochs=settings.epochs or config.training.epochs)
     rows = () if study is None else study.scores.rows
     searched = [one for of in run.ledger.lines if isinstance(of, TrainedLine) for one in of.by_seed()]
     recorded = {one.evaluation for one in searched} | {row.evaluation for one in studies for row in one.scores.rows}

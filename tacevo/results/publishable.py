@@ -6,7 +6,7 @@ Paths keep their last part, so that a reader sees which file it was.
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePath
 
-from tacevo.config.schema import DataConfig
+from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
 from tacevo.redaction import names_place
@@ -89,6 +89,14 @@ def other_settings(own: DataConfig, other: DataConfig) -> tuple[tuple[str, Json]
         for name, value in after.items()
         if name != "root" and value != before[name]
     )
+
+
+def other_device(own: RunConfig, other: RunConfig) -> tuple[tuple[str, Json], ...]:
+    """Return (name, value) of the settings that decide the bits of a training, and differ from a run's."""
+    before, after = to_json(own.training), to_json(other.training)
+    names = [name for name in ("device", "gpu", "precision", "gpu_memory_mib") if after[name] != before[name]]
+    numerics = () if other.numerics == own.numerics else (("numerics", other.numerics.kind.value),)
+    return (*numerics, *((f"training.{name}", after[name]) for name in names))
 
 
 def _shortened(key: str, value: Json) -> Json:

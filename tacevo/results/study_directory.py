@@ -192,9 +192,8 @@ def _continues(study: StudyRecord) -> str:
         settings["epochs"] = study.recipe.epochs
     words = [f"{key}={value}" for key, value in settings.items()]
     words += ["choose=reestimated"] if study.chosen_by else []
-    words += [
-        f"data.{name}={value if isinstance(value, str) else canonical(value)}" for name, value in study.other_data
-    ]
+    other = [*((f"data.{name}", value) for name, value in study.other_data), *study.other_device]
+    words += [f"{name}={value if isinstance(value, str) else canonical(value)}" for name, value in other]
     command = "noise" if study.terms is None else "study"
     return f"`tacevo {command} RUN {shlex.join(words)}`, with what else was set, continues it; or delete it"
 
@@ -241,7 +240,13 @@ def is_stated(study: Design, retraining: Retraining) -> bool:
     One on other data than the run's is never meant: jobs are compared on their own.
     """
     choose = ChosenBy.reestimated if study.chosen_by else ChosenBy.fitness
-    settings = replace(retraining, seeds=study.seeds, epochs=study.recipe.epochs, choose=choose)
+    settings = replace(
+        retraining,
+        seeds=study.seeds,
+        epochs=study.recipe.epochs,
+        choose=choose,
+        other_device=study.other_device,
+    )
     return study.terms is not None and not study.other_data and settings == retraining
 
 

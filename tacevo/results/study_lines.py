@@ -74,11 +74,19 @@ class Design(Record):
     plan: SeedPlan | None = None
     #: Number of the full trainings; of a noise run, of the search's trainings.
     rules: int = FIRST_STUDY
+    #: (name, value) of the settings of numerics and device that are not the run's, as `training.device`.
+    other_device: tuple[tuple[str, FreeJson], ...] = ()
 
     @property
     def where(self) -> str:
-        """What other data than the run's the study is about, as `split_seed=7`; empty where it is the run's."""
-        return ", ".join(f"{name}={value}" for name, value in self.other_data)
+        """In which settings it differs from its run, as `split_seed=7, training.device=cuda`; empty where in none."""
+        return ", ".join(f"{name}={value}" for name, value in (*self.other_data, *self.other_device))
+
+    @property
+    def apart(self) -> str:
+        """Say this in a sentence; empty where it differs in none."""
+        what = "On other data than the run's" if self.other_data else "Trained with other settings than the run's"
+        return f"{what}: {self.where}." if self.where else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,16 +5,16 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn, Self
 
-from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, ExecutorKind
+from tacevo.choices import ArchiveKind, BoundsRule, DataSource, Device, ExecutorKind, Numerics
 from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import check_head, import_ray
 from tacevo.cluster.facts import Order
 from tacevo.cluster.node_images import describe
-from tacevo.config.schema import ArchiveConfig, RunConfig
+from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
 from tacevo.evolution.archive import AxisBounds, NetworkArchive, Tessellation, TopK, find_centroids
@@ -392,6 +392,22 @@ def _refuse_to_run(entry: str, *_: object) -> NoReturn:
     raise SandboxError(
         f"a job for a sandbox ({entry})", expected="a replay that runs no candidate", remedy="record the run again"
     )
+
+
+def trained_by(config: RunConfig, recipe: Recipe, numerics: Numerics, device: Device) -> RunConfig:
+    """Return a configuration with the training of a recipe, on a device and with its numerics; see `recipe_of`."""
+    gpu, unset = recipe.gpu, TrainingConfig
+    training = replace(
+        config.training,
+        epochs=recipe.epochs,
+        seconds=recipe.limits.seconds,
+        memory_mib=recipe.limits.memory_mib,
+        device=device,
+        gpu=gpu.model if gpu else None,
+        precision=gpu.precision if gpu else unset.precision,
+        gpu_memory_mib=gpu.memory_mib if gpu else unset.gpu_memory_mib,
+    )
+    return replace(config, training=training, numerics=NumericsConfig(kind=numerics))
 
 
 def recipe_of(config: RunConfig) -> Recipe:

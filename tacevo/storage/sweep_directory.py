@@ -22,7 +22,7 @@ from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
 from tacevo.storage.plan_file import SeedPlan
 from tacevo.storage.run_directory import RunDirectory, name_instead
-from tacevo.typed import parse
+from tacevo.typed import FreeJson, parse
 
 #: Names in a sweep's directory that are not jobs'.
 _TAKEN = frozenset({"", ".", "..", "failed", "launch"})
@@ -56,13 +56,16 @@ class Retraining(Record):
     choose: ChosenBy
     #: Those whose jobs are tested, in the order of the sweep; () for all, also for those that are added later.
     arms: tuple[str, ...] = ()
+    #: (name, value) of the settings of numerics and device that are not the jobs' own.
+    other_device: tuple[tuple[str, FreeJson], ...] = ()
 
     @property
     def settings(self) -> str:
         """The settings of `tacevo study sweep=` that state it."""
         several = f"elites={self.elites} " if self.elites > 1 else ""
         arms = f" {shlex.quote('arms=' + ','.join(self.arms))}" if self.arms else ""
-        return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}{arms}"
+        other = "".join(f" {shlex.quote(f'{name}={value}')}" for name, value in self.other_device)
+        return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}{arms}{other}"
 
     def tests(self, arm: str) -> bool:
         """Return whether the jobs of an arm are tested."""

@@ -14,16 +14,20 @@ from pathlib import Path
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.run_files import finished_digest
+from tacevo.results.publishable import other_device
+from tacevo.results.run import read_run
 from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.results.sweep import REFERENCE
 from tacevo.runs.progress import Progress
+from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, SweepRecord, naming
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted, listed
+from tacevo.typed import FreeJson
 
 
 def study_sweep(
-    path: Path, config: StudyConfig, view: Progress, data: Sequence[str] = ()
+    path: Path, config: StudyConfig, view: Progress, other: Sequence[str] = ()
 ) -> tuple[list[Studied], list[str]]:
     """Study the best elites of each finished job of a sweep in a directory, or resume such studies.
 
@@ -33,28 +37,30 @@ def study_sweep(
 
     Raises:
         ConfigError: the sweep does not have the arms that are to be studied, or its reference is not among them; or
-            settings of `data` are given.
+            settings of data are given among the `other` ones.
         TacevoError: see its subclasses, with the job named; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    if data:
+    if data := [setting for setting in other if setting.startswith(("data=", "data."))]:
         expected = "no setting of data with sweep=: jobs are compared on their own data"
         raise ConfigError(data[0], place="study", expected=expected)
     directory = SweepDirectory(path)
     sweep = directory.read()
+    arms = _arms(sweep, config.arms)
+    finished = _finished(directory, [job for job in sweep.jobs if not arms or job.arm in arms])
     retraining = Retraining(
         elites=config.elites,
         seeds=config.seeds,
         epochs=config.epochs,
         choose=config.choose,
-        arms=_arms(sweep, config.arms),
+        arms=arms,
+        other_device=_other_device(directory.run(finished[0]), config, other),
     )
-    finished = _finished(directory, [job for job in sweep.jobs if retraining.tests(job.arm)])
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
 
     def train(run: str) -> Studied:
-        studied = study(replace(config, run=run, sweep=None, arms=()), view)
+        studied = study(replace(config, run=run, sweep=None, arms=()), view, other)
         if (lacking := config.elites + 1 - studied.trainings // config.seeds) > 0:
             places = f"{lacking} of {counted(config.elites, 'place')}"
             view.say(f"no elite for {places}: the baseline counts there, so each job's score is of as many networks")
@@ -62,6 +68,16 @@ def study_sweep(
 
     studies, unfinished = _each(directory, finished, train, view)
     return studies, [job.name for job in unfinished if retraining.tests(job.arm)]
+
+
+def _other_device(run: RunDirectory, config: StudyConfig, other: Sequence[str]) -> tuple[tuple[str, FreeJson], ...]:
+    """Return in which settings of numerics and device the studies of a job, and of all others, are not the job's."""
+    if not other:
+        return ()
+    from tacevo.config.compose import compose_elsewhere  # imports Hydra, which most sweeps' studies do not need
+
+    own = replace(read_run(run.path).config, executor=config.executor)
+    return other_device(own, compose_elsewhere(own, other))
 
 
 def _arms(sweep: SweepRecord, named: Sequence[str]) -> tuple[str, ...]:

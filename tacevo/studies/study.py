@@ -13,16 +13,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tacevo.choices import ChosenBy, DataSource, FitnessRule
-from tacevo.config.schema import DataConfig, ExecutorConfig, RunConfig
+from tacevo.config.schema import DataConfig, RunConfig
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import doubting, machine, versions
 from tacevo.errors import DivergenceError, RunError, telling
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.randomness import derived_seed
-from tacevo.records import DataFacts, Kind, Limits, Mode, Rejection, Training
+from tacevo.records import DataFacts, Kind, Mode, Rejection, Training
 from tacevo.results.noise_runs import estimates_of, noise_digest, noise_runs
-from tacevo.results.publishable import other_settings
+from tacevo.results.publishable import other_device, other_settings
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory, find_study, misfits, studies_of
 from tacevo.results.study_lines import (
@@ -40,7 +40,7 @@ from tacevo.runs.datasets import load_data, load_same, source_of
 from tacevo.runs.looked_up import check_fresh
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import mirrored
-from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_of
+from tacevo.runs.wiring import Workbench, check_means, noise_seed, recipe_of, trained_by
 from tacevo.storage.files import in_use
 from tacevo.storage.plan_file import SeedPlan, read_plan
 from tacevo.storage.store import Seen, Stores, remove_leftovers_in_stores
@@ -97,35 +97,36 @@ class _Plan:
     jobs: tuple[_Job, ...]
 
 
-def study(config: StudyConfig, view: Progress, data: Sequence[str] = ()) -> Studied:
+def study(config: StudyConfig, view: Progress, other: Sequence[str] = ()) -> Studied:
     """Study a finished run, or resume a study that was begun under the same configuration, which names the run.
 
-    `data` are settings of other data than the run's to study its networks on, such as `data.split_seed=7`.
+    `other` are settings of data, numerics and device that are not the run's, such as `data.split_seed=7`.
 
     Raises:
         TacevoError: see its subclasses; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
     run = read_run(Path(config.run or ""), config.store.root)
-    elsewhere = None
-    if data:
-        from tacevo.config.compose import compose_data  # imports Hydra, which a replay does not need
+    elsewhere = replace(run.config, executor=config.executor)
+    if other:
+        from tacevo.config.compose import compose_elsewhere  # imports Hydra, which a replay does not need
 
-        elsewhere = compose_data(run.config, data).data
+        elsewhere = compose_elsewhere(elsewhere, other)
+    training = replace(elsewhere.training, epochs=config.epochs, seconds=config.seconds, memory_mib=config.memory_mib)
     margins, is_regression = config.margins, run.record.data.kind is Kind.regression
     by_noise = config.choose is ChosenBy.reestimated and not run.record.task.given
     plan = _plan(
         run,
+        replace(elsewhere, training=training, data=run.config.data),
         elites=config.elites,
         seeds=config.seeds,
-        epochs=config.epochs,
-        limits=Limits(seconds=config.seconds, memory_mib=config.memory_mib),
         terms=StudyTerms(alpha=config.alpha, margin=margins.regression if is_regression else margins.classification),
         chosen_by=noise_digest(run) if by_noise else "",
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    return _carry_out(plan, config.elites if run.answered else 0, config.executor, view, elsewhere)
+    moved = elsewhere.data if any(setting.startswith(("data=", "data.")) for setting in other) else None
+    return _carry_out(plan, config.elites if run.answered else 0, view, moved)
 
 
 def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
@@ -137,26 +138,22 @@ def estimate_noise(config: NoiseConfig, view: Progress) -> Studied:
     """
     run = read_run(Path(config.run or ""), config.store.root)
     elites = None if isinstance(config.elites, str) else config.elites
-    training = recipe_of(run.config)
     plan = _plan(
         run,
+        replace(run.config, executor=config.executor),
         elites=elites,
         seeds=config.seeds,
-        epochs=training.epochs,
-        limits=training.limits,
         terms=None,
         chosen_by="",
         planned=None,
         rules=CURRENT.training,
     )
-    return _carry_out(plan, elites or 0, config.executor, view)
+    return _carry_out(plan, elites or 0, view)
 
 
-def _carry_out(
-    plan: _Plan, wanted: int, executor: ExecutorConfig, view: Progress, elsewhere: DataConfig | None = None
-) -> Studied:
+def _carry_out(plan: _Plan, wanted: int, view: Progress, elsewhere: DataConfig | None = None) -> Studied:
     """Train all that a plan asks for, and write it down; `wanted` elites were asked for, and perhaps other data."""
-    run = replace(plan.config, executor=executor, data=elsewhere or plan.config.data)
+    run = replace(plan.config, data=elsewhere or plan.config.data)
     # A noise run looks its trainings up in a table; a study needs images, which a table does not have.
     is_looked_up = run.data.source is DataSource.table and plan.header.terms is None
     source = None if is_looked_up else source_of(run)
@@ -229,10 +226,9 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
         raise RunError(f"{len(scores.rows)}", place=place, expected=f"{trainings} scores, by its study.json")
     plan = _plan(
         run,
+        trained_by(run.config, recorded.recipe, recorded.numerics, recorded.device),
         elites=len(recorded.networks) - 1,
         seeds=recorded.seeds,
-        epochs=recorded.recipe.epochs,
-        limits=recorded.recipe.limits,
         terms=recorded.terms,
         chosen_by=recorded.chosen_by,
         planned=recorded.plan,
@@ -270,19 +266,16 @@ def _evaluator(
 
 def _plan(
     run: RecordedRun,
+    config: RunConfig,
     *,
     elites: int | None,
     seeds: int,
-    epochs: int,
-    limits: Limits,
     terms: StudyTerms | None,
     chosen_by: str,
     planned: SeedPlan | None,
     rules: int,
 ) -> _Plan:
-    """Work out which networks of a run are trained, how, and on which terms they are judged."""
-    training = replace(run.config.training, epochs=epochs, seconds=limits.seconds, memory_mib=limits.memory_mib)
-    config = replace(run.config, training=training)
+    """Work out which networks of a run are trained, by the training of `config`, and on which terms they are judged."""
     if given := run.record.task.given:
         networks = given_networks(run.candidates, [network.name for network in given])
     else:
@@ -305,6 +298,7 @@ def _plan(
         chosen_by=chosen_by,
         plan=planned,
         rules=rules,
+        other_device=other_device(run.config, config),
     )
     jobs = [
         _Job(
@@ -333,8 +327,8 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
     what = "study" if plan.header.terms else "noise run"
     view.say(f"{what}: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
     networks, terms, seeds = plan.header.networks, plan.header.terms, plan.header.seeds
-    if plan.header.other_data:
-        view.say(f"on other data than the run's: {plan.header.where}")
+    if plan.header.where:
+        view.say(f"with other settings than the run's: {plan.header.where}")
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if plan.header.chosen_by:
         names = {noise.digest: noise.name for noise in noise_runs(plan.run)}

@@ -9,7 +9,7 @@ from refusals import refused
 from smallest import SMALLEST
 
 from tacevo.choices import ArchiveKind, DataSource, PromptPolicy, SplitRule
-from tacevo.config.compose import compose, compose_data
+from tacevo.config.compose import compose, compose_elsewhere
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.given import compose_given, gives_networks
 from tacevo.config.identity import task_hash
@@ -149,18 +149,18 @@ def test_other_data_differ_in_what_was_set_only() -> None:
     """A split, a sensor or a light: everything else is the run's, whatever today's defaults are."""
     run = compose([*SMALLEST, "data.split_seed=1"])
     assert (
-        compose_data(run, ["data.light=dim", "data.sensor_seed=3"]).data
+        compose_elsewhere(run, ["data.light=dim", "data.sensor_seed=3"]).data
         == compose([*SMALLEST, "data.split_seed=1", "data.light=dim", "data.sensor_seed=3"]).data
     )
-    assert compose_data(run, ["data.split_seed=7"]).training == run.training
-    assert compose_data(run, ["data.test_part=0.3"]).data == replace(run.data, test_part=0.3)
+    assert compose_elsewhere(run, ["data.split_seed=7"]).training == run.training
+    assert compose_elsewhere(run, ["data.test_part=0.3"]).data == replace(run.data, test_part=0.3)
 
 
 def test_recordings_keep_the_size_of_the_runs_images() -> None:
     """Another source brings itself and its split, with the parts of it."""
     run = compose([*SMALLEST, "data.normalisation=unit", "data.test_part=0.7"])
-    assert compose_data(run, ["data=csv", "data.root=mine", "data.target_columns=[a,b,c]"]).data.test_part == 0.1
-    other = compose_data(run, ["data=tacverse", "data.root=somewhere"]).data
+    assert compose_elsewhere(run, ["data=csv", "data.root=mine", "data.target_columns=[a,b,c]"]).data.test_part == 0.1
+    other = compose_elsewhere(run, ["data=tacverse", "data.root=somewhere"]).data
     assert (other.source, other.split, other.root) == (DataSource.tacverse, SplitRule.release, "somewhere")
     assert (other.image_size, other.normalisation) == (run.data.image_size, run.data.normalisation)
 
@@ -172,7 +172,7 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
     run = compose(SMALLEST)
     data = replace(run.data, root="/mnt/a${b}/set", table="${oc.env:TACEVO_SECRET}", image_column="${seed}")
     theirs = replace(run, data=data, task=replace(run.task, system="${oc.env:TACEVO_SECRET}"))
-    composed = compose_data(theirs, overrides)
+    composed = compose_elsewhere(theirs, overrides)
     assert (composed.data.table, composed.data.image_column) == (data.table, data.image_column)
     assert composed.data.root == ("mine" if "data.root=mine" in overrides else data.root)
     assert composed.task == theirs.task
@@ -189,4 +189,4 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
 def test_wrong_setting_of_other_data_is_refused(override: str, where: str, expected: str, remedy: str) -> None:
     """As the user wrote it."""
     with refused(ConfigError, place=where, expected=expected, remedy=remedy):
-        compose_data(compose(SMALLEST), [override])
+        compose_elsewhere(compose(SMALLEST), [override])
