@@ -34,13 +34,16 @@ _FLAGS: Mapping[Numerics, Sequence[str]] = {
 _KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 30), "MALLOC_TRIM_THRESHOLD_": str(1 << 30)}
 #: Without a workspace of fixed size, the order of cuBLAS's sums may change between runs.
 _CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
+#: What computes on a CPU finds no GPU. Else an export, in which torch asks for one, starts the driver and its threads;
+#: by NVML torch sees without the driver that none is visible.
+_NO_GPU = {"CUDA_VISIBLE_DEVICES": "", "PYTORCH_NVML_BASED_CUDA_CHECK": "1"}
 
 
 def environment(numerics: Numerics, device: Device = Device.cpu) -> dict[str, str]:
     """Return the variables that must be set before torch is imported."""
-    cublas = _CUBLAS if device is Device.cuda else {}
+    gpu = _CUBLAS if device is Device.cuda else _NO_GPU
     one_cpu = {} if numerics is Numerics.fast else {**_INSTRUCTIONS[numerics], **_ONE_CACHE}
-    return {**_ONE_THREAD, **_KEPT_MEMORY, **one_cpu, **cublas}
+    return {**_ONE_THREAD, **_KEPT_MEMORY, **one_cpu, **gpu}
 
 
 def check_machine(numerics: Numerics, device: Device = Device.cpu, model: str | None = None) -> None:

@@ -8,13 +8,15 @@ from fakes import TASK
 from refusals import refused
 from smallest import SMALLEST
 
-from tacevo.choices import ArchiveKind, DataSource, PromptPolicy, SplitRule
+from tacevo.choices import ArchiveKind, DataSource, Device, Numerics, Precision, PromptPolicy, SplitRule
 from tacevo.config.compose import compose, compose_elsewhere
 from tacevo.config.conf_folder import conf_root
 from tacevo.config.given import compose_given, gives_networks
 from tacevo.config.identity import task_hash
 from tacevo.errors import ConfigError
 from tacevo.records import Given, to_json
+from tacevo.results.publishable import other_device
+from tacevo.runs.wiring import recipe_of, trained_by
 from tacevo.storage.canonical import content_hash
 
 
@@ -154,6 +156,44 @@ def test_other_data_differ_in_what_was_set_only() -> None:
     )
     assert compose_elsewhere(run, ["data.split_seed=7"]).training == run.training
     assert compose_elsewhere(run, ["data.test_part=0.3"]).data == replace(run.data, test_part=0.3)
+
+
+GPU = ["training.device=cuda", "training.gpu=NVIDIA H200", "numerics=fast", "sandbox.require=none"]
+
+
+def test_other_device_brings_its_own_settings() -> None:
+    """From a CPU to a GPU and back, and from GPU to GPU; all else is the run's."""
+    cpu = compose([*SMALLEST, "training.epochs=3"])
+    on_gpu = compose_elsewhere(cpu, [*GPU, "training.precision=tf32", "data.split_seed=7"])
+    assert on_gpu == compose([*SMALLEST, "training.epochs=3", *GPU, "training.precision=tf32", "data.split_seed=7"])
+    other = compose_elsewhere(on_gpu, ["training.device=cuda", "training.gpu=NVIDIA A100"]).training
+    assert (other.gpu, other.precision) == ("NVIDIA A100", Precision.float32)
+    back = ["training.device=cpu", "numerics=portable", "sandbox.require=process", "data.split_seed=0"]
+    assert compose_elsewhere(on_gpu, back) == cpu
+    assert other_device(cpu, on_gpu) == (
+        ("numerics", "fast"),
+        ("training.device", "cuda"),
+        ("training.gpu", "NVIDIA H200"),
+        ("training.precision", "tf32"),
+    )
+    assert trained_by(cpu, recipe_of(on_gpu), Numerics.fast, Device.cuda) == replace(
+        on_gpu, data=cpu.data, sandbox=cpu.sandbox
+    )
+
+
+@pytest.mark.parametrize(
+    ("overrides", "where"),
+    [
+        (GPU[:3], "sandbox.require"),
+        (GPU[1:], "training.gpu"),
+        ([GPU[0], *GPU[2:]], "training.gpu"),
+        ([*GPU[:2], GPU[3]], "numerics.kind"),
+    ],
+)
+def test_part_of_a_device_is_refused(overrides: list[str], where: str) -> None:
+    """Before anything is trained."""
+    with refused(ConfigError, place=where):
+        compose_elsewhere(compose(SMALLEST), overrides)
 
 
 def test_recordings_keep_the_size_of_the_runs_images() -> None:

@@ -8,7 +8,7 @@ from refusals import refused
 
 from tacevo.choices import DataSource
 from tacevo.config import arms
-from tacevo.config.compose import compose, compose_data
+from tacevo.config.compose import compose, compose_elsewhere
 from tacevo.config.schema import DataConfig
 from tacevo.config.sources import USED, check_used
 from tacevo.errors import ConfigError
@@ -174,7 +174,7 @@ def test_arm_is_looked_into(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_study_on_other_data_is_looked_into() -> None:
     """What a study sets must matter to its data, those of the run or others."""
     run = compose(["experiment=demo"])
-    assert compose_data(run, ["data=numpy", "data.root=mine.npz"]).data.root == "mine.npz"
+    assert compose_elsewhere(run, ["data=numpy", "data.root=mine.npz"]).data.root == "mine.npz"
     for overrides in (["data.table=a.csv"], ["data=numpy", "data.root=mine.npz", "data.sensor_seed=3"]):
         with refused(ConfigError, place=overrides[-1].partition("=")[0], expected="no value without"):
-            compose_data(run, overrides)
+            compose_elsewhere(run, overrides)

@@ -13,10 +13,11 @@ from refusals import refused
 from small_recordings import simulated
 from smallest import SMALLEST, UNTRACKED, Once
 
-from tacevo.choices import ArchiveKind
+from tacevo.choices import ArchiveKind, Numerics
 from tacevo.cli.app import main
 from tacevo.data.simulator.written_files import write_files
 from tacevo.errors import CacheMissError, ConfigError, DivergenceError, TacevoError
+from tacevo.export.trainings import ExportSettings, design
 from tacevo.records import Given, Operator
 from tacevo.results.run import read_run
 from tacevo.results.study_directory import StudyDirectory, studies_of, study_names
@@ -96,6 +97,33 @@ def test_other_split_is_another_study_of_the_same_networks(here: Path) -> None:
     assert own.header.data.fingerprint != other.header.data.fingerprint
     assert (own.header.networks, own.header.recipe) == (other.header.networks, other.header.recipe)
     assert not {row.evaluation for row in own.rows} & {row.evaluation for row in other.rows}
+
+
+def test_study_may_train_with_other_numerics_than_the_run(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What trained it is recorded, replayed and repeated by an export; what is said of it elsewhere is found out."""
+    assert main(["study", "run=run", "seeds=2", "epochs=1", "numerics=fast"]) == 0
+    assert "tested on 4 images, with numerics=fast" in capsys.readouterr().out
+    own, other = study_on("").read(), study_on("numerics=fast").read()
+    assert (own.numerics, other.numerics) == (Numerics.portable, Numerics.fast)
+    assert (own.networks, own.recipe, own.data) == (other.networks, other.recipe, other.data)
+    run = read_run(Path("run"))
+    assert len(replay_studies(run, Progress())) == 3
+    place = study_on("numerics=fast").path
+    shutil.rmtree(study_on("").path)
+    line = next(line for line in run.candidates if line.id == "g00s01")
+    plan = design(run, line, ExportSettings(seeds=1))
+    assert (plan.config.numerics.kind, plan.config.training.epochs) == (Numerics.fast, 1)
+    assert {score.evaluation for score in plan.scores} <= plan.recorded
+    told = json.loads((place / "study.json").read_text())
+    changes: list[dict[str, object]] = [
+        {"other_device": []},
+        {"numerics": "portable"},
+        {"other_device": [["training.device", "cuda"]]},
+    ]
+    for change in changes:
+        (place / "study.json").write_text(json.dumps(told | change))
+        with pytest.raises(TacevoError):
+            replay_studies(run, Progress())
 
 
 def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

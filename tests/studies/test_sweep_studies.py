@@ -106,6 +106,27 @@ def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureF
     assert (files(folder), (folder / "sweep" / "sweep.json").read_bytes()) == before
 
 
+def test_jobs_are_tested_on_the_device_that_the_sweep_states(swept: Path, place: Path) -> None:
+    """Only such studies count; a job's own study of these settings does, too, and no other is stated afterwards."""
+    for name in ("sweep", "cache"):
+        shutil.copytree(swept / name, place / name)
+    assert main([*TEST, "numerics=fast"]) == 0
+    stated = SweepDirectory(Path("sweep")).read().terms.retraining
+    assert stated is not None
+    assert stated.other_device == (("numerics", "fast"),)
+    assert stated.settings.endswith(" numerics=fast")
+    assert load_sweep(Path("sweep")).untested == ()
+    with refused(RunError, place="terms.retraining", expected="numerics=fast"):
+        study_sweep(Path("sweep"), compose_study(TEST[1:]), Progress())
+    (path,) = Path("sweep/none-seed0/studies").iterdir()
+    shutil.rmtree(path)
+    settings = ["elites=1", "seeds=2", "epochs=1", "store.root=cache"]
+    assert main(["study", "sweep/none-seed0", *settings]) == 0
+    assert [one.job.name for one in load_sweep(Path("sweep")).untested] == ["none-seed0"]
+    assert main(["study", "sweep/none-seed0", *settings, "numerics=fast"]) == 0
+    assert load_sweep(Path("sweep")).untested == ()
+
+
 def test_other_settings_are_refused_once_a_job_was_tested(folder: Path) -> None:
     """Seeds and epochs cannot be chosen by what they give; before there is a score they may still be changed."""
     config = compose_study([*TEST[1:], "epochs=2"])

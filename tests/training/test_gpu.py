@@ -22,7 +22,7 @@ from tacevo.choices import Device, Numerics, Precision
 from tacevo.errors import ConfigError, SandboxError
 from tacevo.records import Gpu, Reason, Recipe, to_json, written
 from tacevo.training.gpu import CONTEXT_MIB, Resident, equip, multiply_in
-from tacevo.training.numerics import check_machine
+from tacevo.training.numerics import check_machine, environment
 from tacevo.typed import convert
 
 MIB = 2**20
@@ -200,6 +200,23 @@ raise SystemExit(float(parameter.detach()) > 0.6)
 """
     ended = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_what_computes_on_a_cpu_asks_no_driver() -> None:
+    """An export lets torch look for a GPU often, which starts the driver where torch is built for one."""
+    check = """
+import torch
+
+def asked(*_, **__):
+    raise SystemExit("the driver was asked")
+
+torch.cuda._is_compiled = lambda: True
+torch._C._cuda_getDeviceCount = torch.cuda._raw_device_count_nvml = asked
+raise SystemExit(torch.cuda.is_available())
+"""
+    for variables, status in ((environment(Numerics.portable), 0), (environment(Numerics.fast, Device.cuda), 1)):
+        ended = subprocess.run([sys.executable, "-c", check], check=False, env={**os.environ, **variables})
+        assert ended.returncode == status
 
 
 @pytest.mark.skipif(Path("/dev/nvidiactl").exists(), reason="this machine has a GPU")
