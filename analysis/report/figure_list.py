@@ -171,7 +171,7 @@ def study_pictures(study: RecordedStudy, comparisons: pd.DataFrame | None) -> tu
         for one in of_whole(comparisons).itertuples()
     }
     ending = "; p is Holm's." if verdicts else "."
-    data = f"{study.task}, {study.where}" if study.where else study.task
+    data = ", ".join(part for part in (study.task, study.where, study.trained_with) if part)
     words = (
         f"Test results of {study.seeds} training seeds of each network ({data}). Points are seeds, boxes "
         f"quartiles, the dotted line is the baseline's median{ending}"

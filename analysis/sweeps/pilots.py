@@ -22,7 +22,7 @@ from tacevo.results.sweep import REFERENCE, FinishedJob, RecordedSweep
 from tacevo.storage.plan_file import Measure
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.text import counted, listed
+from tacevo.text import as_overrides, counted, listed
 
 #: A candidate that took less, in seconds, was recalled from a store and not trained.
 RECALLED = 0.1
@@ -93,7 +93,12 @@ def study_pilot(pilots: Sequence[tuple[RecordedRun, RecordedStudy]]) -> Pilot:
     """
     runs, studies = [run for run, _ in pilots], [study for _, study in pilots]
     first = studies[0]
-    _check_alike([f"{study.task}, {counted(study.recipe.epochs, 'epoch')}" for study in studies])
+    _check_alike(
+        [
+            f"{study.task}, {counted(study.recipe.epochs, 'epoch')}, numerics {study.numerics} on {study.device}"
+            for study in studies
+        ]
+    )
     return Pilot(
         kind="study",
         task=first.task,
@@ -229,7 +234,8 @@ def _tested(stated: Retraining | None) -> str:
     if stated is None:
         return "not tested"
     seeds, epochs = counted(stated.seeds, "training seed"), counted(stated.epochs, "epoch")
-    return f"{counted(stated.elites, 'elite')}, {seeds}, {epochs}, elites chosen by {stated.choose}"
+    words = counted(stated.elites, "elite"), seeds, epochs, f"elites chosen by {stated.choose}"
+    return ", ".join([*words, *as_overrides(stated.other_device)])
 
 
 def _check_alike(terms: Sequence[str]) -> None:

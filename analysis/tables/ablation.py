@@ -365,6 +365,9 @@ def _tested_notes(sweep: RecordedSweep) -> list[str]:
         f"Tested: the {which} with the best {_CHOSEN[stated.choose]}, trained for "
         f"{counted(stated.epochs, 'epoch')} with {counted(stated.seeds, 'fresh seed')}."
     ]
+    if stated.other_device:
+        settings = ", ".join(f"{name}={value}" for name, value in stated.other_device)
+        notes.append(f"Trained with other settings than the searches: {settings}.")
     if sweep.not_tested:
         notes.append(f"Not tested, as the sweep states: {listed(sweep.not_tested)}. No family counts such an arm.")
     tests = [(one.job.name, one.tested) for one in sweep.finished if one.tested is not None]

@@ -63,7 +63,8 @@ def study_outcome(
     if score is not None:
         test = score_cell(study.primary, score)
         rows.append({**dict.fromkeys(rows[0]), "network": "trivial", "test": test, "fitness": trivial})
-    other = f", {'on' if study.other_data else 'with'} {study.where}" if study.where else ""
+    other = f", on {study.where}" if study.where else ""
+    other += f", trained with {study.trained_with}" if study.trained_with else ""
     return Table(
         name="outcome",
         caption=f"{study.task}: {counted(study.seeds, 'training seed')}, "

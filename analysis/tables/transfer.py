@@ -50,6 +50,7 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
         notes=(
             f"On each data set every network was trained again, with the same {counted(first.seeds, 'training seed')} "
             f"and {counted(first.recipe.epochs, 'epoch')}.",
+            *([f"Trained with other settings than the run: {first.trained_with}."] if first.other_device else []),
             *([f"All but the run's own have {', '.join(shared)}."] if shared else []),
             *_agreement(studies, shared),
             "p and verdict: against the baseline on the same data, corrected after Holm over the variants of that data "

@@ -209,14 +209,15 @@ class Run:
 
     @cached_property
     def studies(self) -> tuple[Study, ...]:
-        """Its finished studies and noise runs that are whole: those on the run's own data first, then by name."""
+        """Its finished studies and noise runs that are whole: first those on the run's data, of these on its device."""
         collection = self.collection
         compared = {one.name: one for one in collection.studies}
         again = {one.name: one for one in collection.reestimates}
         known = [one for one in collection.finished if one.path.name in compared.keys() | again.keys()]
+        known.sort(key=lambda one: (bool(one.record.other_data), bool(one.record.other_device), one.path.name))
         return tuple(
             Study(self.recorded, one, compared.get(one.path.name), again.get(one.path.name), self._pages_of)
-            for one in sorted(known, key=lambda one: (bool(one.record.other_data), one.path.name))
+            for one in known
         )
 
     @cached_property

@@ -18,8 +18,9 @@ from tacevo.api.planning import planned_from, write_plan
 from tacevo.choices import DataSource
 from tacevo.cli.common import DIFFERENT, DONE, output_directory
 from tacevo.cli.tables import print_table, say
-from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, is_elsewhere, spread
+from tacevo.config.compose import compose_elsewhere, compose_noise, compose_study, spread
 from tacevo.config.given import check_unchosen, compose_given, gives_networks
+from tacevo.config.sources import is_elsewhere
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.environment import as_typed
 from tacevo.errors import ConfigError
@@ -91,7 +92,7 @@ def run_study(options: argparse.Namespace) -> int:
 
 
 def _study_each(config: StudyConfig, each: Sequence[Sequence[str]]) -> int:
-    """Study the same networks on each of several data sets, one after the other, and set them side by side."""
+    """Study the same networks on each of several data sets, or devices, and set them side by side."""
     run = read_run(Path(config.run or ""), config.store.root)
     for other in each:  # before the first is trained
         compose_elsewhere(replace(run.config, executor=config.executor), other)

@@ -52,8 +52,7 @@ def check_together(config: RunConfig) -> None:
     _check_reevaluations(config)
     _check_proposals(config.proposals)
     _check_parents(config)
-    _check_executor(config)
-    _check_gpu(config)
+    check_device(config)
 
 
 def doubts_of_settings(config: RunConfig) -> list[str]:
@@ -70,12 +69,14 @@ def doubts_of_settings(config: RunConfig) -> list[str]:
     ]
 
 
-def _check_executor(config: RunConfig) -> None:
+def check_device(config: RunConfig) -> None:
+    """Raise ConfigError where executor, device, numerics and walls do not go together."""
     executor = config.executor
     if executor.kind is ExecutorKind.local:
         _check_that(executor.address is None, "executor.address", "null without executor=ray", executor.address)
     if config.training.device is Device.cpu:
         _check_that(executor.per_gpu == 1, "executor.per_gpu", "1 with training.device=cpu", executor.per_gpu)
+    _check_gpu(config)
 
 
 def _check_gpu(config: RunConfig) -> None:

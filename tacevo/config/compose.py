@@ -22,19 +22,13 @@ from tacevo.config.arms import check_change, read_arm, split_arm
 from tacevo.config.conf_folder import conf_root, config_file, config_roots, groups
 from tacevo.config.plain import converted, from_plain, near
 from tacevo.config.schema import UNCHOSEN, RunConfig, keys
-from tacevo.config.sources import check_used, unused
+from tacevo.config.sources import DEVICE, check_used, is_elsewhere, is_of_data, unused
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError
 from tacevo.records import Json, to_json
 from tacevo.text import as_override, listed
 
 T = TypeVar("T")
-
-#: What a study may set for its trainings that is not its run's.
-_DEVICE = (
-    *("numerics", "numerics.kind", "sandbox.require"),
-    *("training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"),
-)
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:
@@ -109,12 +103,6 @@ def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConf
     return config if any(override.startswith("elites=") for override in overrides) else replace(config, elites=1)
 
 
-def is_elsewhere(override: str) -> bool:
-    """Answer whether an override sets what a study may have other than its run: data, numerics or device."""
-    key = override.partition("=")[0]
-    return key == "data" or key.startswith("data.") or key in _DEVICE
-
-
 def compose_elsewhere(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     """Lay settings of other data, numerics or another device over the configuration of a run.
 
@@ -123,21 +111,26 @@ def compose_elsewhere(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     run, which may be a stranger's.
 
     Raises:
-        ConfigError: as `compose`; or the images would have another size than the run's networks are for.
+        ConfigError: as `compose`; or it sets anything else; or the images would have another size than the run's
+            networks are for.
     """
     _check_settings(overrides)
-    of_data = [override for override in overrides if override.startswith(("data=", "data."))]
+    for override in overrides:
+        if not is_elsewhere(override):
+            expected = f"settings of data, or {', '.join(DEVICE)}: all others are the run's"
+            raise ConfigError(override, place=override.partition("=")[0], expected=expected)
+    of_data = [override for override in overrides if is_of_data(override)]
     on = [override for override in overrides if override not in of_data]
-    if of_data:
-        config = _with_data(config, of_data)
-    return _on_device(config, on) if on else config
+    config = _on_device(config, on) if on else config
+    return _with_data(config, of_data) if of_data else config
 
 
 def _on_device(config: RunConfig, overrides: Sequence[str]) -> RunConfig:
     with _hydra([*groups(), *keys()], overrides, "study"):
         laid: dict[str, Any] = {**_plain(_composed("config", overrides))}
     named = {override.partition("=")[0] for override in overrides}
-    named |= {key for key in _DEVICE if "training.device" in named and key.startswith("training.")}
+    if laid["training"]["device"] != config.training.device and "training.device" in named:
+        named |= {key for key in DEVICE if key.startswith("training.")}
     plain = cast(dict[str, Any], to_json(config))
     for group, _, name in (key.partition(".") for key in named):
         plain[group] = {**plain[group], **({name: laid[group][name]} if name else laid[group])}

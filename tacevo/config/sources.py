@@ -1,4 +1,4 @@
-"""Which settings of `data` each source uses; one without effect is refused where a user sets it."""
+"""Which settings of `data` each source uses, one without effect is refused; and which a study has of its own."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -24,6 +24,23 @@ USED: Mapping[DataSource, frozenset[str]] = {
     DataSource.numpy: _COMMON | {"root", "white_point"},
     DataSource.table: frozenset({"source", "root", "image_size"}),
 }
+
+
+#: What a study may set for its trainings that is not its run's, beside data.
+DEVICE = (
+    *("numerics", "numerics.kind", "sandbox.require"),
+    *("training.device", "training.gpu", "training.precision", "training.gpu_memory_mib"),
+)
+
+
+def is_of_data(override: str) -> bool:
+    """Answer whether an override sets data."""
+    return override.startswith(("data=", "data."))
+
+
+def is_elsewhere(override: str) -> bool:
+    """Answer whether an override sets what a study may have other than its run: data, numerics or device."""
+    return is_of_data(override) or override.partition("=")[0] in DEVICE
 
 
 #: Tasks whose images TacVerse does not list in a table.

@@ -127,7 +127,7 @@ def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> T
 
 
 def _studies(run: RecordedRun, line: CandidateLine) -> list[FinishedStudy]:
-    """List the finished studies of this network on the run's own data, those of today's rules first."""
+    """List the finished studies of this network on the run's data and device; today's rules and its numerics first."""
     known = [(directory, directory.read()) for directory in studies_of(run.path)]
     fitting = [
         FinishedStudy(path=directory.path, record=record, scores=directory.read_scores())
@@ -136,9 +136,10 @@ def _studies(run: RecordedRun, line: CandidateLine) -> list[FinishedStudy]:
         and record.digest is not None
         and record.run == run.digest
         and not record.other_data
+        and record.device is run.config.training.device  # so that no study of a bundle takes the walls down
         and line.id in {network.id for network in record.networks}
     ]
-    return sorted(fitting, key=lambda study: -study.record.rules)
+    return sorted(fitting, key=lambda study: (-study.record.rules, bool(study.record.other_device)))
 
 
 def train(

@@ -18,17 +18,17 @@ from tacevo.choices import ChosenBy
 from tacevo.errors import RunError
 from tacevo.records import Json, to_json, written
 from tacevo.results.study_lines import SCHEMA, Design, Row, StudyHeader, StudyRecord, study_line_kind
-from tacevo.storage.canonical import canonical, content_hash, readable
+from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import is_in_use, remove_leftovers, write_durably
 from tacevo.storage.ledger import Ledger, Sealed, read_lines, sealed_text
 from tacevo.storage.sweep_directory import Retraining
-from tacevo.text import counted
+from tacevo.text import as_overrides, counted
 from tacevo.typed import parse
 
 #: What `study_names` returns, as a regular expression.
 NAME = r"(?:elites|networks|noise)\d+-seeds\d+-epochs\d+-(?:[A-Za-z0-9._-]+-)?[0-9a-f]{8}"
 
-#: Characters of a directory's name that say what other data a study is about, at most: today, and in earlier releases.
+#: Characters of a directory's name that say in what a study is not its run's, at most: today, and in earlier releases.
 _LONGEST_WHERE = (80, 40)
 
 
@@ -193,7 +193,7 @@ def _continues(study: StudyRecord) -> str:
     words = [f"{key}={value}" for key, value in settings.items()]
     words += ["choose=reestimated"] if study.chosen_by else []
     other = [*((f"data.{name}", value) for name, value in study.other_data), *study.other_device]
-    words += [f"{name}={value if isinstance(value, str) else canonical(value)}" for name, value in other]
+    words += as_overrides(other)
     command = "noise" if study.terms is None else "study"
     return f"`tacevo {command} RUN {shlex.join(words)}`, with what else was set, continues it; or delete it"
 

@@ -79,14 +79,19 @@ class Design(Record):
 
     @property
     def where(self) -> str:
-        """In which settings it differs from its run, as `split_seed=7, training.device=cuda`; empty where in none."""
-        return ", ".join(f"{name}={value}" for name, value in (*self.other_data, *self.other_device))
+        """What other data than the run's the study is about, as `split_seed=7`; empty where it is the run's."""
+        return ", ".join(f"{name}={value}" for name, value in self.other_data)
+
+    @property
+    def trained_with(self) -> str:
+        """With which other settings than the run's it trained, as `numerics=fast`; empty where with its own."""
+        return ", ".join(f"{name}={value}" for name, value in self.other_device)
 
     @property
     def apart(self) -> str:
-        """Say this in a sentence; empty where it differs in none."""
-        what = "On other data than the run's" if self.other_data else "Trained with other settings than the run's"
-        return f"{what}: {self.where}." if self.where else ""
+        """Say both in sentences; empty where nothing differs."""
+        said = {"On other data than the run's": self.where, "Trained with other settings": self.trained_with}
+        return " ".join(f"{what}: {settings}." for what, settings in said.items() if settings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

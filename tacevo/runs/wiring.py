@@ -14,6 +14,7 @@ from tacevo.cluster.cluster import Cluster, Notice
 from tacevo.cluster.connection import check_head, import_ray
 from tacevo.cluster.facts import Order
 from tacevo.cluster.node_images import describe
+from tacevo.config.checks import check_device
 from tacevo.config.schema import ArchiveConfig, NumericsConfig, RunConfig, TrainingConfig
 from tacevo.data.dataset import Dataset
 from tacevo.errors import SandboxError, StoreError
@@ -162,12 +163,13 @@ def check_means(config: RunConfig) -> None:
 
     Raises:
         SandboxError: they cannot be confined so here.
-        ConfigError: this machine cannot compute so; or Ray is asked for and not installed, or not at its address; or
-            as `table_of`.
+        ConfigError: this machine cannot compute so, or device, numerics, walls and executor do not go together; or Ray
+            is asked for and not installed, or not at its address; or as `table_of`.
     """
     if config.data.source is DataSource.table:
         table_of(config)
         return  # nothing runs
+    check_device(config)
     match config.executor.kind:
         case ExecutorKind.local:
             check_confinement(config.sandbox.require)

@@ -22,6 +22,7 @@ from tacevo.storage.canonical import content_hash, readable
 from tacevo.storage.files import locked, remove_leftovers, write_durably
 from tacevo.storage.plan_file import SeedPlan
 from tacevo.storage.run_directory import RunDirectory, name_instead
+from tacevo.text import as_overrides
 from tacevo.typed import FreeJson, parse
 
 #: Names in a sweep's directory that are not jobs'.
@@ -64,7 +65,7 @@ class Retraining(Record):
         """The settings of `tacevo study sweep=` that state it."""
         several = f"elites={self.elites} " if self.elites > 1 else ""
         arms = f" {shlex.quote('arms=' + ','.join(self.arms))}" if self.arms else ""
-        other = "".join(f" {shlex.quote(f'{name}={value}')}" for name, value in self.other_device)
+        other = "".join(f" {shlex.quote(word)}" for word in as_overrides(self.other_device))
         return f"{several}seeds={self.seeds} epochs={self.epochs} choose={self.choose}{arms}{other}"
 
     def tests(self, arm: str) -> bool:

@@ -11,15 +11,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from tacevo.config.sources import is_of_data
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.publishable import other_device
-from tacevo.results.run import read_run
+from tacevo.results.settings import settings_of
 from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.results.sweep import REFERENCE
 from tacevo.runs.progress import Progress
-from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, SweepRecord, naming
 from tacevo.studies.study import Studied, estimate_noise, study
 from tacevo.text import counted, listed
@@ -41,7 +41,7 @@ def study_sweep(
         TacevoError: see its subclasses, with the job named; the trainings that ended are kept.
         KeyboardInterrupt: the user stopped it; the same command continues.
     """
-    if data := [setting for setting in other if setting.startswith(("data=", "data."))]:
+    if data := [setting for setting in other if is_of_data(setting)]:
         expected = "no setting of data with sweep=: jobs are compared on their own data"
         raise ConfigError(data[0], place="study", expected=expected)
     directory = SweepDirectory(path)
@@ -54,7 +54,7 @@ def study_sweep(
         epochs=config.epochs,
         choose=config.choose,
         arms=arms,
-        other_device=_other_device(directory.run(finished[0]), config, other),
+        other_device=_other_device(directory, finished, config, other),
     )
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
@@ -70,14 +70,21 @@ def study_sweep(
     return studies, [job.name for job in unfinished if retraining.tests(job.arm)]
 
 
-def _other_device(run: RunDirectory, config: StudyConfig, other: Sequence[str]) -> tuple[tuple[str, FreeJson], ...]:
-    """Return in which settings of numerics and device the studies of a job, and of all others, are not the job's."""
+def _other_device(
+    directory: SweepDirectory, jobs: Sequence[Job], config: StudyConfig, other: Sequence[str]
+) -> tuple[tuple[str, FreeJson], ...]:
+    """Return in which settings of numerics and device the studies of all jobs are not the jobs' own."""
     if not other:
         return ()
     from tacevo.config.compose import compose_elsewhere  # imports Hydra, which most sweeps' studies do not need
 
-    own = replace(read_run(run.path).config, executor=config.executor)
-    return other_device(own, compose_elsewhere(own, other))
+    own = [replace(settings_of(directory.run(job)), executor=config.executor) for job in jobs]
+    differing = [other_device(one, compose_elsewhere(one, other)) for one in own]
+    for job, one in zip(jobs, differing, strict=True):
+        if one != differing[0]:
+            expected = f"jobs that all differ in {dict(differing[0])} from it, as {jobs[0].name} does"
+            raise ConfigError(f"{dict(one)} of {job.name}", place=", ".join(other), expected=expected)
+    return differing[0]
 
 
 def _arms(sweep: SweepRecord, named: Sequence[str]) -> tuple[str, ...]:

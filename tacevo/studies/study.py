@@ -14,6 +14,7 @@ from pathlib import Path
 
 from tacevo.choices import ChosenBy, DataSource, FitnessRule
 from tacevo.config.schema import DataConfig, RunConfig
+from tacevo.config.sources import is_of_data
 from tacevo.config.study import NoiseConfig, StudyConfig
 from tacevo.data.labels import units_of
 from tacevo.environment import doubting, machine, versions
@@ -125,7 +126,7 @@ def study(config: StudyConfig, view: Progress, other: Sequence[str] = ()) -> Stu
         planned=read_plan(Path(config.plan), "study", run.config.task.name) if config.plan else None,
         rules=STUDY,
     )
-    moved = elsewhere.data if any(setting.startswith(("data=", "data.")) for setting in other) else None
+    moved = elsewhere.data if any(map(is_of_data, other)) else None
     return _carry_out(plan, config.elites if run.answered else 0, view, moved)
 
 
@@ -226,7 +227,9 @@ def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:
         raise RunError(f"{len(scores.rows)}", place=place, expected=f"{trainings} scores, by its study.json")
     plan = _plan(
         run,
-        trained_by(run.config, recorded.recipe, recorded.numerics, recorded.device),
+        run.config
+        if recorded.terms is None  # a noise run trains as the search did
+        else trained_by(run.config, recorded.recipe, recorded.numerics, recorded.device),
         elites=len(recorded.networks) - 1,
         seeds=recorded.seeds,
         terms=recorded.terms,
@@ -327,8 +330,8 @@ def _introduce(directory: StudyDirectory, plan: _Plan, wanted: int, recorded: in
     what = "study" if plan.header.terms else "noise run"
     view.say(f"{what}: {directory.path} ({recorded} of {counted(len(plan.jobs), 'training')} recorded already)")
     networks, terms, seeds = plan.header.networks, plan.header.terms, plan.header.seeds
-    if plan.header.where:
-        view.say(f"with other settings than the run's: {plan.header.where}")
+    if plan.header.apart:
+        view.say(plan.header.apart)
     view.say(", ".join(f"{network.name}: {network.id}" for network in networks))
     if plan.header.chosen_by:
         names = {noise.digest: noise.name for noise in noise_runs(plan.run)}

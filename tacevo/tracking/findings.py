@@ -73,8 +73,9 @@ def write_findings(writer: SearchWriter, directory: RunDirectory) -> None:
 
 def study_params(study: StudyRecord) -> dict[str, str]:
     """Return what a study was to find out: its run, its design, its plan if it follows one, the id of each network."""
-    recorded = to_json(study) | {"recipe": written(study.recipe), "other_data": dict(study.other_data)}
-    names = ("seed", "seeds", "recipe", "numerics", "device", "terms", "chosen_by", "other_data", "plan", "rules")
+    other = {"other_data": dict(study.other_data), "other_device": dict(study.other_device)}
+    recorded = to_json(study) | {"recipe": written(study.recipe), **other}
+    names = "seed", "seeds", "recipe", "numerics", "device", "terms", "chosen_by", *other, "plan", "rules"
     networks: dict[str, Json] = {network.name: network.id for network in study.networks}
     design = {name: recorded[name] for name in names if recorded.get(name) or name == "seed"}
     return config_params({"digest": study.run, **design, "network": networks})

@@ -79,6 +79,7 @@ def test_wrong_setting_is_refused_by_its_name(override: str, place: str, expecte
 
 def test_study_of_a_sweep_follows_from_the_sweep() -> None:
     """Of each job the best elite is trained unless more are asked for; the plan was stated when the sweep began."""
+    assert compose_study(["run=x", "executor.per_gpu=3"]).executor.per_gpu == 3
     assert [compose_study(["sweep=x", *more]).elites for more in ([], ["elites=5"])] == [1, 5]
     with refused(ConfigError, place="plan", got="plan.json", expected="no value with sweep="):
         compose_study(["sweep=x", "plan=plan.json"])

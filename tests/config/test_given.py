@@ -16,7 +16,7 @@ from tacevo.config.identity import task_hash
 from tacevo.errors import ConfigError
 from tacevo.records import Given, to_json
 from tacevo.results.publishable import other_device
-from tacevo.runs.wiring import recipe_of, trained_by
+from tacevo.runs.wiring import check_means, recipe_of, trained_by
 from tacevo.storage.canonical import content_hash
 
 
@@ -166,8 +166,11 @@ def test_other_device_brings_its_own_settings() -> None:
     cpu = compose([*SMALLEST, "training.epochs=3"])
     on_gpu = compose_elsewhere(cpu, [*GPU, "training.precision=tf32", "data.split_seed=7"])
     assert on_gpu == compose([*SMALLEST, "training.epochs=3", *GPU, "training.precision=tf32", "data.split_seed=7"])
-    other = compose_elsewhere(on_gpu, ["training.device=cuda", "training.gpu=NVIDIA A100"]).training
-    assert (other.gpu, other.precision) == ("NVIDIA A100", Precision.float32)
+    for same in ([], ["training.device=cuda"]):
+        other = compose_elsewhere(on_gpu, [*same, "training.gpu=NVIDIA A100"]).training
+        assert (other.gpu, other.precision) == ("NVIDIA A100", Precision.tf32)
+    several = replace(cpu, executor=replace(cpu.executor, per_gpu=4))
+    assert compose_elsewhere(several, ["data.split_seed=7", *GPU]).data.split_seed == 7
     back = ["training.device=cpu", "numerics=portable", "sandbox.require=process", "data.split_seed=0"]
     assert compose_elsewhere(on_gpu, back) == cpu
     assert other_device(cpu, on_gpu) == (
@@ -176,9 +179,17 @@ def test_other_device_brings_its_own_settings() -> None:
         ("training.gpu", "NVIDIA H200"),
         ("training.precision", "tf32"),
     )
-    assert trained_by(cpu, recipe_of(on_gpu), Numerics.fast, Device.cuda) == replace(
-        on_gpu, data=cpu.data, sandbox=cpu.sandbox
-    )
+    walled = trained_by(cpu, recipe_of(on_gpu), Numerics.fast, Device.cuda)
+    assert walled == replace(on_gpu, data=cpu.data, sandbox=cpu.sandbox)
+    with refused(ConfigError, place="sandbox.require"):  # only who types it takes the walls down
+        check_means(walled)
+
+
+@pytest.mark.parametrize("setting", ["training.batch_size=7", "training.fitness=lowest", "seed=3", "store.root=x"])
+def test_other_settings_of_a_run_stay(setting: str) -> None:
+    """A study with another batch size would count for its sweep, and could not be replayed."""
+    with refused(ConfigError, place=setting.partition("=")[0], got=setting):
+        compose_elsewhere(compose(SMALLEST), [setting])
 
 
 @pytest.mark.parametrize(

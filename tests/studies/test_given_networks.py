@@ -102,18 +102,21 @@ def test_other_split_is_another_study_of_the_same_networks(here: Path) -> None:
 def test_study_may_train_with_other_numerics_than_the_run(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What trained it is recorded, replayed and repeated by an export; what is said of it elsewhere is found out."""
     assert main(["study", "run=run", "seeds=2", "epochs=1", "numerics=fast"]) == 0
-    assert "tested on 4 images, with numerics=fast" in capsys.readouterr().out
-    own, other = study_on("").read(), study_on("numerics=fast").read()
+    assert "tested on 4 images, trained with numerics=fast" in capsys.readouterr().out
+    (other_study,) = (one for one in studies_of(Path("run")) if one.read().trained_with == "numerics=fast")
+    (own_study,) = (one for one in studies_of(Path("run")) if not one.read().apart)
+    own, other = own_study.read(), other_study.read()
     assert (own.numerics, other.numerics) == (Numerics.portable, Numerics.fast)
     assert (own.networks, own.recipe, own.data) == (other.networks, other.recipe, other.data)
     run = read_run(Path("run"))
     assert len(replay_studies(run, Progress())) == 3
-    place = study_on("numerics=fast").path
-    shutil.rmtree(study_on("").path)
+    place = other_study.path
+    shutil.rmtree(own_study.path)
     line = next(line for line in run.candidates if line.id == "g00s01")
     plan = design(run, line, ExportSettings(seeds=1))
     assert (plan.config.numerics.kind, plan.config.training.epochs) == (Numerics.fast, 1)
-    assert {score.evaluation for score in plan.scores} <= plan.recorded
+    assert plan.study is not None
+    assert (plan.study.path, len(plan.scores)) == (place, 2)
     told = json.loads((place / "study.json").read_text())
     changes: list[dict[str, object]] = [
         {"other_device": []},
