@@ -1,16 +1,22 @@
 """The runs that come with the project are what their page says, and come again anywhere."""
 
+import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from bundles import members_of
 from checkout import BUNDLES, PUBLISHED
 from commands import tacevo
+from scipy import stats
 from test_rules import LATER
 
 from tacevo.bundles.open import opened
 from tacevo.cli.app import main
+from tacevo.results.run import read_run
+from tacevo.results.study import load_study
+from tacevo.results.study_directory import studies_of
 
 SHIPPED = sorted(PUBLISHED.glob("*.zip"))
 
@@ -56,6 +62,33 @@ def test_published_run_says_what_answered(bundle: Path) -> None:
     for name in ("README.md", "ro-crate-metadata.json"):
         said = " ".join(members[name].decode().split())
         assert [one for one in words if one not in said] == []
+
+
+def test_page_says_what_an_elite_chosen_by_a_full_training_is() -> None:
+    """Of each search the best of five by the validation loss of one seed, tested by the other, beside the baseline."""
+    ratios, points, below = dict[int, list[float]](), dict[int, list[float]](), 0
+    for folder in opened(PUBLISHED / "ablation-elites.zip").runs:
+        run = read_run(folder)
+        (study,) = [record for path in studies_of(folder) if (record := path.read()).terms is not None]
+        of = {(row.network, row.seed): row for row in load_study(folder / "studies" / study.name).scores}
+        elites = {name for name, _ in of} - {"baseline"}
+        for seed in (0, 1):
+            chosen = min(elites, key=lambda name: of[name, seed].validation_loss)  # called at once
+            one, other = of[chosen, 1 - seed].metrics, of["baseline", 1 - seed].metrics
+            ratios.setdefault(run.config.seed, []).append(math.log(one["cross_entropy"] / other["cross_entropy"]))
+            points.setdefault(run.config.seed, []).append(100 * (one["accuracy"] - other["accuracy"]))
+        below += sum(ratios[run.config.seed][-2:]) < 0
+    said = " ".join((PUBLISHED / "README.md").read_text(encoding="utf-8").split())
+    (low, middle, high), (less, many, more) = map(_interval, (ratios, points))
+    assert f"has {math.exp(middle):.2f} [{math.exp(low):.2f}, {math.exp(high):.2f}] of the baseline's loss" in said
+    assert f"and {many:.2f} [{less:.2f}, {more:.2f}] points more; it is below in {below} of 16 searches" in said
+
+
+def _interval(values: dict[int, list[float]]) -> tuple[float, float, float]:
+    """Return mean and 95 % t interval of the means by seed, which both arms and both halves of a search share."""
+    means = np.array([np.mean(of_seed) for of_seed in values.values()])
+    half = stats.t.ppf(0.975, len(means) - 1) * means.std(ddof=1) / math.sqrt(len(means))
+    return means.mean() - half, means.mean(), means.mean() + half
 
 
 @pytest.mark.slow
