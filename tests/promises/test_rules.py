@@ -25,6 +25,7 @@ DIGESTS = {
     "ablation-force-grammar.zip": "9d2feb3bf77c6d69f41ec90af0ba8e768ea6c16361c83d5ebf455df8897ff9cf",
     "ablation-grating.zip": "7624ebab3f68e92b0df3427bdac19d5b785cad3248670e26f852e3954944af39",
     "force-grammar.zip": "fec21d53ea9151fb2168425ae18faa61850a443b1e7d435470efa28351b2008f",
+    "grating-by-hand-48.zip": "718f34c9e0501e67f3f819f22bb4774c6efc7325bd09b4ea2cf8050c0232ce6e",
     "grating-grammar.zip": "ffc6a36ea7658b4ed3488212eb75fbd9222f6e05c3bc8ef320af9a20849ae00d",
 }
 
