@@ -19,7 +19,8 @@ def searches_table(searches: Sequence[StudiedSearch]) -> Table:
     halves = [best_by_reestimates(searches, half=half).assign(by=by) for half, by in enumerate(words)]
     study, metric = first.study, metric_name(first.study.primary)
     choosing = counted(len(first.reestimates.estimates[0]), "seed")
-    elsewhere = (study.apart,) if study.apart else ()
+    elsewhere = [f"Tested on other data than the runs': {study.where}."] if study.where else []
+    elsewhere += [f"Trained with other settings than the runs': {study.trained_with}."] if study.trained_with else []
     better = "below" if LOWER_IS_BETTER[study.primary] else "above"
     is_share = study.primary in SHARES
     shape, difference = PercentBetween if is_share else Between, f"difference of medians ({unit_of(study.primary)})"
