@@ -76,6 +76,11 @@ def as_override(key: str, value: str) -> str:
     return f"{key}='{escaped}'"
 
 
+def assignments(settings: Sequence[tuple[str, object]]) -> list[str]:
+    """Write settings and their values for a reader, each as `name=value`."""
+    return [f"{name}={value}" for name, value in settings]
+
+
 def as_overrides(settings: Sequence[tuple[str, object]]) -> list[str]:
     """Write settings and their values as a user types them; those of a GPU with what its driver needs."""
     words = [

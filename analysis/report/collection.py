@@ -196,13 +196,7 @@ def with_largest_studies(collection: Collection) -> Collection:
 
     Of equal ones that counts which trained as the run. The study on the run's data comes first.
     """
-    ordered = sorted(
-        collection.studies,
-        key=lambda one: (
-            *(one.study.recipe.epochs, one.study.seeds, len(one.study.networks)),
-            *(not one.study.other_device, one.name),
-        ),
-    )
+    ordered = sorted(collection.studies, key=_size)
     largest = {one.study.fingerprint: one for one in ordered}
     kept = sorted(largest.values(), key=lambda one: (bool(one.study.other_data), one.name))
     passed_over = tuple(one for one in ordered if one is not largest[one.study.fingerprint])
@@ -213,6 +207,11 @@ def with_largest_studies(collection: Collection) -> Collection:
         passed_over=passed_over,
         reestimates=tuple(one for one in collection.reestimates if one.name not in left),
     )
+
+
+def _size(one: Compared) -> tuple[int, int, int, bool, str]:
+    study = one.study
+    return study.recipe.epochs, study.seeds, len(study.networks), not study.other_device, one.name
 
 
 def side_by_side(collections: Sequence[Collection]) -> tuple[list[Table], list[str]]:

@@ -24,7 +24,7 @@ from tacevo.results.sweep import ALPHA, REFERENCE, RecordedSweep
 from tacevo.results.sweep_checks import arm_settings
 from tacevo.rounding import rounded
 from tacevo.storage.canonical import leaves
-from tacevo.text import counted, listed
+from tacevo.text import assignments, counted, listed
 
 #: The columns of a median with its interval.
 _ENDS = ("median", "median_low", "median_high")
@@ -366,8 +366,8 @@ def _tested_notes(sweep: RecordedSweep) -> list[str]:
         f"{counted(stated.epochs, 'epoch')} with {counted(stated.seeds, 'fresh seed')}."
     ]
     if stated.other_device:
-        settings = ", ".join(f"{name}={value}" for name, value in stated.other_device)
-        notes.append(f"Trained with other settings than the searches: {settings}.")
+        settings = assignments(stated.other_device)
+        notes.append(f"Trained with other settings than the searches: {', '.join(settings)}.")
     if sweep.not_tested:
         notes.append(f"Not tested, as the sweep states: {listed(sweep.not_tested)}. No family counts such an arm.")
     tests = [(one.job.name, one.tested) for one in sweep.finished if one.tested is not None]

@@ -14,7 +14,7 @@ from analysis.tables.comparison import score_cell
 from tacevo.results.study import RecordedStudy
 from tacevo.results.trivial import at_chance, trivial_score
 from tacevo.rounding import rounded
-from tacevo.text import counted
+from tacevo.text import assignments, counted
 
 #: What the run's own data are called beside other data.
 OWN = "the run's"
@@ -66,17 +66,13 @@ def transfer_table(studies: Sequence[OnData]) -> Table:
 
 def _shared(studies: Sequence[OnData]) -> list[str]:
     """Return the settings in which all data sets but the run's own are alike; none where there is one."""
-    moved = [_settings(study) for study, _ in studies if study.other_data]
+    moved = [assignments(study.other_data) for study, _ in studies if study.other_data]
     return [one for one in moved[0] if all(one in others for others in moved)] if len(moved) > 1 else []
-
-
-def _settings(study: RecordedStudy) -> list[str]:
-    return [f"{name}={value}" for name, value in study.other_data]
 
 
 def _where(study: RecordedStudy, shared: Sequence[str]) -> str:
     """Name the data of a study by the settings that it does not share with the others."""
-    return ", ".join(one for one in _settings(study) if one not in shared) or study.where or OWN
+    return ", ".join(one for one in assignments(study.other_data) if one not in shared) or study.where or OWN
 
 
 def _agreement(studies: Sequence[OnData], shared: Sequence[str]) -> list[str]:

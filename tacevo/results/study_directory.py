@@ -211,8 +211,8 @@ def study_names(header: StudyHeader, *, searched: bool) -> tuple[str, ...]:
         searched: whether its run searched; the networks of other runs were given, which earlier releases called elites.
     """
     kinds = ("noise",) if header.terms is None else ("elites",) if searched else ("networks", "elites")
-    other = [f"{name}={value}" for name, value in header.other_data] + [header.device] * bool(header.other_device)
-    where = re.sub(r"[^A-Za-z0-9._]+", "-", ", ".join(other))
+    where = f"{header.where}, {header.device}" if header.other_device else header.where
+    where = re.sub(r"[^A-Za-z0-9._]+", "-", where).lstrip("-")
     size = f"{len(header.networks) - 1}-seeds{header.seeds}-epochs{header.recipe.epochs}"
     words = dict.fromkeys(where[:longest].strip("-") for longest in _LONGEST_WHERE)
     ends = ["-".join(part for part in (size, word, content_hash(written(header))[:8]) if part) for word in words]

@@ -17,6 +17,7 @@ from tacevo.records import DataFacts, Json, Reason, Recipe, Record, Stage
 from tacevo.rounding import rounded
 from tacevo.rules import FIRST_STUDY
 from tacevo.storage.plan_file import SeedPlan
+from tacevo.text import assignments
 from tacevo.training.full import Kept
 from tacevo.typed import FreeJson
 
@@ -80,12 +81,12 @@ class Design(Record):
     @property
     def where(self) -> str:
         """What other data than the run's the study is about, as `split_seed=7`; empty where it is the run's."""
-        return ", ".join(f"{name}={value}" for name, value in self.other_data)
+        return ", ".join(assignments(self.other_data))
 
     @property
     def trained_with(self) -> str:
         """With which other settings than the run's it trained, as `numerics=fast`; empty where with its own."""
-        return ", ".join(f"{name}={value}" for name, value in self.other_device)
+        return ", ".join(assignments(self.other_device))
 
     @property
     def apart(self) -> str:

@@ -34,8 +34,8 @@ _FLAGS: Mapping[Numerics, Sequence[str]] = {
 _KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 30), "MALLOC_TRIM_THRESHOLD_": str(1 << 30)}
 #: Without a workspace of fixed size, the order of cuBLAS's sums may change between runs.
 _CUBLAS = {"CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
-#: What computes on a CPU finds no GPU. Else an export, in which torch asks for one, starts the driver and its threads;
-#: by NVML torch sees without the driver that none is visible.
+#: What computes on a CPU finds no GPU. Else an export, in which torch asks for one, starts the driver and, it seems,
+#: threads; by NVML torch sees without the driver that none is visible.
 _NO_GPU = {"CUDA_VISIBLE_DEVICES": "", "PYTORCH_NVML_BASED_CUDA_CHECK": "1"}
 
 

@@ -73,7 +73,7 @@ def test_page_says_what_an_elite_chosen_by_a_full_training_is() -> None:
         of = {(row.network, row.seed): row for row in load_study(folder / "studies" / study.name).scores}
         elites = {name for name, _ in of} - {"baseline"}
         for seed in (0, 1):
-            chosen = min(elites, key=lambda name: of[name, seed].validation_loss)  # called at once
+            chosen = min(elites, key=lambda name: of[name, seed].validation_loss)
             one, other = of[chosen, 1 - seed].metrics, of["baseline", 1 - seed].metrics
             ratios.setdefault(run.config.seed, []).append(math.log(one["cross_entropy"] / other["cross_entropy"]))
             points.setdefault(run.config.seed, []).append(100 * (one["accuracy"] - other["accuracy"]))
