@@ -129,6 +129,7 @@ class Space:
 def reach(
     *,
     searches: int = 40,
+    first: int = 0,
     is_real: bool = False,
     answers: int = 100,
     best: float = 0.05,
@@ -139,6 +140,7 @@ def reach(
 
     Args:
         searches: of each; the seeds are the same.
+        first: of the seeds.
         is_real: whether they train, and do not look trainings up.
         answers: that a search may ask for; twice as many where half of them are skipped.
         best: which part of the space is good.
@@ -173,7 +175,7 @@ def reach(
     level = float(np.quantile(space.test, best))
     ways = mine | peers | ({} if is_real else random)
     outcomes: dict[str, list[tuple[float, bool]]] = {name: [] for name in ways}
-    for seed, (name, one) in itertools.product(range(searches), ways.items()):  # they take turns
+    for seed, (name, one) in itertools.product(range(first, first + searches), ways.items()):  # they take turns
         outcomes[name].append(reached(space, one, *one.search(seed), level))
         if is_real:
             print(f"{name}, seed {seed}: {outcomes[name][-1]}", file=sys.stderr, flush=True)
@@ -336,8 +338,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--real", action="store_true", help="train, and do not look trainings up")
     parser.add_argument("--searches", type=int, default=40, metavar="N", help="of each way (default: 40)")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="of the first search (default: 0)")
     options = parser.parse_args()
-    for figure in reach(searches=options.searches, is_real=options.real):
+    for figure in reach(searches=options.searches, first=options.first, is_real=options.real):
         print(figure)
 
 
