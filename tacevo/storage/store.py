@@ -163,8 +163,8 @@ class Store:
 
     def write(self, request: Json, answer: Json, *, replace: bool = True) -> bool:
         """Record an answer, durably and in one step, and return whether it was; `replace` as of `write_durably`."""
-        entry = Entry(kind=self._kind, request=request, answer=answer)
-        return write_durably(self._folder.parent / entry.place, readable(entry.sealed()), replace=replace)
+        sealed = Entry(kind=self._kind, request=request, answer=answer).sealed()
+        return write_durably(self.path(str(sealed["key"])), readable(sealed), replace=replace)
 
     def keep(self, request: Json, answer: Json) -> Json:
         """Record an answer, and return the one that stands: this one in mode `live`, else the first of all processes.

@@ -6,7 +6,6 @@ as by Ctrl-C, and keep what they have.
 
 import math
 import re
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +22,7 @@ from tacevo.errors import ConfigError
 from tacevo.records import Json
 from tacevo.redaction import is_secret_variable
 from tacevo.storage.sweep_directory import Job, SweepDirectory
-from tacevo.sweeps.search_process import keep_ending, start, stop
+from tacevo.sweeps.search_process import Starter, end, keep_ending
 from tacevo.text import first_line
 
 #: What `hydra/launcher=` may name.
@@ -133,18 +132,24 @@ def _launch_here(
     """Run jobs as processes, so many at once as the launcher says."""
     most = launcher.options["n_jobs"]
     assert isinstance(most, int)  # `check_launcher` refuses anything else
-    waiting, running = list(jobs), dict[Job, subprocess.Popen[bytes]]()
+    waiting, running, starters = list(jobs), dict[Job, Starter](), list[Starter]()
     try:
         while waiting or running:
             while waiting and len(running) < most:
-                job = waiting.pop(0)
-                running[job] = start(directory, job)
+                idle = [each for each in starters if each not in running.values() and each.is_alive]
+                starters += [] if idle else [Starter()]
+                job, starter = waiting.pop(0), idle[0] if idle else starters[-1]
+                starter.start(directory, job)
+                running[job] = starter
             time.sleep(_TICK)
-            for job in [job for job, search in running.items() if search.poll() is not None]:
-                keep_ending(directory, job, running.pop(job).returncode)
-                show(job)
+            statuses = {job: starter.poll() for job, starter in running.items()}
+            for job, status in statuses.items():
+                if status is not None:
+                    del running[job]
+                    keep_ending(directory, job, status)
+                    show(job)
     finally:
-        stop(running.values())
+        end(starters)
 
 
 def _check_cluster(launcher: Launcher) -> None:

@@ -4,12 +4,15 @@ It is the command that a user would type, `tacevo search ... run.dir=SWEEP/NAME`
 So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches the launching process only.
 """
 
+import contextlib
+import json
 import os
+import select
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -35,16 +38,57 @@ def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
 
 def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
     """Start the search of a job; it ends with this process."""
-    overrides = [*overrides_of(directory, job), as_override("run.dir", str(directory.run(job).path))]
     with directory.log(job).open("wb") as output:
         return subprocess.Popen(
-            [sys.executable, "-P", "-m", "tacevo.cli.app", "search", *overrides],
+            [sys.executable, "-P", "-m", "tacevo.cli.app", *_arguments(directory, job)],
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
             start_new_session=True,
             preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
         )
+
+
+class Starter:
+    """A process that runs the searches of jobs, one after the other, each in a process of its own.
+
+    It has imported what they need (`tacevo.cli.starter`); it ends with this process, and its search with it.
+    """
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "tacevo.cli.starter"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
+        )
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.orders, self.statuses = self.process.stdin, self.process.stdout
+
+    def start(self, directory: SweepDirectory, job: Job) -> None:
+        """Start the search of a job, once that of another has ended."""
+        order = {"arguments": _arguments(directory, job), "log": str(directory.log(job))}
+        self.orders.write(f"{json.dumps(order)}\n".encode())
+        self.orders.flush()
+
+    def poll(self) -> int | None:
+        """Return the exit status of the search that has ended, or of this process; None of one at work."""
+        if not select.select([self.statuses], [], [], 0)[0]:
+            return None
+        status = self.statuses.readline()
+        return int(status) if status else self.process.wait()
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it can start another: nobody has killed it."""
+        return self.process.poll() is None
+
+
+def _arguments(directory: SweepDirectory, job: Job) -> list[str]:
+    """Return the command line of a job's search, after `tacevo`."""
+    return ["search", *overrides_of(directory, job), as_override("run.dir", str(directory.run(job).path))]
 
 
 def stop(searches: Iterable[subprocess.Popen[bytes]]) -> None:
@@ -58,6 +102,16 @@ def stop(searches: Iterable[subprocess.Popen[bytes]]) -> None:
         except subprocess.TimeoutExpired:
             search.kill()
             search.wait()
+
+
+def end(starters: Sequence[Starter]) -> None:
+    """End processes that start searches, and theirs as `stop` does."""
+    for starter in starters:
+        with contextlib.suppress(BrokenPipeError):  # of one that was killed
+            starter.orders.close()
+    stop([starter.process for starter in starters])
+    for starter in starters:
+        starter.statuses.close()
 
 
 def keep_ending(directory: SweepDirectory, job: Job, status: int) -> None:

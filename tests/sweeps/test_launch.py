@@ -29,7 +29,9 @@ from tacevo.errors import ConfigError
 from tacevo.evolution.run_files import finished_digest
 from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
+from tacevo.sweeps import launch as launching
 from tacevo.sweeps.launch import SLURM, Launcher, check_launcher, fitted, launch, needed_cores, split_launcher
+from tacevo.sweeps.search_process import Starter
 from tacevo.sweeps.status import Status, status_of
 
 pytestmark = unhurried
@@ -153,6 +155,38 @@ def test_search_of_a_table_takes_one_core() -> None:
     """It trains nothing, whatever the number of workers."""
     config = compose(["experiment=space", "data=table", "data.root=table.zip", "executor.workers=8"])
     assert needed_cores(config) == 1
+
+
+@pytest.mark.parametrize("how", ["", "dies idle", "dies at work"])
+def test_process_that_starts_searches_can_die(how: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One process starts a search after the other; if it is killed, its job has failed, and another one goes on."""
+    made: list[Starter] = []
+
+    class Told(Starter):
+        def __init__(self) -> None:
+            super().__init__()
+            made.append(self)
+
+        def start(self, directory: SweepDirectory, job: Job) -> None:
+            super().start(directory, job)
+            if how == "dies at work" and job == one:
+                self.process.kill()
+
+    def show(job: Job) -> None:
+        if how == "dies idle" and job == one:
+            made[0].process.kill()
+            made[0].process.wait()
+
+    monkeypatch.setattr(launching, "Starter", Told)
+    directory = SweepDirectory(place / "all")
+    one, other = (Job(name=name, arm=name, seed=0, overrides=("seed=-1",), config=name) for name in ("one", "other"))
+    directory.write(SweepRecord(overrides=tuple(SMALLEST), jobs=(one, other)))
+    launch(directory, [one, other], Launcher(options={"n_jobs": 1}), show)
+
+    assert len(made) == (2 if how else 1)
+    assert ("killed by signal 9" if how == "dies at work" else "seed") in str(directory.failure(one))
+    assert "seed" in str(directory.failure(other))
+    assert ends(directory.path), processes_of(directory.path)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ A rule returns None where the words do not concern it. Where they name no block,
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -262,13 +263,20 @@ def transform(network: Network, instruction: str, rng: np.random.Generator, temp
 
 def follow(network: Network, instruction: str, rng: np.random.Generator) -> Network:
     """Apply every rule that the words call for; where they call for none, take a move towards their aim."""
+    done = _done(network, instruction)
+    return _aim(network, wording.operative(instruction), rng) if done is None else done
+
+
+@lru_cache(maxsize=4096)  # a space asks again until something has changed, and parents are asked for the same
+def _done(network: Network, instruction: str) -> Network | None:
+    """Apply every rule that the words call for; None where they call for none."""
     text = wording.operative(instruction)
     called = False
     for rule in _RULES:
         changed = rule(text, network)
         if changed is not None:
             network, called = fit(changed), True
-    return network if called else _aim(network, text, rng)
+    return network if called else None
 
 
 def _aim(network: Network, text: str, rng: np.random.Generator) -> Network:
