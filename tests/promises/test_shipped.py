@@ -34,6 +34,12 @@ ANSWERED = {
     "force-variants": ["No model was asked"],
 }
 
+#: Two edits by hand, on two tasks, and how the page gives the losses.
+CONTROLS = {
+    PUBLISHED / "grating-by-hand.zip": "of the cross-entropies {:.3f} and {:.3f}",
+    BUNDLES / "grating-by-hand-48.zip": "cross-entropies likewise {:.2f} and {:.2f}",
+}
+
 named = pytest.mark.parametrize("bundle", SHIPPED, ids=lambda path: path.stem)
 
 
@@ -82,6 +88,22 @@ def test_page_says_what_an_elite_chosen_by_a_full_training_is() -> None:
     (low, middle, high), (less, many, more) = map(_interval, (ratios, points))
     assert f"has {math.exp(middle):.2f} [{math.exp(low):.2f}, {math.exp(high):.2f}] of the baseline's loss" in said
     assert f"and {many:.2f} [{less:.2f}, {more:.2f}] points more; it is below in {below} of 16 searches" in said
+
+
+@pytest.mark.parametrize("bundle", CONTROLS, ids=lambda path: path.stem)
+def test_page_says_what_the_control_is(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Accuracies with their intervals as `tacevo show` prints them, and the geometric mean of each network's losses."""
+    assert main(["show", str(bundle)]) == 0
+    accuracies = re.findall(r"\d+\.\d % \[\d+\.\d, \d+\.\d\]", capsys.readouterr().out)
+    assert len(accuracies) == 2
+    (folder,) = opened(bundle).runs
+    (study,) = studies_of(folder)
+    losses = dict[str, list[float]]()
+    for row in load_study(study.path).scores:
+        losses.setdefault(row.network, []).append(row.metrics["cross_entropy"])
+    means = CONTROLS[bundle].format(stats.gmean(losses["by_hand"]), stats.gmean(losses["baseline"]))
+    said = " ".join((PUBLISHED / "README.md").read_text(encoding="utf-8").split())
+    assert [words for words in (*accuracies, means) if words not in said] == []
 
 
 def _interval(values: dict[int, list[float]]) -> tuple[float, float, float]:
