@@ -1,7 +1,8 @@
 """Run the jobs of a sweep: on this machine as processes (`searches`), on Slurm by submitit (`slurm`).
 
 Promises: on this machine a job ends with the process that launched it, however that ends; asked to stop, all jobs end
-as by Ctrl-C, and keep what they have.
+as by Ctrl-C, and keep what they have. What it does not: our code is imported once for all jobs, so one that begins
+after the code was changed names the new commit, and runs the old one.
 """
 
 import math
@@ -136,10 +137,11 @@ def _launch_here(
     try:
         while waiting or running:
             while waiting and len(running) < most:
-                idle = [each for each in starters if each not in running.values() and each.is_alive]
-                starters += [] if idle else [Starter()]
-                job, starter = waiting.pop(0), idle[0] if idle else starters[-1]
-                starter.start(directory, job)
+                starter = next((each for each in starters if each not in running.values() and each.is_alive), None)
+                if starter is None:
+                    starters.append(starter := Starter(directory))
+                job = waiting.pop(0)
+                starter.start(job)
                 running[job] = starter
             time.sleep(_TICK)
             statuses = {job: starter.poll() for job, starter in running.items()}

@@ -7,8 +7,8 @@ So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches
 import contextlib
 import json
 import os
-import select
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -25,6 +25,9 @@ GRACE = 60.0
 
 #: The exit status of a search that was told to stop, by Ctrl-C or by SIGTERM.
 _INTERRUPTED = (130, 143)
+
+#: Bytes that the line of an exit status has at most.
+_STATUS = 8
 
 #: How the last line of a failed command begins.
 _ERROR = "error: "
@@ -55,35 +58,50 @@ class Starter:
     It has imported what they need (`tacevo.cli.starter`); it ends with this process, and its search with it.
     """
 
-    def __init__(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "tacevo.cli.starter"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,
-            preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
-        )
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.orders, self.statuses = self.process.stdin, self.process.stdout
+    def __init__(self, directory: SweepDirectory) -> None:
+        self._directory = directory
+        self._channel, theirs = socket.socketpair()
+        with theirs:
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "tacevo.cli.starter", str(directory.path)],  # which `ps` then shows
+                stdin=theirs,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+                preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
+            )
 
-    def start(self, directory: SweepDirectory, job: Job) -> None:
+    def start(self, job: Job) -> None:
         """Start the search of a job, once that of another has ended."""
-        order = {"arguments": _arguments(directory, job), "log": str(directory.log(job))}
-        self.orders.write(f"{json.dumps(order)}\n".encode())
-        self.orders.flush()
+        log = self._directory.log(job)
+        log.write_bytes(b"")
+        order = {"arguments": _arguments(self._directory, job), "log": str(log)}
+        with contextlib.suppress(ConnectionError):  # it was killed, which `poll` tells
+            self._channel.sendall(f"{json.dumps(order)}\n".encode())
 
     def poll(self) -> int | None:
         """Return the exit status of the search that has ended, or of this process; None of one at work."""
-        if not select.select([self.statuses], [], [], 0)[0]:
+        status = b""
+        try:
+            status = self._channel.recv(_STATUS, socket.MSG_DONTWAIT)
+        except BlockingIOError:
             return None
-        status = self.statuses.readline()
+        except ConnectionError:
+            pass  # it was killed before it read its order
         return int(status) if status else self.process.wait()
 
     @property
     def is_alive(self) -> bool:
         """Whether it can start another: nobody has killed it."""
         return self.process.poll() is None
+
+    def dismiss(self) -> None:
+        """Let it end with its search."""
+        with contextlib.suppress(OSError):  # it was killed
+            self._channel.shutdown(socket.SHUT_WR)
+
+    def close(self) -> None:
+        """Hear no more of it."""
+        self._channel.close()
 
 
 def _arguments(directory: SweepDirectory, job: Job) -> list[str]:
@@ -107,11 +125,10 @@ def stop(searches: Iterable[subprocess.Popen[bytes]]) -> None:
 def end(starters: Sequence[Starter]) -> None:
     """End processes that start searches, and theirs as `stop` does."""
     for starter in starters:
-        with contextlib.suppress(BrokenPipeError):  # of one that was killed
-            starter.orders.close()
+        starter.dismiss()
     stop([starter.process for starter in starters])
     for starter in starters:
-        starter.statuses.close()
+        starter.close()
 
 
 def keep_ending(directory: SweepDirectory, job: Job, status: int) -> None:

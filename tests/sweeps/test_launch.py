@@ -4,13 +4,16 @@ Whole sweeps of real searches, as small as they can be; jobs without a search ar
 """
 
 import fcntl
+import json
 import os
 import pty
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import termios
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -157,25 +160,30 @@ def test_search_of_a_table_takes_one_core() -> None:
     assert needed_cores(config) == 1
 
 
-@pytest.mark.parametrize("how", ["", "dies idle", "dies at work"])
-def test_process_that_starts_searches_can_die(how: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One process starts a search after the other; if it is killed, its job has failed, and another one goes on."""
+@pytest.mark.parametrize("how", ["", "idle", "before its order", "with its order"])
+def test_process_that_starts_searches_can_be_killed(how: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One process starts a search after the other; where it is killed, its job has failed, and another goes on."""
     made: list[Starter] = []
 
     class Told(Starter):
-        def __init__(self) -> None:
-            super().__init__()
+        def __init__(self, directory: SweepDirectory) -> None:
+            super().__init__(directory)
             made.append(self)
 
-        def start(self, directory: SweepDirectory, job: Job) -> None:
-            super().start(directory, job)
-            if how == "dies at work" and job == one:
-                self.process.kill()
+        def start(self, job: Job) -> None:
+            if how == "before its order" and job == one:
+                kill(self)
+            super().start(job)
+            if how == "with its order" and job == one:
+                kill(self)
+
+    def kill(starter: Starter) -> None:
+        starter.process.kill()
+        starter.process.wait()
 
     def show(job: Job) -> None:
-        if how == "dies idle" and job == one:
-            made[0].process.kill()
-            made[0].process.wait()
+        if how == "idle" and job == one:
+            kill(made[0])
 
     monkeypatch.setattr(launching, "Starter", Told)
     directory = SweepDirectory(place / "all")
@@ -184,9 +192,67 @@ def test_process_that_starts_searches_can_die(how: str, place: Path, monkeypatch
     launch(directory, [one, other], Launcher(options={"n_jobs": 1}), show)
 
     assert len(made) == (2 if how else 1)
-    assert ("killed by signal 9" if how == "dies at work" else "seed") in str(directory.failure(one))
+    assert ("killed by signal 9" if "order" in how else "seed") in str(directory.failure(one))
     assert "seed" in str(directory.failure(other))
     assert ends(directory.path), processes_of(directory.path)
+
+
+#: A search that writes that it is there, and stays.
+STAYING = """
+import sys, time
+from tacevo.cli import starter
+
+def stay():
+    print(*sys.argv[1:], flush=True)
+    time.sleep(600)
+
+starter.main = stay
+starter.serve()
+"""
+
+
+@pytest.fixture
+def staying(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Callable[[], None], socket.socket]]:
+    """Yield a process that starts searches, what orders one, and the channel that tells how they ended."""
+    ours, theirs = socket.socketpair()
+    order = json.dumps({"arguments": ["search"], "log": str(tmp_path / "log")})
+    ours.settimeout(60)
+    (tmp_path / "log").write_bytes(b"")
+    with ours, theirs, subprocess.Popen([sys.executable, "-P", "-c", STAYING, str(tmp_path)], stdin=theirs) as process:
+        theirs.close()
+        yield process, lambda: ours.sendall(f"{order}\n".encode()), ours
+        process.kill()
+
+
+def test_search_ends_with_the_process_that_started_it(
+    staying: tuple[subprocess.Popen[bytes], Callable[[], None], socket.socket], tmp_path: Path
+) -> None:
+    """However that was killed."""
+    process, order, _ = staying
+    order()
+    assert comes(process, lambda: "search" in (tmp_path / "log").read_text())
+    assert len(processes_of(tmp_path)) == 2
+    process.kill()
+    process.wait()
+    assert ends(tmp_path), processes_of(tmp_path)
+
+
+def test_polite_signal_reaches_the_search(
+    staying: tuple[subprocess.Popen[bytes], Callable[[], None], socket.socket], tmp_path: Path
+) -> None:
+    """At work, and where it came before there was one; the process that started it hears the end, and goes on."""
+    process, order, channel = staying
+    order()
+    assert comes(process, lambda: "search" in (tmp_path / "log").read_text())
+    process.terminate()
+    assert channel.recv(8) == b"-15\n"
+    process.send_signal(signal.SIGSTOP)
+    order()
+    process.terminate()
+    process.send_signal(signal.SIGCONT)
+    assert channel.recv(8) == b"-15\n"
+    channel.shutdown(socket.SHUT_WR)
+    assert process.wait() == 0
 
 
 @pytest.mark.slow

@@ -263,12 +263,12 @@ def transform(network: Network, instruction: str, rng: np.random.Generator, temp
 
 def follow(network: Network, instruction: str, rng: np.random.Generator) -> Network:
     """Apply every rule that the words call for; where they call for none, take a move towards their aim."""
-    done = _done(network, instruction)
-    return _aim(network, wording.operative(instruction), rng) if done is None else done
+    changed = _by_rules(network, instruction)
+    return _aim(network, wording.operative(instruction), rng) if changed is None else changed
 
 
 @lru_cache(maxsize=4096)  # a space asks again until something has changed, and parents are asked for the same
-def _done(network: Network, instruction: str) -> Network | None:
+def _by_rules(network: Network, instruction: str) -> Network | None:
     """Apply every rule that the words call for; None where they call for none."""
     text = wording.operative(instruction)
     called = False
