@@ -64,7 +64,7 @@ class Starter:
         with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "tacevo.cli.starter", str(directory.path)],  # which `ps` then shows
-                stdin=theirs,
+                stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,
                 preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing

@@ -212,20 +212,26 @@ starter.serve()
 
 
 @pytest.fixture
-def staying(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[bytes], Callable[[], None], socket.socket]]:
+def staying(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Callable[[], None], socket.socket]]:
     """Yield a process that starts searches, what orders one, and the channel that tells how they ended."""
     ours, theirs = socket.socketpair()
     order = json.dumps({"arguments": ["search"], "log": str(tmp_path / "log")})
     ours.settimeout(60)
     (tmp_path / "log").write_bytes(b"")
-    with ours, theirs, subprocess.Popen([sys.executable, "-P", "-c", STAYING, str(tmp_path)], stdin=theirs) as process:
+    with (
+        ours,
+        theirs,
+        subprocess.Popen(
+            [sys.executable, "-P", "-c", STAYING, str(tmp_path)], stdin=theirs.fileno(), text=True
+        ) as process,
+    ):
         theirs.close()
         yield process, lambda: ours.sendall(f"{order}\n".encode()), ours
         process.kill()
 
 
 def test_search_ends_with_the_process_that_started_it(
-    staying: tuple[subprocess.Popen[bytes], Callable[[], None], socket.socket], tmp_path: Path
+    staying: tuple[subprocess.Popen[str], Callable[[], None], socket.socket], tmp_path: Path
 ) -> None:
     """However that was killed."""
     process, order, _ = staying
@@ -238,7 +244,7 @@ def test_search_ends_with_the_process_that_started_it(
 
 
 def test_polite_signal_reaches_the_search(
-    staying: tuple[subprocess.Popen[bytes], Callable[[], None], socket.socket], tmp_path: Path
+    staying: tuple[subprocess.Popen[str], Callable[[], None], socket.socket], tmp_path: Path
 ) -> None:
     """At work, and where it came before there was one; the process that started it hears the end, and goes on."""
     process, order, channel = staying
