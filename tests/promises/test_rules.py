@@ -26,6 +26,7 @@ DIGESTS = {
     "ablation-grating.zip": "7624ebab3f68e92b0df3427bdac19d5b785cad3248670e26f852e3954944af39",
     "force-grammar.zip": "fec21d53ea9151fb2168425ae18faa61850a443b1e7d435470efa28351b2008f",
     "grating-by-hand-48.zip": "718f34c9e0501e67f3f819f22bb4774c6efc7325bd09b4ea2cf8050c0232ce6e",
+    "grating-chosen-48.zip": "53d9b7e6f5d58d3263c87b006db7751a5833e72cec1756c1f59dfd2bafea1e57",
     "grating-grammar.zip": "ffc6a36ea7658b4ed3488212eb75fbd9222f6e05c3bc8ef320af9a20849ae00d",
 }
 
