@@ -443,7 +443,7 @@ def written(record: Any) -> dict[str, Json]:
 
     So a field that came later leaves the bytes of older records as they are.
     """
-    values = ((field, getattr(record, field.name)) for field in _fields(record.__class__))
+    values = ((field, getattr(record, field.name)) for field in dataclasses.fields(record))
     return {field.name: _written(value) for field, value in values if field.name == "kind" or value != field.default}
 
 
