@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import IO
 
 from tacevo.sandbox.kernel import end_with
 from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
@@ -42,13 +43,12 @@ def overrides_of(directory: SweepDirectory, job: Job) -> tuple[str, ...]:
 def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
     """Start the search of a job; it ends with this process."""
     with directory.log(job).open("wb") as output:
-        return subprocess.Popen(
-            [sys.executable, "-P", "-m", "tacevo.cli.app", *_arguments(directory, job)],
+        return _begin(
+            "tacevo.cli.app",
+            *_arguments(directory, job),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            start_new_session=True,
-            preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
         )
 
 
@@ -62,12 +62,11 @@ class Starter:
         self._directory = directory
         self._channel, theirs = socket.socketpair()
         with theirs:
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "tacevo.cli.starter", str(directory.path)],  # which `ps` then shows
+            self.process = _begin(
+                "tacevo.cli.starter",
+                str(directory.path),  # which `ps` then shows
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
-                start_new_session=True,
-                preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
             )
 
     def start(self, job: Job) -> None:
@@ -80,13 +79,12 @@ class Starter:
 
     def poll(self) -> int | None:
         """Return the exit status of the search that has ended, or of this process; None of one at work."""
-        status = b""
         try:
             status = self._channel.recv(_STATUS, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return None
-        except ConnectionError:
-            pass  # it was killed before it read its order
+        except ConnectionError:  # it was killed before it read its order
+            status = b""
         return int(status) if status else self.process.wait()
 
     @property
@@ -102,6 +100,20 @@ class Starter:
     def close(self) -> None:
         """Hear no more of it."""
         self._channel.close()
+
+
+def _begin(
+    module: str, *arguments: str, stdin: int, stdout: int | IO[bytes], stderr: int | None = None
+) -> subprocess.Popen[bytes]:
+    """Start a module as a program in a session of its own, which ends with this process."""
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", module, *arguments],
+        stdin=stdin,
+        stdout=stdout,
+        stderr=stderr,
+        start_new_session=True,
+        preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
+    )
 
 
 def _arguments(directory: SweepDirectory, job: Job) -> list[str]:

@@ -211,11 +211,14 @@ starter.serve()
 """
 
 
+Staying = tuple[subprocess.Popen[str], Callable[[], None], socket.socket]
+
+
 @pytest.fixture
-def staying(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Callable[[], None], socket.socket]]:
-    """Yield a process that starts searches, what orders one, and the channel that tells how they ended."""
+def staying(tmp_path: Path) -> Iterator[Staying]:
+    """Yield a process that has started a search, what orders another, and the channel that tells how they ended."""
     ours, theirs = socket.socketpair()
-    order = json.dumps({"arguments": ["search"], "log": str(tmp_path / "log")})
+    order = json.dumps({"arguments": ["search"], "log": str(tmp_path / "log")}).encode() + b"\n"
     ours.settimeout(60)
     (tmp_path / "log").write_bytes(b"")
     with (
@@ -226,30 +229,24 @@ def staying(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Callable[[]
         ) as process,
     ):
         theirs.close()
-        yield process, lambda: ours.sendall(f"{order}\n".encode()), ours
+        ours.sendall(order)
+        assert comes(process, lambda: "search" in (tmp_path / "log").read_text())
+        yield process, lambda: ours.sendall(order), ours
         process.kill()
 
 
-def test_search_ends_with_the_process_that_started_it(
-    staying: tuple[subprocess.Popen[str], Callable[[], None], socket.socket], tmp_path: Path
-) -> None:
+def test_search_ends_with_the_process_that_started_it(staying: Staying, tmp_path: Path) -> None:
     """However that was killed."""
-    process, order, _ = staying
-    order()
-    assert comes(process, lambda: "search" in (tmp_path / "log").read_text())
+    process, _, _ = staying
     assert len(processes_of(tmp_path)) == 2
     process.kill()
     process.wait()
     assert ends(tmp_path), processes_of(tmp_path)
 
 
-def test_polite_signal_reaches_the_search(
-    staying: tuple[subprocess.Popen[str], Callable[[], None], socket.socket], tmp_path: Path
-) -> None:
+def test_polite_signal_reaches_the_search(staying: Staying) -> None:
     """At work, and where it came before there was one; the process that started it hears the end, and goes on."""
     process, order, channel = staying
-    order()
-    assert comes(process, lambda: "search" in (tmp_path / "log").read_text())
     process.terminate()
     assert channel.recv(8) == b"-15\n"
     process.send_signal(signal.SIGSTOP)
