@@ -5,7 +5,8 @@ import contextlib
 import importlib
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 from tacevo import __version__
 from tacevo.cli.common import DIFFERENT, DONE, INTERRUPTED, MISTAKE, TERMINATED, Parser
@@ -83,15 +84,23 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; return its exit status."""
+    return run(partial(_parsed, sys.argv[1:] if arguments is None else arguments), is_process=arguments is None)
+
+
+def run(read: Callable[[], argparse.Namespace], *, is_process: bool) -> int:
+    """Run the command that is read, and say in a line why it did not come to its end; return its exit status.
+
+    `is_process` says that this process has nothing else to do.
+    """
     options = argparse.Namespace(interrupted="nothing was begun")
     with edge():
         try:
-            options = _parsed(sys.argv[1:] if arguments is None else arguments)
+            options = read()
             with reading_own(getattr(options, "config_dir", None)):
                 status: int = options.command(options)
             return status
         except KeyboardInterrupt as interruption:
-            _end_at_once(arguments)
+            _end_at_once(is_process=is_process)
             print(f"\ninterrupted; {_kept(interruption) or options.interrupted}", file=sys.stderr)
             return TERMINATED if isinstance(interruption, Terminated) else INTERRUPTED
         except BrokenPipeError:
@@ -99,20 +108,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stdout.close()
             return DONE
         except TacevoError as error:
-            _end_at_once(arguments)
+            _end_at_once(is_process=is_process)
             names = {BundleError: "refused", DivergenceError: "different"}
             print(f"{names.get(type(error), 'error')}: {printable(str(error))}", file=sys.stderr)
             return DIFFERENT if type(error) in names else MISTAKE
         except OSError as error:  # a full disk, a directory without permission
-            _end_at_once(arguments)
+            _end_at_once(is_process=is_process)
             named = error.filename is not None and error.strerror is not None
             print(f"error: {f'{error.filename}: {error.strerror}' if named else error}", file=sys.stderr)
             return MISTAKE
 
 
-def _end_at_once(arguments: Sequence[str] | None) -> None:
+def _end_at_once(*, is_process: bool) -> None:
     """Let a process that says its last words end at the next Ctrl-C: Python would print where that struck."""
-    if arguments is None:
+    if is_process:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 

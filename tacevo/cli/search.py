@@ -15,6 +15,7 @@ from tacevo.cli.common import DIFFERENT, DONE, OVERRIDE, Parser, add_config_dir
 from tacevo.config.comments import comments
 from tacevo.config.compose import compose, compose_estimate
 from tacevo.config.conf_folder import check_experiment, groups
+from tacevo.config.schema import RunConfig
 from tacevo.environment import as_typed
 from tacevo.records import Mode, to_json
 from tacevo.results.sweep import Standing
@@ -92,6 +93,11 @@ def _search(options: argparse.Namespace) -> int:
     config = compose(options.overrides)
     check_experiment(options.overrides)
     check_temperature([override for override in options.overrides if override.startswith("ablation=")], config)
+    return run_search(config)
+
+
+def run_search(config: RunConfig) -> int:
+    """Run a search, and print what it found; return the exit status."""
     with Progress() as view:
         result = search(config, view)
     told = []

@@ -1,17 +1,27 @@
 """A process that has imported what a search needs, and forks for each one that it is told to start.
 
-Half of a search that looks its trainings up would else be imports. Its standard input is a socket: a line that comes is
-the order of a search, a line that goes the exit status. `tacevo.sweeps.search_process.Starter` speaks to it.
+Most of a search that looks its trainings up would else be imports and the reading of its table. Its standard input is a
+socket: a line that comes is the order of a search, a line that goes the exit status.
+`tacevo.sweeps.search_process.Starter` speaks to it.
 """
 
+import argparse
+import contextlib
+import gc
 import json
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import Never
 
-import tacevo.cli.search  # noqa: F401  # what a search needs
-from tacevo.cli.app import main
+from tacevo.choices import DataSource
+from tacevo.cli.app import run
+from tacevo.cli.search import run_search
+from tacevo.config.plain import from_plain
+from tacevo.errors import TacevoError
+from tacevo.records import Json
+from tacevo.results.space_table import read_table
 from tacevo.sandbox.kernel import end_with
 
 _INPUT, _OUTPUT, _ERRORS = 0, 1, 2
@@ -24,26 +34,41 @@ def serve() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, _HEARD)  # a signal waits until there is a search that it is for
     own = os.getpid()
     for line in sys.stdin:
+        order = json.loads(line)
+        _read_ahead(order["config"])
+        gc.freeze()  # else each search would walk through the table again, and copy its memory
         pid = os.fork()
         if pid == 0:
-            _search(own, **json.loads(line))
+            _search(own, **order)
         while not (ended := os.waitpid(pid, os.WNOHANG))[0]:
             if signal.sigwait(_HEARD) == signal.SIGTERM:
                 os.kill(pid, signal.SIGTERM)  # it was not waited for yet, so this is no other process
         os.write(_INPUT, f"{os.waitstatus_to_exitcode(ended[1])}\n".encode())
 
 
-def _search(parent: int, *, arguments: list[str], log: str) -> Never:
-    """Run a command in this process; its output goes to a file."""
+def _read_ahead(config: dict[str, Json]) -> None:
+    """Read the table of a space, which stays read for all searches in it; one that is damaged, the search refuses."""
+    with contextlib.suppress(TacevoError):
+        data = from_plain(config).data
+        if data.source is DataSource.table:
+            read_table(Path(data.root or ""))
+
+
+def _search(parent: int, *, config: dict[str, Json], log: str) -> Never:
+    """Run a search in this process; its output goes to a file."""
     end_with(parent)
     os.setsid()
     os.dup2(os.open(os.devnull, os.O_RDONLY), _INPUT)
     output = os.open(log, os.O_WRONLY | os.O_APPEND)
     os.dup2(output, _OUTPUT)
     os.dup2(output, _ERRORS)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, _HEARD)
-    sys.argv[1:] = arguments
-    sys.exit(main())
+
+    def search(_: argparse.Namespace) -> int:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _HEARD)  # `run` hears them now
+        return run_search(from_plain(config))
+
+    options = argparse.Namespace(command=search, interrupted="the same command does what is left")
+    sys.exit(run(lambda: options, is_process=True))
 
 
 if __name__ == "__main__":

@@ -5,8 +5,9 @@ import itertools
 import re
 import shlex
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass, replace
+from functools import partial
 from typing import Any, TypeVar, cast
 
 from hydra import compose as hydra_compose
@@ -30,6 +31,9 @@ from tacevo.text import as_override, listed
 
 T = TypeVar("T")
 
+#: The override of a seed that is a number.
+_SEED = re.compile(r"seed=(0|[1-9]\d*)")
+
 
 def compose(overrides: Sequence[str]) -> RunConfig:
     """Compose a configuration from Hydra overrides such as `experiment=demo` and `seed=3`.
@@ -42,24 +46,48 @@ def compose(overrides: Sequence[str]) -> RunConfig:
             the source does not use; the error's place is the key as the user wrote it. Or the chosen arm changes
             nothing.
     """
+    return _compose(overrides, _composed)
+
+
+def composer() -> Callable[[Sequence[str]], RunConfig]:
+    """Return what does as `compose`, for the jobs of a sweep: Hydra composes once for all arms and seeds.
+
+    The files of configs are read once, so it is for one command only.
+    """
+    known: dict[tuple[str, tuple[str, ...]], DictConfig] = {}
+
+    def composed(name: str, overrides: Sequence[str]) -> DictConfig:
+        seeds = [override for override in overrides if _SEED.fullmatch(override)]
+        if len(seeds) != 1:
+            return _composed(name, overrides)
+        key = name, tuple(override for override in overrides if override not in seeds)
+        if key not in known:
+            known[key] = _composed(name, overrides)
+        known[key].seed = int(seeds[0].partition("=")[2])  # as Hydra does, after all files and before `${seed}` is read
+        return known[key]
+
+    return partial(_compose, composed_by=composed)
+
+
+def _compose(overrides: Sequence[str], composed_by: Callable[[str, Sequence[str]], DictConfig]) -> RunConfig:
     _check_settings(overrides)
     overrides = [each for each in overrides if each != "experiment=null"]  # the default, which Hydra cannot be told
     choice, others = split_arm(overrides)
     arm = read_arm(choice)
     with _hydra([*groups(), *keys()], overrides):
-        composed = _composed("config", others)
+        composed = composed_by("config", others)
         if arm:
             check_change(choice, arm, _plain(composed))
             composed = cast(DictConfig, OmegaConf.merge(composed, arm))
         config = from_plain(_plain(composed))
         without = [each for each in others if not _names_any(each, unused(config))]
         if len(without) < len(others) or "data" in arm:
-            usual = _composed("config", without)
+            usual = composed_by("config", without)
             check_used(config, _plain(composed.data), _plain(usual.data))
     return config
 
 
-def compose_estimate(overrides: Sequence[str]) -> RunConfig:
+def compose_estimate(overrides: Sequence[str], read: Callable[[Sequence[str]], RunConfig] = compose) -> RunConfig:
     """Compose what an estimate is of, as `compose`; a model that is not chosen is called `UNCHOSEN`.
 
     Raises:
@@ -67,12 +95,12 @@ def compose_estimate(overrides: Sequence[str]) -> RunConfig:
     """
     chosen = {override.partition("=")[0] for override in overrides}
     try:
-        return compose(overrides)
+        return read(overrides)
     except ConfigError as error:
         if error.place not in {"llm", "llm.model"} - chosen:
             raise
     missing = {"llm": "openai", "llm.model": f"'{UNCHOSEN}'"}
-    return compose([*overrides, *(f"{key}={value}" for key, value in missing.items() if key not in chosen)])
+    return read([*overrides, *(f"{key}={value}" for key, value in missing.items() if key not in chosen)])
 
 
 def compose_study(overrides: Sequence[str], *, given: bool = False) -> StudyConfig:

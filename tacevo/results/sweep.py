@@ -149,8 +149,13 @@ def _with_tests(sweep: RecordedSweep, stated: Retraining) -> RecordedSweep:
 
 def state_of(directory: SweepDirectory, job: Job) -> tuple[Standing, str]:
     """Return the state of a job, and the reason of one that failed or that the scheduler ended."""
+    return standing_of(directory, job, is_finished=finished_digest(directory.run(job)) is not None)
+
+
+def standing_of(directory: SweepDirectory, job: Job, *, is_finished: bool) -> tuple[Standing, str]:
+    """Return what `state_of` does of a job whose run is known to be finished, or not to be."""
     run = directory.run(job)
-    if finished_digest(run) is not None:
+    if is_finished:
         return Standing.finished, ""
     if run.is_busy:  # the same command repeats a job that failed
         return Standing.running, ""

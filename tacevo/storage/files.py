@@ -125,13 +125,14 @@ def is_in_use(place: Path, *, shared: bool = False) -> bool:
         os.close(handle)
 
 
-def write_durably(path: Path, content: str | bytes, *, replace: bool = True) -> bool:
+def write_durably(path: Path, content: str | bytes, *, replace: bool = True, begun_in: Path | None = None) -> bool:
     """Write a whole file (text as UTF-8) in one step: a reader sees the old content or the new, even after a crash.
 
     Args:
         path: its directories are made.
         content: of the file.
         replace: whether it takes the place of a file that stands there, which stays otherwise.
+        begun_in: the directory above it in which it is written before it has its name; its own where that is None.
 
     Returns:
         Whether it was written.
@@ -143,7 +144,7 @@ def write_durably(path: Path, content: str | bytes, *, replace: bool = True) -> 
         made = list(itertools.takewhile(lambda folder: not folder.exists(), path.parents))
         if made:
             path.parent.mkdir(parents=True, exist_ok=True)
-        with _part_of(path) as file:
+        with _part_of(path, begun_in or path.parent) as file:
             file.write(content if isinstance(content, bytes) else content.encode())
             file.flush()
             os.fsync(file.fileno())
@@ -183,12 +184,12 @@ def _named(part: str, path: Path) -> bool:
     return True
 
 
-def remove_leftovers(folder: Path) -> None:
-    """Remove the unfinished files of dead writers, anywhere in a directory; those of living ones stay.
+def remove_leftovers(folder: Path, *, is_deep: bool = True) -> None:
+    """Remove the unfinished files of dead writers in a directory, and below it; those of living ones stay.
 
     What cannot be removed stays, too: it is another user's, the disk is read-only, or the file system has no `flock`.
     """
-    for part in folder.rglob(".*.part"):
+    for part in (folder.rglob if is_deep else folder.glob)(".*.part"):
         if _PART.fullmatch(part.name):
             with contextlib.suppress(OSError), part.open("rb+") as file:
                 if flock(file.fileno()):
@@ -196,10 +197,10 @@ def remove_leftovers(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _part_of(path: Path) -> Iterator[BinaryIO]:
-    """Open a new file beside `path`, locked as long as it is open where that can be; removed unless it was renamed."""
+def _part_of(path: Path, folder: Path) -> Iterator[BinaryIO]:
+    """Open a new file for `path` in a directory, locked while it is open where that can be; removed if not renamed."""
     while True:
-        part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")  # no other process's, on any machine
+        part = folder / f".{path.name}.{secrets.token_hex(8)}.part"  # no other process's, on any machine
         with part.open("xb") as file:
             try:
                 _lock(file)

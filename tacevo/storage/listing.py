@@ -9,9 +9,8 @@ from tacevo.costs import Spending, spending_on, token_cells, total, usd
 from tacevo.errors import StoreError
 from tacevo.records import Completion, Request
 from tacevo.storage.array_store import KIND, check_array
-from tacevo.storage.canonical import content_hash, differences, readable, shown
-from tacevo.storage.files import write_durably
-from tacevo.storage.store import KINDS, Entry, check_entry
+from tacevo.storage.canonical import content_hash, differences, shown
+from tacevo.storage.store import KINDS, Entry, check_entry, write_entry
 from tacevo.text import table
 from tacevo.typed import convert
 
@@ -138,7 +137,7 @@ def take_in(source: Path, entries: Iterable[Entry], root: Path) -> tuple[int, in
     verdicts = [(entry, _is_new(source, root, entry)) for entry in entries]
     new = [entry for entry, is_new in verdicts if is_new]
     for entry in new:
-        write_durably(root / entry.place, readable(entry.sealed()))
+        write_entry(root, entry)
     return len(new), len(verdicts) - len(new)
 
 

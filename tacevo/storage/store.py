@@ -163,8 +163,8 @@ class Store:
 
     def write(self, request: Json, answer: Json, *, replace: bool = True) -> bool:
         """Record an answer, durably and in one step, and return whether it was; `replace` as of `write_durably`."""
-        sealed = Entry(kind=self._kind, request=request, answer=answer).sealed()
-        return write_durably(self.path(str(sealed["key"])), readable(sealed), replace=replace)
+        entry = Entry(kind=self._kind, request=request, answer=answer)
+        return write_entry(self._folder.parent, entry, replace=replace)
 
     def keep(self, request: Json, answer: Json) -> Json:
         """Record an answer, and return the one that stands: this one in mode `live`, else the first of all processes.
@@ -231,9 +231,20 @@ class Stores:
 
 
 def remove_leftovers_in_stores(root: Path) -> None:
-    """Remove what killed writers left in the stores, and in the records of batches, below `root`."""
-    for kind in (*KINDS, "batches"):
-        remove_leftovers(root / kind)
+    """Remove what killed writers left in the stores, and in the records of batches, below `root`.
+
+    Every search does so, and a store can hold a million entries: only its own directory is looked through.
+    """
+    for kind in KINDS:
+        remove_leftovers(root / kind, is_deep=False)
+    remove_leftovers(root / "batches")
+
+
+def write_entry(root: Path, entry: Entry, *, replace: bool = True) -> bool:
+    """Write an entry into the stores below `root`, and return whether it was; `replace` as of `write_durably`."""
+    sealed = entry.sealed()
+    path = root / place_of(entry.kind, str(sealed["key"]))
+    return write_durably(path, readable(sealed), replace=replace, begun_in=root / entry.kind)
 
 
 def _sha256(text: str) -> str:

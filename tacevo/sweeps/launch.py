@@ -109,8 +109,10 @@ def check_launcher(launcher: Launcher) -> None:
             )
 
 
-def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]) -> None:
-    """Run jobs to their ends; the sweep's directory keeps how each ended.
+def launch(
+    directory: SweepDirectory, jobs: Mapping[Job, RunConfig], launcher: Launcher, show: Callable[[Job], None]
+) -> None:
+    """Run jobs, each with its configuration, to their ends; the sweep's directory keeps how each ended.
 
     The launcher is checked and fitted. `show` gets each job that ends; if it raises, all others are stopped first.
 
@@ -122,13 +124,13 @@ def launch(directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, s
     if launcher.cluster:
         from tacevo.sweeps.slurm import launch_on_slurm
 
-        launch_on_slurm(directory, jobs, launcher.options, show)
+        launch_on_slurm(directory, [*jobs], launcher.options, show)
     else:
         _launch_here(directory, jobs, launcher, show)
 
 
 def _launch_here(
-    directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
+    directory: SweepDirectory, jobs: Mapping[Job, RunConfig], launcher: Launcher, show: Callable[[Job], None]
 ) -> None:
     """Run jobs as processes, so many at once as the launcher says."""
     most = launcher.options["n_jobs"]
@@ -141,7 +143,7 @@ def _launch_here(
                 if starter is None:
                     starters.append(starter := Starter(directory))
                 job = waiting.pop(0)
-                starter.start(job)
+                starter.start(job, jobs[job])
                 running[job] = starter
             time.sleep(_TICK)
             statuses = {job: starter.poll() for job, starter in running.items()}

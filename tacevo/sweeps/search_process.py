@@ -1,7 +1,7 @@
 """The search of a job, as a process.
 
-It is the command that a user would type, `tacevo search ... run.dir=SWEEP/NAME`, in a process and a session of its own.
-So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches the launching process only.
+It is the search that a user would begin by `tacevo search ... run.dir=SWEEP/NAME`, in a process and a session of its
+own. So a job that fails or is killed stops no other, and a terminal's Ctrl-C reaches the launching process only.
 """
 
 import contextlib
@@ -13,10 +13,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import IO
 
+from tacevo.config.schema import RunConfig
+from tacevo.records import to_json
 from tacevo.sandbox.kernel import end_with
 from tacevo.storage.sweep_directory import Job, SweepDirectory, seeded
 from tacevo.text import as_override
@@ -45,7 +48,9 @@ def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
     with directory.log(job).open("wb") as output:
         return _begin(
             "tacevo.cli.app",
-            *_arguments(directory, job),
+            "search",
+            *overrides_of(directory, job),
+            as_override("run.dir", str(directory.run(job).path)),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
@@ -69,11 +74,12 @@ class Starter:
                 stdout=subprocess.DEVNULL,
             )
 
-    def start(self, job: Job) -> None:
+    def start(self, job: Job, config: RunConfig) -> None:
         """Start the search of a job, once that of another has ended."""
         log = self._directory.log(job)
         log.write_bytes(b"")
-        order = {"arguments": _arguments(self._directory, job), "log": str(log)}
+        in_place = replace(config, run=replace(config.run, dir=str(self._directory.run(job).path)))
+        order = {"config": to_json(in_place), "log": str(log)}
         with contextlib.suppress(ConnectionError):  # it was killed, which `poll` tells
             self._channel.sendall(f"{json.dumps(order)}\n".encode())
 
@@ -114,11 +120,6 @@ def _begin(
         start_new_session=True,
         preexec_fn=partial(_obey, os.getpid()),  # noqa: PLW1509  # takes no lock, and imports nothing
     )
-
-
-def _arguments(directory: SweepDirectory, job: Job) -> list[str]:
-    """Return the command line of a job's search, after `tacevo`."""
-    return ["search", *overrides_of(directory, job), as_override("run.dir", str(directory.run(job).path))]
 
 
 def stop(searches: Iterable[subprocess.Popen[bytes]]) -> None:

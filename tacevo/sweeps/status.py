@@ -9,8 +9,8 @@ from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.lines import GenerationLine
-from tacevo.evolution.run_files import read_ledger
-from tacevo.results.sweep import Standing, state_of
+from tacevo.evolution.run_files import read_so_far
+from tacevo.results.sweep import Standing, standing_of
 from tacevo.rounding import significant
 from tacevo.storage.run_directory import RunDirectory
 from tacevo.storage.sweep_directory import Job, SweepDirectory
@@ -39,13 +39,13 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
     """Return how a job stands; a run directory that cannot be read is a failure with its reason."""
     run = directory.run(job)
     try:
-        standing, reason = state_of(directory, job)
-        ledger = read_ledger(run)  # afterwards: that of a finished run no longer grows
+        ledger, is_finished = read_so_far(run)
+        standing, reason = standing_of(directory, job, is_finished=is_finished)
         lines = ledger.lines
         if lines:
             check_is_run_of(job, run)
         best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
-        digest = ledger.digest if standing is Standing.finished else ""
+        digest = ledger.digest if is_finished else ""
         at_chance = bool(digest) and is_at_chance(best, run.read_run().trivial)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))

@@ -12,11 +12,12 @@ import os
 import re
 import shlex
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from tacevo.choices import Varied
-from tacevo.config.compose import compose, compose_estimate, spread
+from tacevo.config.compose import compose, compose_estimate, composer, spread
 from tacevo.config.identity import config_hash
 from tacevo.config.schema import RunConfig
 from tacevo.config.task_texts import load_task
@@ -47,7 +48,10 @@ _LONGEST = 80
 _NOTHING = Asked()
 
 #: Runs jobs to their ends; see `tacevo.sweeps.launch.launch`.
-Launch = Callable[[SweepDirectory, Sequence[Job], Launcher, Callable[[Job], None]], None]
+Launch = Callable[[SweepDirectory, Mapping[Job, RunConfig], Launcher, Callable[[Job], None]], None]
+
+#: Composes a configuration from overrides.
+_Read = Callable[[Sequence[str]], RunConfig]
 
 
 def sweep(
@@ -68,10 +72,11 @@ def sweep(
     launcher, settings = split_launcher(overrides)
     check_launcher(launcher)
     shared, own = part(settings, () if into is None else _own_keys(SweepDirectory(Path(into))))
-    (first,) = plan(shared, own[:1]).values()
-    directory = SweepDirectory(folder(shared, first) if into is None else Path(into))
+    read = composer()
+    (first,) = plan(shared, own[:1], read=read).values()
+    directory = SweepDirectory(folder(shared, first, read) if into is None else Path(into))
     terms = settled(directory, asked, first)
-    planned = plan(shared, own, terms.vary)
+    planned = plan(shared, own, terms.vary, read)
     for job, config in planned.items():
         check_temperature(job.overrides, config)
         needed_llm(config)
@@ -79,13 +84,13 @@ def sweep(
         view.say(f"{len(own) - len(planned)} of {len(own)} jobs are the same searches as others, and run once")
     with directory.locked():
         before = directory.read().jobs if directory.is_one else ()
-        _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in planned])
+        _check_one_sweep(directory, shared, terms.vary, [job for job in before if job not in planned], read)
         known = {job.config: job for job in before}
-        jobs = [known.get(job.config, job) for job in planned]  # by what they are, whatever they were called
-        statuses = [_check_begun(directory, *each) for each in zip(jobs, planned.values(), strict=True)]
-        for status in statuses:
+        jobs = {known.get(job.config, job): config for job, config in planned.items()}  # whatever they were called
+        statuses = {job: _check_begun(directory, job, config) for job, config in jobs.items()}
+        for job, status in statuses.items():
             if status.standing is Standing.finished:
-                directory.succeed(status.job)  # it may have been finished by `tacevo search`
+                directory.succeed(job)  # it may have been finished by `tacevo search`
         every = (*before, *(job for job in jobs if job not in before))
         terms = settled(directory, asked, first)  # again, since nobody else can write now
         if not directory.is_one:
@@ -93,28 +98,28 @@ def sweep(
             if terms.reference is None:
                 view.say("no arm is called none, so nothing is tested against it: --reference ARM names another")
         directory.write(SweepRecord(overrides=shared, jobs=every, terms=terms))
-        view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses)})")
+        view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses.values())})")
         for shortcoming in shortcomings(planned, every, terms.reference):
             view.say(f"warning: {shortcoming}")
-        needed = max(needed_cores(config) for config in planned.values())
-        _run(directory, statuses, needed, launcher=launcher, view=view, run=run)
-        return directory.path, [status_of(directory, job) for job in jobs]
+        ended = _run(directory, jobs, statuses, launcher=launcher, view=view, run=run)
+        return directory.path, [ended.get(job) or status_of(directory, job) for job in jobs]
 
 
 def _run(
     directory: SweepDirectory,
-    statuses: Sequence[Status],
-    needed: float,
+    jobs: Mapping[Job, RunConfig],
+    statuses: Mapping[Job, Status],
     *,
     launcher: Launcher,
     view: Progress,
     run: Launch,
-) -> None:
-    """Run the jobs that are neither finished nor running, each of which needs up to so many cores."""
-    left = [status.job for status in statuses if status.standing not in {Standing.finished, Standing.running}]
+) -> dict[Job, Status]:
+    """Run the jobs that are neither finished nor running; return how each of them ended."""
+    begun = {Standing.finished, Standing.running}
+    left = {job: config for job, config in jobs.items() if statuses[job].standing not in begun}
     if not left:
-        return
-    cores = usable_cores()
+        return {}
+    cores, needed = usable_cores(), max(needed_cores(config) for config in jobs.values())
     chosen = fitted(launcher, jobs=len(left), needed=needed, cores=cores)
     options = ", ".join(f"{name}={value}" for name, value in chosen.options.items())
     view.say(f"launcher: {chosen.cluster or 'this machine'} with {options} ({counted(cores, 'core')})")
@@ -124,23 +129,22 @@ def _run(
         view.say(
             f"not sent to the cluster: {names}; where jobs need them, hydra.launcher.setup sets them (docs/slurm.md)"
         )
-    finished = sum(status.standing is Standing.finished for status in statuses)
+    finished = sum(status.standing is Standing.finished for status in statuses.values())
     view.advance("jobs", finished, len(statuses))
 
-    began, before, ended = time.monotonic(), finished, 0
+    began, before, ended = time.monotonic(), finished, dict[Job, Status]()
 
     def rest() -> str:
         """Say how long the others take here at the pace of those that finished; a failed one may have ended early."""
-        done, at_once, others = finished - before, chosen.options.get("n_jobs"), len(left) - ended
+        done, at_once, others = finished - before, chosen.options.get("n_jobs"), len(left) - len(ended)
         if not (isinstance(at_once, int) and done and others):
             return ""
         pace = (time.monotonic() - began) / math.ceil(done / at_once)
         return f", {lasting(math.ceil(others / at_once) * pace)} left"
 
     def show(job: Job) -> None:
-        nonlocal finished, ended
-        ended += 1
-        status = status_of(directory, job)
+        nonlocal finished
+        status = ended[job] = status_of(directory, job)
         finished += status.standing is Standing.finished
         result = f"best {best_in_words(status)}, digest {status.digest[:12]}" if status.digest else status.reason
         view.say(f"{job.name}: {status.standing}, {result} ({finished} of {len(statuses)} jobs finished{rest()})")
@@ -150,6 +154,7 @@ def _run(
         lambda: any(status_of(directory, job).standing is not Standing.waiting for job in left) or finished > 0
     ):
         run(directory, left, chosen, show)
+    return ended
 
 
 def part(settings: Sequence[str], begun: Collection[str]) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
@@ -188,18 +193,18 @@ def plan_unasked(overrides: Sequence[str], vary: Sequence[Varied]) -> dict[Job, 
         ConfigError: as `sweep`.
     """
     shared, own = part(split_launcher(overrides)[1], ())
-    return plan(shared, own, vary, compose_estimate)
+    return plan(shared, own, vary, partial(compose_estimate, read=composer()))
 
 
 def plan(
     shared: Sequence[str],
     owns: Sequence[tuple[str, ...]],
     vary: Sequence[Varied] = (),
-    read: Callable[[Sequence[str]], RunConfig] = compose,
+    read: _Read = compose,
 ) -> dict[Job, RunConfig]:
     """Compose all jobs from what they share and what is each one's own; those that are the same search are one.
 
-    `vary` are settings that take each job's seed as their value.
+    `vary` are settings that take each job's seed as their value; `read` composes.
 
     Returns:
         The configuration of each job.
@@ -244,14 +249,14 @@ def name_job(own: Sequence[str], seed: int) -> str:
     return f"{name}-seed{seed}"
 
 
-def folder(shared: Sequence[str], config: RunConfig) -> Path:
+def folder(shared: Sequence[str], config: RunConfig, read: _Read = compose) -> Path:
     """Name the directory of a sweep after what its jobs share, so that the same command finds it again.
 
     Raises:
         ConfigError: what they share is not a configuration by itself.
     """
     try:
-        common = config_hash(compose(shared))
+        common = config_hash(read(shared))
     except ConfigError as error:
         raise ConfigError(
             f"{error}",
@@ -264,7 +269,7 @@ def folder(shared: Sequence[str], config: RunConfig) -> Path:
 
 
 def _check_one_sweep(
-    directory: SweepDirectory, shared: Sequence[str], vary: Sequence[Varied], before: Sequence[Job]
+    directory: SweepDirectory, shared: Sequence[str], vary: Sequence[Varied], before: Sequence[Job], read: _Read
 ) -> None:
     """Check that the jobs of earlier commands stay the same searches under these shared overrides.
 
@@ -272,7 +277,7 @@ def _check_one_sweep(
     """
     for job in before:
         try:
-            same = config_hash(varied(compose([*shared, *job.overrides]), vary, job.seed)) == job.config
+            same = config_hash(varied(read([*shared, *job.overrides]), vary, job.seed)) == job.config
         except ConfigError:
             same = False
         if not same:
@@ -303,7 +308,7 @@ def _check_begun(directory: SweepDirectory, job: Job, config: RunConfig) -> Stat
     return status_of(directory, job)
 
 
-def _stage(statuses: Sequence[Status]) -> str:
+def _stage(statuses: Collection[Status]) -> str:
     """Write how many jobs are in each state, if any has begun."""
     counts = [(standing, sum(status.standing is standing for status in statuses)) for standing in Standing]
     return "".join(f", {count} {standing}" for standing, count in counts if count and standing is not Standing.waiting)

@@ -13,7 +13,7 @@ from sweeps import composed
 
 from tacevo.choices import DataSource, SplitRule
 from tacevo.config import conf_folder
-from tacevo.config.compose import compose, compose_study, spread
+from tacevo.config.compose import compose, compose_study, composer, spread
 from tacevo.config.conf_folder import conf_root, groups
 from tacevo.config.plain import from_plain
 from tacevo.config.schema import RunConfig
@@ -124,6 +124,24 @@ def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: st
     assert from_plain(to_json(config)) == config
     plain, ablated = flat(to_json(composed(*chosen))), flat(to_json(config))
     assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
+
+
+def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone() -> None:
+    """Though Hydra composes once for seeds and arms; what follows from the seed follows from that of the job."""
+    compose_next = composer()
+    shared = ["experiment=published_grating", "data.sensor_seed=${seed}"]
+    jobs = [
+        *([f"ablation={arm}", f"seed={seed}"] for arm in ("none", "drift") for seed in (0, 7, 12)),
+        *([f"seed={seed}", "data.images=900"] for seed in (3, 0)),
+        ["seed=1", "seed=2"],
+        [],
+    ]
+    configs = [compose_next([*shared, *own]) for own in jobs]
+    assert configs == [compose([*shared, *own]) for own in jobs]
+    assert [config.data.sensor_seed for config in configs] == [0, 7, 12, 0, 7, 12, 3, 0, 2, 0]
+    for wrong in ("seed=-1", "seed=x", "seed=007x"):
+        with refused(ConfigError, place="seed"):
+            compose_next([*shared, wrong])
 
 
 @pytest.mark.parametrize("experiment", [None, "demo", "fast", "published_force", "published_grating", "table"])

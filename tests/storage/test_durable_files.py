@@ -12,7 +12,7 @@ from refusals import refused
 
 from tacevo.errors import StoreError
 from tacevo.storage.files import remove_leftovers, write_durably
-from tacevo.storage.store import Store
+from tacevo.storage.store import KINDS, Store, remove_leftovers_in_stores
 
 #: Writes answers of 100,000 equal digits under one key, again and again.
 WRITER = """
@@ -54,6 +54,25 @@ def test_sweep_takes_the_parts_of_the_dead_and_leaves_those_of_the_living(tmp_pa
     assert len(list(tmp_path.rglob(".entry.json.*.part"))) == 1
     remove_leftovers(tmp_path)
     assert {path for path in tmp_path.rglob("*") if path.is_file()} == before | {foreign}
+
+
+#: Dies while it writes an entry.
+DYING_WRITER = """
+import os, sys
+from pathlib import Path
+from tacevo.storage.store import Store
+os.fsync = lambda _: os._exit(0)
+Store(Path(sys.argv[1]), sys.argv[2]).write({"x": 1}, "one")
+"""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_search_removes_what_was_left_of_an_entry(kind: str, tmp_path: Path) -> None:
+    """Without a look at every entry, of which there may be a million."""
+    subprocess.run([sys.executable, "-c", DYING_WRITER, str(tmp_path), kind], check=True)
+    assert len(list(tmp_path.rglob("*.part"))) == 1
+    remove_leftovers_in_stores(tmp_path)
+    assert not list(tmp_path.rglob("*.part"))
 
 
 #: Makes `flock` fail as where a file system has no locks, with the error that the environment names.

@@ -27,9 +27,10 @@ from sweeps import files_of
 from tacevo.choices import ExecutorKind
 from tacevo.cli.app import main
 from tacevo.config.compose import compose
-from tacevo.config.schema import ExecutorConfig
+from tacevo.config.schema import ExecutorConfig, RunConfig
 from tacevo.errors import ConfigError
 from tacevo.evolution.run_files import finished_digest
+from tacevo.records import to_json
 from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory, SweepRecord
 from tacevo.sweeps import launch as launching
@@ -170,10 +171,10 @@ def test_process_that_starts_searches_can_be_killed(how: str, place: Path, monke
             super().__init__(directory)
             made.append(self)
 
-        def start(self, job: Job) -> None:
+        def start(self, job: Job, config: RunConfig) -> None:
             if how == "before its order" and job == one:
                 kill(self)
-            super().start(job)
+            super().start(job, config)
             if how == "with its order" and job == one:
                 kill(self)
 
@@ -189,7 +190,8 @@ def test_process_that_starts_searches_can_be_killed(how: str, place: Path, monke
     directory = SweepDirectory(place / "all")
     one, other = (Job(name=name, arm=name, seed=0, overrides=("seed=-1",), config=name) for name in ("one", "other"))
     directory.write(SweepRecord(overrides=tuple(SMALLEST), jobs=(one, other)))
-    launch(directory, [one, other], Launcher(options={"n_jobs": 1}), show)
+    wrong = replace(compose(SMALLEST), seed=-1)
+    launch(directory, {one: wrong, other: wrong}, Launcher(options={"n_jobs": 1}), show)
 
     assert len(made) == (2 if how else 1)
     assert ("killed by signal 9" if "order" in how else "seed") in str(directory.failure(one))
@@ -199,14 +201,14 @@ def test_process_that_starts_searches_can_be_killed(how: str, place: Path, monke
 
 #: A search that writes that it is there, and stays.
 STAYING = """
-import sys, time
+import time
 from tacevo.cli import starter
 
-def stay():
-    print(*sys.argv[1:], flush=True)
+def stay(config):
+    print("searching", flush=True)
     time.sleep(600)
 
-starter.main = stay
+starter.run_search = stay
 starter.serve()
 """
 
@@ -218,7 +220,7 @@ Staying = tuple[subprocess.Popen[str], Callable[[], None], socket.socket]
 def staying(tmp_path: Path) -> Iterator[Staying]:
     """Yield a process that has started a search, what orders another, and the channel that tells how they ended."""
     ours, theirs = socket.socketpair()
-    order = json.dumps({"arguments": ["search"], "log": str(tmp_path / "log")}).encode() + b"\n"
+    order = json.dumps({"config": to_json(compose(SMALLEST)), "log": str(tmp_path / "log")}).encode() + b"\n"
     ours.settimeout(60)
     (tmp_path / "log").write_bytes(b"")
     with (
@@ -230,7 +232,7 @@ def staying(tmp_path: Path) -> Iterator[Staying]:
     ):
         theirs.close()
         ours.sendall(order)
-        assert comes(process, lambda: "search" in (tmp_path / "log").read_text())
+        assert comes(process, lambda: "searching" in (tmp_path / "log").read_text())
         yield process, lambda: ours.sendall(order), ours
         process.kill()
 
@@ -248,12 +250,12 @@ def test_polite_signal_reaches_the_search(staying: Staying) -> None:
     """At work, and where it came before there was one; the process that started it hears the end, and goes on."""
     process, order, channel = staying
     process.terminate()
-    assert channel.recv(8) == b"-15\n"
+    assert channel.recv(8) == b"143\n"
     process.send_signal(signal.SIGSTOP)
     order()
     process.terminate()
     process.send_signal(signal.SIGCONT)
-    assert channel.recv(8) == b"-15\n"
+    assert channel.recv(8) == b"143\n"
     channel.shutdown(socket.SHUT_WR)
     assert process.wait() == 0
 
@@ -264,13 +266,15 @@ def test_view_that_fails_stops_the_other_jobs_and_is_raised(place: Path) -> None
     directory = SweepDirectory(place / "all")
     quick, slow = (Job(name=name, arm=name, seed=0, overrides=own, config=name) for name, own in ENDLESS.items())
     directory.write(SweepRecord(overrides=tuple(SMALLEST), jobs=(quick, slow)))
+    endless = compose([*SMALLEST, *slow.overrides])
+    configs = {quick: replace(endless, seed=-1), slow: endless}
 
     def show(job: Job) -> None:
         assert job == quick
         raise OSError("the terminal is gone")
 
     with pytest.raises(OSError, match="the terminal is gone"):
-        launch(directory, [quick, slow], Launcher(options={"n_jobs": 2}), show)
+        launch(directory, configs, Launcher(options={"n_jobs": 2}), show)
     assert ends(directory.path), processes_of(directory.path)
     assert "seed" in str(directory.failure(quick))
     assert directory.failure(slow) is None

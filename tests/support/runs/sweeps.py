@@ -1,7 +1,7 @@
 """Sweeps without a search: jobs are finished by writing what a finished run leaves."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -51,7 +51,7 @@ class Launched:
     launchers: list[Launcher] = field(default_factory=list)
 
     def __call__(
-        self, directory: SweepDirectory, jobs: Sequence[Job], launcher: Launcher, show: Callable[[Job], None]
+        self, directory: SweepDirectory, jobs: Mapping[Job, RunConfig], launcher: Launcher, show: Callable[[Job], None]
     ) -> None:
         """Finish or fail each job, and show it."""
         self.calls.append([job.name for job in jobs])
