@@ -7,6 +7,7 @@ from tacevo.cli.common import DIFFERENT, DONE, Parser, agreed, existing_store
 from tacevo.reproduce.entry_files import import_file, write_entries
 from tacevo.reproduce.prune import unused
 from tacevo.runs.progress import Progress
+from tacevo.storage.files import remove_leftovers
 from tacevo.storage.listing import list_entries, list_stores, verify
 from tacevo.text import counted
 
@@ -53,6 +54,7 @@ def _verify(options: argparse.Namespace) -> int:
 
 def _prune(options: argparse.Namespace) -> int:
     root = Path(existing_store(options.store) or "")
+    remove_leftovers(root)  # also of earlier releases, which began an entry beside its place
     with Progress() as view:
         files, runs = unused(root, [Path(folder) for folder in options.runs], view)
     if not files:

@@ -12,16 +12,14 @@ import json
 import os
 import signal
 import sys
-from pathlib import Path
 from typing import Never
 
 from tacevo.choices import DataSource
 from tacevo.cli.app import run
 from tacevo.cli.search import run_search
 from tacevo.config.plain import from_plain
-from tacevo.errors import TacevoError
 from tacevo.records import Json
-from tacevo.results.space_table import read_table
+from tacevo.runs.looked_up import table_of
 from tacevo.sandbox.kernel import end_with
 
 _INPUT, _OUTPUT, _ERRORS = 0, 1, 2
@@ -47,11 +45,11 @@ def serve() -> None:
 
 
 def _read_ahead(config: dict[str, Json]) -> None:
-    """Read the table of a space, which stays read for all searches in it; one that is damaged, the search refuses."""
-    with contextlib.suppress(TacevoError):
-        data = from_plain(config).data
-        if data.source is DataSource.table:
-            read_table(Path(data.root or ""))
+    """Read the table of a space, which stays read for all searches in it."""
+    with contextlib.suppress(Exception):  # whatever is wrong, the search says in its log
+        chosen = from_plain(config)
+        if chosen.data.source is DataSource.table:
+            table_of(chosen)
 
 
 def _search(parent: int, *, config: dict[str, Json], log: str) -> Never:

@@ -52,7 +52,7 @@ def compose(overrides: Sequence[str]) -> RunConfig:
 def composer() -> Callable[[Sequence[str]], RunConfig]:
     """Return what does as `compose`, for the jobs of a sweep: Hydra composes once for all arms and seeds.
 
-    The files of configs are read once, so it is for one command only.
+    Arms are choices of `ablation`. The files of configs are read once, so it is for one command only.
     """
     known: dict[tuple[str, tuple[str, ...]], DictConfig] = {}
 

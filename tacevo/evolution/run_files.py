@@ -117,27 +117,16 @@ def read_ledger(directory: RunDirectory) -> Sealed[Line]:
     return read_lines(directory.ledger, line_kind)
 
 
-def read_so_far(directory: RunDirectory) -> tuple[Sealed[Line], bool]:
-    """Read the ledger of a run as `read_ledger`, and whether the run is finished.
+def finished_digest(directory: RunDirectory) -> str | None:
+    """Return the digest of a finished run; None where none was begun here, or the run did not come to its end.
 
-    It is where run.json has the digest that the ledger ends with, on any machine.
+    A run is finished where run.json has the digest that the ledger ends with, on any machine.
 
     Raises:
         RunError: something of it was damaged or edited.
     """
     digest = directory.read_run().digest if (directory.path / "run.json").exists() else None
-    ledger = read_ledger(directory)  # afterwards: that of a finished run no longer grows
-    return ledger, digest is not None and digest == ledger.digest
-
-
-def finished_digest(directory: RunDirectory) -> str | None:
-    """Return the digest of a finished run; None where none was begun here, or the run did not come to its end.
-
-    Raises:
-        RunError: as `read_so_far`.
-    """
-    ledger, is_finished = read_so_far(directory)
-    return ledger.digest if is_finished else None
+    return digest if digest is not None and digest == read_ledger(directory).digest else None
 
 
 def read_finished(directory: RunDirectory) -> tuple[RunRecord, Sealed[Line]]:

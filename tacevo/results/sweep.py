@@ -149,19 +149,20 @@ def _with_tests(sweep: RecordedSweep, stated: Retraining) -> RecordedSweep:
 
 def state_of(directory: SweepDirectory, job: Job) -> tuple[Standing, str]:
     """Return the state of a job, and the reason of one that failed or that the scheduler ended."""
-    return standing_of(directory, job, is_finished=finished_digest(directory.run(job)) is not None)
-
-
-def standing_of(directory: SweepDirectory, job: Job, *, is_finished: bool) -> tuple[Standing, str]:
-    """Return what `state_of` does of a job whose run is known to be finished, or not to be."""
     run = directory.run(job)
+    is_busy = run.is_busy  # before its files are read: a search that ends meanwhile is finished
+    return standing_of(directory, job, is_busy=is_busy, is_finished=finished_digest(run) is not None)
+
+
+def standing_of(directory: SweepDirectory, job: Job, *, is_busy: bool, is_finished: bool) -> tuple[Standing, str]:
+    """Return what `state_of` does of a job whose run was read."""
     if is_finished:
         return Standing.finished, ""
-    if run.is_busy:  # the same command repeats a job that failed
+    if is_busy:  # the same command repeats a job that failed
         return Standing.running, ""
     if (failure := directory.failure(job)) is not None:
         return (Standing.stopped if failure.by_scheduler else Standing.failed), failure.reason
-    return (Standing.stopped if run.ledger.exists() else Standing.waiting), ""
+    return (Standing.stopped if directory.run(job).ledger.exists() else Standing.waiting), ""
 
 
 def _checked(job: Job, run: RecordedRun) -> FinishedJob:

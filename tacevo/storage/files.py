@@ -22,14 +22,14 @@ HAS_LOCKS = fcntl is not None
 #: How often a lock that another process holds is tried again, and after how many seconds each.
 _PATIENCE, _PAUSE = 20, 0.05
 
-#: A file in the making: hidden beside what it will be, and locked by its writer.
+#: A file in the making: hidden beside what it will be, or in a directory above, and locked by its writer.
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 
 #: What `flock` answers where a file system has no locks.
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
-#: What a second name for a file answers where a file system has one name a file.
-_NO_LINKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EPERM, errno.EINVAL}
+#: What a second name for a file answers where a file system has one name a file, or both in one directory only.
+_NO_LINKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EPERM, errno.EINVAL, errno.EXDEV}
 
 
 @contextlib.contextmanager

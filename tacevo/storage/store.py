@@ -103,7 +103,7 @@ class Store:
     """
 
     def __init__(self, root: Path, kind: str, mode: Mode = Mode.record, *, seen: Seen | None = None) -> None:
-        self._folder = root / kind
+        self._root, self._folder = root, root / kind
         self._kind = kind
         self._mode = mode
         self._seen = seen
@@ -164,7 +164,7 @@ class Store:
     def write(self, request: Json, answer: Json, *, replace: bool = True) -> bool:
         """Record an answer, durably and in one step, and return whether it was; `replace` as of `write_durably`."""
         entry = Entry(kind=self._kind, request=request, answer=answer)
-        return write_entry(self._folder.parent, entry, replace=replace)
+        return write_entry(self._root, entry, replace=replace)
 
     def keep(self, request: Json, answer: Json) -> Json:
         """Record an answer, and return the one that stands: this one in mode `live`, else the first of all processes.
@@ -199,7 +199,7 @@ class Store:
 
     def path(self, key: str) -> Path:
         """Return where the entry of a key stands, if there is one."""
-        return self._folder.parent / place_of(self._kind, key)
+        return self._root / place_of(self._kind, key)
 
     def _miss(self, request: Json) -> CacheMissError:
         """Name the recording that differs in the fewest fields, and the first one in which it does."""

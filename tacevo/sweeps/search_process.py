@@ -60,7 +60,7 @@ def start(directory: SweepDirectory, job: Job) -> subprocess.Popen[bytes]:
 class Starter:
     """A process that runs the searches of jobs, one after the other, each in a process of its own.
 
-    It has imported what they need (`tacevo.cli.starter`); it ends with this process, and its search with it.
+    It has imported and read what they need (`tacevo.cli.starter`); it ends with this process, and its search with it.
     """
 
     def __init__(self, directory: SweepDirectory) -> None:

@@ -9,7 +9,7 @@ from tacevo.config.plain import from_plain
 from tacevo.errors import RunError, TacevoError
 from tacevo.evolution.chance import is_at_chance
 from tacevo.evolution.lines import GenerationLine
-from tacevo.evolution.run_files import read_so_far
+from tacevo.evolution.run_files import read_ledger
 from tacevo.results.sweep import Standing, standing_of
 from tacevo.rounding import significant
 from tacevo.storage.run_directory import RunDirectory
@@ -39,18 +39,26 @@ def status_of(directory: SweepDirectory, job: Job) -> Status:
     """Return how a job stands; a run directory that cannot be read is a failure with its reason."""
     run = directory.run(job)
     try:
-        ledger, is_finished = read_so_far(run)
-        standing, reason = standing_of(directory, job, is_finished=is_finished)
+        is_busy = run.is_busy  # these three in this order: a search that ends meanwhile is finished, and grows no more
+        digest = run.read_run().digest if (run.path / "run.json").exists() else None
+        ledger = read_ledger(run)
+        is_finished = digest is not None and digest == ledger.digest
+        standing, reason = standing_of(directory, job, is_busy=is_busy, is_finished=is_finished)
         lines = ledger.lines
         if lines:
             check_is_run_of(job, run)
         best = next((line.best for line in reversed(lines) if isinstance(line, GenerationLine)), None)
-        digest = ledger.digest if is_finished else ""
-        at_chance = bool(digest) and is_at_chance(best, run.read_run().trivial)
+        at_chance = is_finished and is_at_chance(best, run.read_run().trivial)
     except TacevoError as error:
         return Status(job=job, standing=Standing.failed, reason=str(error))
     return Status(
-        job=job, standing=standing, lines=len(lines), best=best, at_chance=at_chance, digest=digest, reason=reason
+        job=job,
+        standing=standing,
+        lines=len(lines),
+        best=best,
+        at_chance=at_chance,
+        digest=ledger.digest if is_finished else "",
+        reason=reason,
     )
 
 

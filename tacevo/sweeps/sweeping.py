@@ -101,8 +101,11 @@ def sweep(
         view.say(f"sweep: {directory.path} ({counted(len(jobs), 'job')}{_stage(statuses.values())})")
         for shortcoming in shortcomings(planned, every, terms.reference):
             view.say(f"warning: {shortcoming}")
-        ended = _run(directory, jobs, statuses, launcher=launcher, view=view, run=run)
-        return directory.path, [ended.get(job) or status_of(directory, job) for job in jobs]
+        statuses.update(_run(directory, jobs, statuses, launcher=launcher, view=view, run=run))
+        return directory.path, [
+            status if status.standing is Standing.finished else status_of(directory, job)
+            for job, status in statuses.items()
+        ]
 
 
 def _run(
@@ -249,7 +252,7 @@ def name_job(own: Sequence[str], seed: int) -> str:
     return f"{name}-seed{seed}"
 
 
-def folder(shared: Sequence[str], config: RunConfig, read: _Read = compose) -> Path:
+def folder(shared: Sequence[str], config: RunConfig, read: _Read) -> Path:
     """Name the directory of a sweep after what its jobs share, so that the same command finds it again.
 
     Raises:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import yaml
@@ -12,6 +13,7 @@ from refusals import refused
 from sweeps import composed
 
 from tacevo.choices import DataSource, SplitRule
+from tacevo.config import compose as composing
 from tacevo.config import conf_folder
 from tacevo.config.compose import compose, compose_study, composer, spread
 from tacevo.config.conf_folder import conf_root, groups
@@ -126,9 +128,10 @@ def test_every_ablation_goes_with_every_experiment(ablation: str, experiment: st
     assert {key for key in plain if plain[key] != ablated[key]} == ARMS[ablation]
 
 
-def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone() -> None:
+def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Though Hydra composes once for seeds and arms; what follows from the seed follows from that of the job."""
-    compose_next = composer()
+    compose_next, by_hydra = composer(), Mock(wraps=composing._composed)
+    monkeypatch.setattr(composing, "_composed", by_hydra)
     shared = ["experiment=published_grating", "data.sensor_seed=${seed}"]
     jobs = [
         *([f"ablation={arm}", f"seed={seed}"] for arm in ("none", "drift") for seed in (0, 7, 12)),
@@ -137,11 +140,15 @@ def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone() -> None:
         [],
     ]
     configs = [compose_next([*shared, *own]) for own in jobs]
+    assert by_hydra.call_count == 4
     assert configs == [compose([*shared, *own]) for own in jobs]
     assert [config.data.sensor_seed for config in configs] == [0, 7, 12, 0, 7, 12, 3, 0, 2, 0]
     for wrong in ("seed=-1", "seed=x", "seed=007x"):
         with refused(ConfigError, place="seed"):
             compose_next([*shared, wrong])
+    for seed in (0, 1):
+        with refused(ConfigError, place="data.root"):  # which simulated images have no use for
+            compose_next([*shared, f"seed={seed}", "data.root=images"])
 
 
 @pytest.mark.parametrize("experiment", [None, "demo", "fast", "published_force", "published_grating", "table"])

@@ -140,7 +140,7 @@ def test_mode_says_what_is_read_and_computed(tmp_path: Path) -> None:
         Store(tmp_path, "others", Mode.replay).find({"x": 1})
 
 
-@pytest.mark.parametrize("error", [None, errno.EPERM, errno.EOPNOTSUPP])
+@pytest.mark.parametrize("error", [None, errno.EPERM, errno.EOPNOTSUPP, errno.EXDEV])
 def test_first_recorded_answer_stands(error: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever asked the same meanwhile goes on with what a replay will read; also where a file has one name only."""
     if error is not None:

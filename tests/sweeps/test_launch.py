@@ -19,6 +19,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from checkout import ROOT
 from interruptions import comes, ends, leftovers, processes_of, unhurried
 from refusals import refused
 from smallest import SMALLEST, UNTRACKED
@@ -52,8 +53,6 @@ SWEEP = [
 ]
 ONE_BY_ONE = "hydra.launcher.n_jobs=1"
 NONE, FIXED = "none-seed0", "fixed_temperature-seed0"
-#: A job that fails at once, and one that takes long.
-ENDLESS = {"quick": ("seed=-1",), "slow": ("search.generations=999", UNTRACKED)}
 
 
 def start(folder: Path, *overrides: str) -> subprocess.Popen[str]:
@@ -188,7 +187,7 @@ def test_process_that_starts_searches_can_be_killed(how: str, place: Path, monke
 
     monkeypatch.setattr(launching, "Starter", Told)
     directory = SweepDirectory(place / "all")
-    one, other = (Job(name=name, arm=name, seed=0, overrides=("seed=-1",), config=name) for name in ("one", "other"))
+    one, other = (Job(name=name, arm=name, seed=0, overrides=(), config=name) for name in ("one", "other"))
     directory.write(SweepRecord(overrides=tuple(SMALLEST), jobs=(one, other)))
     wrong = replace(compose(SMALLEST), seed=-1)
     launch(directory, {one: wrong, other: wrong}, Launcher(options={"n_jobs": 1}), show)
@@ -197,6 +196,42 @@ def test_process_that_starts_searches_can_be_killed(how: str, place: Path, monke
     assert ("killed by signal 9" if "order" in how else "seed") in str(directory.failure(one))
     assert "seed" in str(directory.failure(other))
     assert ends(directory.path), processes_of(directory.path)
+
+
+#: Searches that say whether their table had been read, and how much garbage collections leave alone.
+TELLING = """
+import gc
+from tacevo.cli import starter
+from tacevo.results import space_table
+
+def tell(config):
+    hits = space_table._read.cache_info().hits
+    space_table.read_table(space_table.Path(config.data.root))
+    print("read" if space_table._read.cache_info().hits > hits else "not read", gc.get_freeze_count() > 0, flush=True)
+
+starter.run_search = tell
+starter.serve()
+"""
+
+
+def test_table_is_read_before_searches_begin(tmp_path: Path) -> None:
+    """Once for all; one that cannot be read is each search's to refuse, and its log has the reason."""
+    damaged = tmp_path / "damaged.zip"
+    damaged.write_bytes(b"no table")
+    tables = [ROOT / "cache" / "tables" / "grating-space.zip", damaged]
+    ours, theirs = socket.socketpair()
+    ours.settimeout(60)
+    with ours, theirs, subprocess.Popen([sys.executable, "-P", "-c", TELLING], stdin=theirs.fileno()) as process:
+        theirs.close()
+        for table, (status, said) in zip(tables, [(0, "read True"), (1, "refused: ")], strict=True):
+            config = compose(["experiment=table", f"data.root={table}"])
+            log = tmp_path / f"{table.name}.log"
+            log.touch()
+            ours.sendall(json.dumps({"config": to_json(config), "log": str(log)}).encode() + b"\n")
+            assert ours.recv(8) == f"{status}\n".encode(), log.read_text()
+            assert log.read_text().startswith(said)
+        ours.shutdown(socket.SHUT_WR)
+        assert process.wait() == 0
 
 
 #: A search that writes that it is there, and stays.
@@ -264,9 +299,9 @@ def test_polite_signal_reaches_the_search(staying: Staying) -> None:
 def test_view_that_fails_stops_the_other_jobs_and_is_raised(place: Path) -> None:
     """Progress that cannot be shown, on a terminal that is gone, is an error and leaves no process behind."""
     directory = SweepDirectory(place / "all")
-    quick, slow = (Job(name=name, arm=name, seed=0, overrides=own, config=name) for name, own in ENDLESS.items())
+    quick, slow = (Job(name=name, arm=name, seed=0, overrides=(), config=name) for name in ("quick", "slow"))
     directory.write(SweepRecord(overrides=tuple(SMALLEST), jobs=(quick, slow)))
-    endless = compose([*SMALLEST, *slow.overrides])
+    endless = compose([*SMALLEST, "search.generations=999", UNTRACKED])
     configs = {quick: replace(endless, seed=-1), slow: endless}
 
     def show(job: Job) -> None:

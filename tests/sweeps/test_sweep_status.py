@@ -8,7 +8,7 @@ from sweeps import SHARED, begin, composed
 
 from tacevo.config.identity import config_hash
 from tacevo.evolution.run_files import finished_digest
-from tacevo.results.sweep import Standing
+from tacevo.results.sweep import Standing, state_of
 from tacevo.storage.sweep_directory import Job, SweepDirectory
 from tacevo.sweeps.status import best_in_words, describe_jobs, status_of
 from tacevo.sweeps.sweeping import plan
@@ -39,6 +39,14 @@ def test_job_goes_through_its_standings(tmp_path: Path, job: Job) -> None:
     finished = status_of(directory, job)
     assert (finished.standing, finished.reason) == (Standing.finished, "")
     assert finished.digest == finished_digest(directory.run(job))
+
+
+def test_damage_of_an_unfinished_job_stops_no_reader_of_a_sweep(tmp_path: Path, job: Job) -> None:
+    """Its ledger is not needed to say that it is missing."""
+    directory = SweepDirectory(tmp_path)
+    begin(directory, job, finished=False)
+    directory.run(job).ledger.write_text("{}\n")
+    assert state_of(directory, job) == (Standing.stopped, "")
 
 
 def test_digest_that_is_not_the_ledgers_finishes_nothing(tmp_path: Path, job: Job) -> None:

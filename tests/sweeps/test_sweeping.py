@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from checkout import ROOT
 from refusals import refused
 from sweeps import SHARED, Heard, Launched, begin, composed, files_of
 
+from tacevo.config.compose import compose
+from tacevo.config.schema import RunConfig
 from tacevo.errors import ConfigError, RunError
 from tacevo.results.sweep import Standing
 from tacevo.storage.sweep_directory import Job, SweepDirectory, name_arm
@@ -128,6 +131,23 @@ def test_launcher_that_cannot_be_used_is_an_error_before_a_job_runs(override: st
     assert not list(place.iterdir())
 
 
+def test_job_that_let_go_of_its_directory_late_has_failed(place: Path) -> None:
+    """As where a search is killed with what started it, and is still there for a moment: what is told last is true."""
+
+    def run(
+        directory: SweepDirectory, jobs: Mapping[Job, RunConfig], launcher: Launcher, show: Callable[[Job], None]
+    ) -> None:
+        (job,) = jobs
+        directory.fail(job, "killed")
+        with directory.run(job).locked():
+            show(job)
+
+    heard = Heard()
+    _, (status,) = sweep([*SHARED, "seed=0"], "all", heard, run)
+    assert any("running" in line for line in heard.lines)
+    assert (status.standing, status.reason) == (Standing.failed, "killed")
+
+
 def test_same_search_runs_once(place: Path) -> None:
     """A seed given twice is one job; a search that stands in the sweep under another name keeps that name."""
     launched = Launched()
@@ -191,12 +211,12 @@ def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
             ["search.candidates=3"],
         )
     )
-    name = folder(SHARED, first)
+    name = folder(SHARED, first, compose)
     assert name.parent == Path("sweeps")
     assert name.name.startswith("published_force-")
-    assert folder(SHARED, more) == name
-    assert folder([*SHARED, "executor.workers=1"], watched) == name
-    assert folder([*SHARED, "search.candidates=3"], other) != name
+    assert folder(SHARED, more, compose) == name
+    assert folder([*SHARED, "executor.workers=1"], watched, compose) == name
+    assert folder([*SHARED, "search.candidates=3"], other, compose) != name
 
 
 @pytest.mark.slow
