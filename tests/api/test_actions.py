@@ -31,6 +31,7 @@ print([tacevo.search(*sys.argv[1:], "run.dir=run", quiet=True).digest])
 """
 
 
+@pytest.mark.slow
 def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
     """Each call returns what the commands then find, and a second search in the process is the command's."""
     run = tacevo.search(*SMALL, "run.dir=run", quiet=True)
@@ -64,6 +65,7 @@ def test_whole_way_from_a_search_to_a_bundle(place: Path) -> None:
     assert Path("notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_given_networks_are_studied_without_a_run(place: Path) -> None:
     """As by `tacevo study networks=`, and a baseline alone."""
     recipe: dict[str, Any] = {"task": "grating", "seeds": 2, "epochs": 1, "quiet": True}
@@ -73,6 +75,7 @@ def test_given_networks_are_studied_without_a_run(place: Path) -> None:
     assert [*alone.networks.index] == ["baseline"]
 
 
+@pytest.mark.slow
 def test_program_without_a_main_guard_searches_once(place: Path) -> None:
     """Processes that make images do not run the program again."""
     (place / "program.py").write_text(SCRIPT)

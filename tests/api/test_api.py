@@ -299,6 +299,7 @@ def test_plan_is_of_one_study_where_a_run_has_several() -> None:
             tacevo.plan("sweep", pilot, effect=0.2)
 
 
+@pytest.mark.slow
 def test_sweep_is_published_from_its_directory(swept: Path, tmp_path: Path) -> None:
     """By the open sweep; a published one is refused."""
     sweep = tacevo.open(swept / "sweep")

@@ -26,6 +26,7 @@ def test_verdicts_are_of_texts_and_files(place: Path) -> None:
         tacevo.check("good.py")
 
 
+@pytest.mark.slow
 def test_data_are_looked_at_as_by_the_command(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The same findings, and the picture where it was asked for; what a search would refuse is refused."""
     settings = ["task=force", "data.images=40", "data.image_size=16"]

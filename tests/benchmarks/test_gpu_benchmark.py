@@ -42,6 +42,7 @@ def test_whole_sandbox_is_measured_with_one_candidate_and_with_two() -> None:
     assert len(whole_sandbox(small, at_once=(1, 2)).splitlines()) == 4
 
 
+@pytest.mark.slow
 def test_work_of_a_network_is_counted_by_hand() -> None:
     """One layer of 768 x 2 weights: forward, and back to its weights; the image itself asks for no gradient."""
     _, task = task_without_data("force", 16)

@@ -45,6 +45,7 @@ def test_contender_that_trained_something_else_is_refused(texts: list[str], tmp_
         check_trained("peer", files, ["a", "b"])
 
 
+@pytest.mark.slow
 def test_cost_counts_processes_below_the_command(tmp_path: Path) -> None:
     """A worker's memory is its search's."""
     worker = "import time; block = bytearray(200_000_000); time.sleep(1.5)"

@@ -121,6 +121,7 @@ def test_override_that_makes_another_run_or_none_that_is_longer_is_refused_by_na
         continued(compose(TINY), ["search.generations=2", override], end=1, spent=SPENT)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("bound", "fits"), [("1.1e9", False), ("1.2e9", False), ("1.3e9", True), ("null", True)])
 def test_run_that_its_budget_ended_needs_more_than_it_spent(bound: str, fits: bool) -> None:
     """More generations alone would end where it ended; with a larger budget it may have as many as were planned."""
@@ -133,6 +134,7 @@ def test_run_that_its_budget_ended_needs_more_than_it_spent(bound: str, fits: bo
                 continued(theirs, overrides, end=1, spent=SPENT)
 
 
+@pytest.mark.slow
 def test_settings_of_the_machine_are_those_here_and_can_be_set() -> None:
     """Stores, place, tracker and workers of the publisher are not the reader's; budget and mode may be chosen."""
     theirs = compose([*TINY, "run.dir=theirs/run", "store.root=theirs/cache", "executor.workers=7"])

@@ -56,6 +56,7 @@ def test_nothing_tells_of_the_machine(published: Path) -> None:
     assert [name for name, data in members.items() if host in data.split()] == []
 
 
+@pytest.mark.slow
 def test_settings_of_one_machine_and_unfinished_studies_are_left_out(
     published: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

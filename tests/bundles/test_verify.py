@@ -112,6 +112,7 @@ def test_replay_needs_nothing_but_the_bundle(published: Path, place: Path, capsy
     assert {path.name for path in place.iterdir()} == {"temporary"}
 
 
+@pytest.mark.slow
 def test_retraining_works_on_a_bundle(published: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The data set is made as for a run directory, in a directory that is yet to be made; a training is as it was."""
     assert main(["replay", str(published / "run.zip"), "--retrain", "1", "--store", "new"]) == 0
@@ -362,6 +363,7 @@ def test_answer_of_no_known_form_is_refused(
     assert capsys.readouterr().err.splitlines()[-1].startswith(("refused: ", "different: "))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
 def test_interrupted_replay_leaves_nothing(number: signal.Signals, published: Path, tmp_path: Path) -> None:
     """A polite request to end and Ctrl-C, while the search is run again."""

@@ -96,6 +96,7 @@ def test_tables_and_figures_are_written(sweep: Path, capsys: pytest.CaptureFixtu
     assert contents(folder) == written
 
 
+@pytest.mark.slow
 def test_sweep_without_test_scores_says_what_to_type(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With the path as it was given, which no table can have: a published one is compared wherever it lies."""
     edit_sweep(sweep, terms={"primary": "test_score"})
@@ -104,6 +105,7 @@ def test_sweep_without_test_scores_says_what_to_type(sweep: Path, capsys: pytest
     assert shlex.split(line)[-3:] == ["study", "sweep=sweep", "seeds=5"]
 
 
+@pytest.mark.slow
 def test_best_fitness_is_that_of_the_ledgers(sweep: Path) -> None:
     """Run by run, as the last line of each ledger has it."""
     assert main(["ablations", "sweep", "-o", str(sweep / "ablations")]) == 0
@@ -112,6 +114,7 @@ def test_best_fitness_is_that_of_the_ledgers(sweep: Path) -> None:
         assert float(row["best fitness"]) == last["best"]
 
 
+@pytest.mark.slow
 def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Not begun, stopped and failed ones, with the reason, on the error output and below every table."""
     directory = SweepDirectory(sweep)
@@ -134,6 +137,7 @@ def test_missing_jobs_are_named(sweep: Path, capsys: pytest.CaptureFixture[str])
     assert not (sweep / "ablations").exists()
 
 
+@pytest.mark.slow
 def test_job_that_the_scheduler_ended_is_no_result_of_its_arm(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Nor is one that failed and runs again: the arm with the slower networks would lose by the partition's limit."""
     directory = SweepDirectory(sweep)

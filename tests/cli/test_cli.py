@@ -237,6 +237,7 @@ def test_search_help_lists_every_setting_as_it_can_be_typed(capsys: pytest.Captu
     assert compose(told) == compose([])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("asked", "settings"),
     [
@@ -268,6 +269,7 @@ def test_check_judges_raw_answers(place: Path, capsys: pytest.CaptureFixture[str
     assert (bad["verdict"], bad["stage"], bad["reason"]) == ("rejected", "extract", "no_class")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGKILL, marks=pytest.mark.slow), signal.SIGINT])
 def test_stop_while_images_are_made_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
     """The processes that make images end with the search, killed or interrupted; nothing is said to be kept."""

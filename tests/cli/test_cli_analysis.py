@@ -40,6 +40,7 @@ def test_tables_are_printed_and_written(run: Path, capsys: pytest.CaptureFixture
     assert printed.endswith("tables: run/tables (index.md says which question each answers)\n")
 
 
+@pytest.mark.slow
 def test_tables_of_several_runs_lie_in_a_directory_each(
     run: Path, bundle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

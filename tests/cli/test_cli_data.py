@@ -86,6 +86,7 @@ def test_leak_is_listed_and_is_exit_status_1(capsys: pytest.CaptureFixture[str])
     assert "leak: row 0 photos/a/00.png (" in out
 
 
+@pytest.mark.slow
 def test_first_groups_of_equal_images_are_listed_and_the_others_counted(capsys: pytest.CaptureFixture[str]) -> None:
     """A hundred lines of them would hide what else was found; a machine gets them all."""
     overrides = write_classes(Path("photos"), equal=2)
@@ -107,6 +108,7 @@ def test_overrides_may_stand_behind_options(capsys: pytest.CaptureFixture[str]) 
         assert f"unrecognized arguments: {strange}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_check_tells_how_many_rows_were_left_out(capsys: pytest.CaptureFixture[str]) -> None:
     """A table that lacks images, loaded as asked for, says so in the report and in the JSON."""
     for number in range(20):
@@ -128,6 +130,7 @@ def test_check_tells_how_many_rows_were_left_out(capsys: pytest.CaptureFixture[s
     assert json.loads(capsys.readouterr().out)["skipped"] == 3
 
 
+@pytest.mark.slow
 def test_check_uses_the_entry_of_a_search(capsys: pytest.CaptureFixture[str]) -> None:
     """What was loaded once is not made again, and is found where a search looks."""
     assert main(["data", "check", *SMALL]) == 0
@@ -143,6 +146,7 @@ def test_check_uses_the_entry_of_a_search(capsys: pytest.CaptureFixture[str]) ->
     assert "set task.outputs=3" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", ["force", pytest.param("hardness", marks=pytest.mark.slow)])
 def test_printed_command_reads_the_export(task: str, capsys: pytest.CaptureFixture[str]) -> None:
     """What `simulate` prints works as it stands, and gives the fingerprint of the simulation."""
@@ -167,6 +171,7 @@ def test_overrides_may_stand_in_a_file(capsys: pytest.CaptureFixture[str]) -> No
     assert json.loads(capsys.readouterr().out)["images"]["all"] == 50
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -120,6 +120,7 @@ def test_report_of_the_working_directory_has_its_name(run: Path, monkeypatch: py
     assert (shown["title"], shown["commands"][0]) == (run.resolve().name, f"tacevo replay {run.resolve().name}")
 
 
+@pytest.mark.slow
 def test_report_of_a_moved_sweep_takes_the_named_store(
     swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,6 +181,7 @@ def test_paper_refuses_studies_that_were_made_otherwise(
     assert not Path("out").exists()
 
 
+@pytest.mark.slow
 def test_data_that_cannot_be_had_cost_the_samples_only(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

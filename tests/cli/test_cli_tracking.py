@@ -52,6 +52,7 @@ def database(folder: Path) -> str:
     return f"sqlite:///{folder}/mlflow.db"
 
 
+@pytest.mark.slow
 def test_tracking_changes_no_bit(untracked: str, tracked: Searched) -> None:
     """A mirrored search has the digest of one that is not mirrored, and stands in MLflow with all candidates."""
     assert tracked.digest == untracked

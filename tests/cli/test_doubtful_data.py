@@ -52,6 +52,7 @@ def checked(overrides: list[str], capsys: pytest.CaptureFixture[str], status: in
     return told
 
 
+@pytest.mark.few(1)
 @needs_cases
 @pytest.mark.parametrize(("case", "most"), [("gray12in16", 4095), ("gray8in16", 255)])
 def test_cameras_of_users_are_told(case: str, most: int, capsys: pytest.CaptureFixture[str]) -> None:
@@ -105,6 +106,7 @@ def test_classes_that_are_no_gratings_are_told(capsys: pytest.CaptureFixture[str
         assert len(warnings) == count
 
 
+@pytest.mark.slow
 def test_groups_are_told_and_frames_in_two_parts_are_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
     """Four frames of each press: torn without groups, and whole with them."""
     rng = np.random.default_rng(2)

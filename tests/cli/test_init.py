@@ -105,6 +105,7 @@ def test_unknown_task_to_copy_is_refused(conf: Path, capsys: pytest.CaptureFixtu
     assert contents(conf) == before
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("options", [[], ["--config-dir", "my configs"]], ids=["here", "elsewhere"])
 def test_task_lies_where_the_user_stands(
     options: list[str], place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

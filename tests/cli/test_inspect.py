@@ -98,6 +98,7 @@ def test_setting_of_a_run_that_is_wrong_names_its_file(shown: Path) -> None:
         show_run(shown)
 
 
+@pytest.mark.slow
 def test_half_an_emoji_of_a_recording_is_judged_as_from_a_server(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

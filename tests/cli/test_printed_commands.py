@@ -32,6 +32,7 @@ def printed(text: str) -> list[list[str]]:
     return [shlex.split(command) for command in re.findall("`(tacevo [^`]*)`", text)]
 
 
+@pytest.mark.slow
 @settings(max_examples=15)  # each composes a configuration
 @given(st.text("ab1/. '\"\\$[]{},:=()~#&*|!%ü-@\n", min_size=1))
 def test_any_text_can_be_the_value_of_a_setting(value: str) -> None:

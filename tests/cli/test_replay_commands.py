@@ -59,6 +59,7 @@ def test_replay_needs_no_sandbox(
     assert f"\n{told}" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_what_reads_records_imports_nothing_that_composes_draws_or_trains(published: Path) -> None:
     """A recorded configuration is whole, so a replay does without Hydra, which takes half a second, as tables do."""
     script = (

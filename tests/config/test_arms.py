@@ -88,6 +88,7 @@ def common(one: list[dict[str, Any]], other: list[dict[str, Any]], generation: i
     return first == second
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("arm_name", "clash"),
     [
@@ -178,6 +179,7 @@ def test_arm_is_taken_out_of_overrides() -> None:
     assert split_arm(["seed=1"]) == ("none", ["seed=1"])
 
 
+@pytest.mark.few(7)
 @pytest.mark.parametrize("name", ARMS)
 def test_every_arm_begins_with_the_generation_0_of_none(name: str) -> None:
     """Request for request; all but the model that is asked, or the first temperature, where an arm is about it."""
@@ -204,6 +206,7 @@ def test_three_seeds_train_the_same_generation_0_by_other_seeds_too(folder: Path
         assert "fitness" not in one or one["seeds"][0]["evaluation"] == other["evaluation"]
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", sorted(set(ARMS) - {"llm_vs_grammar", "three_seeds", *OTHER_START}))
 def test_generation_0_is_answered_alike_and_then_the_search_is_another(name: str, folder: Path) -> None:
     """Arms share every answer and fitness of generation 0, and then part, but for the one that only stops recording."""

@@ -112,6 +112,7 @@ def test_every_arm_is_there() -> None:
     assert set(groups()["ablation"]) == set(ARMS)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("ablation", groups()["ablation"])
 @pytest.mark.parametrize(
     "experiment", [pytest.param(one, marks=[] if one == "demo" else pytest.mark.slow) for one in groups()["experiment"]]
@@ -151,6 +152,7 @@ def test_jobs_of_a_sweep_are_composed_as_if_each_was_alone(monkeypatch: pytest.M
             compose_next([*shared, f"seed={seed}", "data.root=images"])
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("experiment", [None, "demo", "fast", "published_force", "published_grating", "table"])
 def test_efficiency_ratio_is_logarithmic_unless_an_experiment_is_the_papers(experiment: str | None) -> None:
     """What docs/descriptors.md decides by measurement holds for every other search, with bounds that adapt."""
@@ -206,6 +208,7 @@ def test_each_source_has_its_own_split() -> None:
     assert (large.split, large.image_size) == (SplitRule.random, 1024)
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize(
     ("override", "place", "expected", "got"),
     [
@@ -238,6 +241,7 @@ def test_wrong_override_is_refused_as_the_user_wrote_it(override: str, place: st
         compose([override])
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize(
     ("override", "place", "remedy"),
     [
@@ -264,6 +268,7 @@ def test_misspelt_key_is_answered_with_the_near_one(override: str, place: str, r
         compose([override])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("override", ["llm.model=5", "run.dir=2026", "data.target_columns=[0,1]"])
 def test_number_as_text_needs_quotes(override: str) -> None:
     """Hydra reads 1e3 as 1000.0, so a name that looks like a number could become another."""
@@ -428,6 +433,7 @@ def test_recorded_configuration_has_one_spelling(key: str, value: Any) -> None:
         from_plain(recorded)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("value", [r"^(\w+)/press(\d+)_", "[a", "a=b", '"x', "{x", "$HOME/[a", "a: b)"])
 @pytest.mark.parametrize("read", [compose, spread])
 def test_text_that_hydra_cannot_read_is_shown_as_a_shell_takes_it(

@@ -207,6 +207,7 @@ def test_settings_that_do_not_go_together_are_refused(overrides: list[str], plac
         compose(overrides)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("source", [source for source in DataSource if source is not DataSource.simulated])
 def test_run_of_a_release_can_be_studied_on_other_files(source: DataSource) -> None:
     """A release has all its gratings without a list of them, which no other source has a use for."""

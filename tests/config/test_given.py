@@ -84,6 +84,7 @@ def test_files_are_found_by_name_directory_and_pattern(place: Path) -> None:
     assert named(f"'{place}/pa/*'") == ["t1", "t2"]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("task", ["force", "grating"])
 def test_shipped_networks_are_found_from_anywhere(task: str, place: Path) -> None:
     """The four published variants of a task, in conf/."""
@@ -98,6 +99,7 @@ def test_brackets_of_a_directory_are_no_pattern(place: Path) -> None:
     assert named("'a[1]'") == ["n"]
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("given", "where", "expected"),
     [
@@ -147,6 +149,7 @@ def test_task_without_given_networks_keeps_its_hash() -> None:
     assert len({task_hash(task) for task in (TASK, *tasks)}) == 4
 
 
+@pytest.mark.slow
 def test_other_data_differ_in_what_was_set_only() -> None:
     """A split, a sensor or a light: everything else is the run's, whatever today's defaults are."""
     run = compose([*SMALLEST, "data.split_seed=1"])
@@ -161,6 +164,7 @@ def test_other_data_differ_in_what_was_set_only() -> None:
 GPU = ["training.device=cuda", "training.gpu=NVIDIA H200", "numerics=fast", "sandbox.require=none"]
 
 
+@pytest.mark.slow
 def test_other_device_brings_its_own_settings() -> None:
     """From a CPU to a GPU and back, and from GPU to GPU; all else is the run's."""
     cpu = compose([*SMALLEST, "training.epochs=3"])
@@ -185,6 +189,7 @@ def test_other_device_brings_its_own_settings() -> None:
         check_means(walled)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("setting", ["training.batch_size=7", "training.fitness=lowest", "seed=3", "store.root=x"])
 def test_other_settings_of_a_run_stay(setting: str) -> None:
     """A study with another batch size would count for its sweep, and could not be replayed."""
@@ -192,6 +197,7 @@ def test_other_settings_of_a_run_stay(setting: str) -> None:
         compose_elsewhere(compose(SMALLEST), [setting])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("overrides", "where"),
     [
@@ -207,6 +213,7 @@ def test_part_of_a_device_is_refused(overrides: list[str], where: str) -> None:
         compose_elsewhere(compose(SMALLEST), overrides)
 
 
+@pytest.mark.slow
 def test_recordings_keep_the_size_of_the_runs_images() -> None:
     """Another source brings itself and its split, with the parts of it."""
     run = compose([*SMALLEST, "data.normalisation=unit", "data.test_part=0.7"])
@@ -216,6 +223,7 @@ def test_recordings_keep_the_size_of_the_runs_images() -> None:
     assert (other.image_size, other.normalisation) == (run.data.image_size, run.data.normalisation)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("overrides", [["data.split_seed=7"], ["data=folder", "data.root=mine"]])
 def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """A stranger's run.json cannot read the environment into a study, which is published; odd paths are only paths."""
@@ -229,6 +237,7 @@ def test_recorded_text_is_not_resolved(overrides: list[str], monkeypatch: pytest
     assert composed.task == theirs.task
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("override", "where", "expected", "remedy"),
     [

@@ -87,6 +87,7 @@ def command(source: str, *names: str) -> list[str]:
     return [f"task={task}", f"data={source}", *NEEDED[source], f"data.split={split}", *map(written, names)]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("source", DataSource)
 def test_what_a_source_uses_can_be_set(source: DataSource) -> None:
     """All of it at once, but for what excludes another."""
@@ -103,6 +104,7 @@ def test_what_a_source_uses_can_be_set(source: DataSource) -> None:
         assert {name: data[name] for name in chosen} == {name: OTHER[name] for name in chosen}
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("source", DataSource)
 def test_what_a_source_does_not_use_is_refused(source: DataSource) -> None:
     """Every setting of every source; the message names the setting and its value."""
@@ -123,6 +125,7 @@ def test_command_with_such_a_setting_is_refused(source: str, name: str) -> None:
         compose(command(source, name))
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("name", "where"), [(name, where) for name, each in BUT.items() for where in each])
 def test_setting_that_needs_a_task_or_a_split_is_refused_without(name: str, where: str) -> None:
     """A pattern of force images, or the seed of a split that the release names."""
@@ -130,6 +133,7 @@ def test_setting_that_needs_a_task_or_a_split_is_refused_without(name: str, wher
         compose(["data=tacverse", *NEEDED["tacverse"], where, written(name)])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("overrides", "name", "lacking"),
     [
@@ -149,6 +153,7 @@ def test_error_asks_for_what_is_lacking_and_no_more(overrides: list[str], name: 
         compose([*overrides, *NEEDED[source], written(name)])
 
 
+@pytest.mark.slow
 def test_what_is_as_it_would_be_is_no_mistake() -> None:
     """Defaults, also where they are written out, and what an experiment sets for other data."""
     for source, needed in NEEDED.items():
@@ -171,6 +176,7 @@ def test_arm_is_looked_into(monkeypatch: pytest.MonkeyPatch) -> None:
         compose(["ablation=dim", "data=numpy", "data.root=mine.npz"])
 
 
+@pytest.mark.slow
 def test_study_on_other_data_is_looked_into() -> None:
     """What a study sets must matter to its data, those of the run or others."""
     run = compose(["experiment=demo"])

@@ -59,6 +59,7 @@ def unfinished(cache: Path) -> list[Path]:
     return [path for path in cache.iterdir() if path.name.startswith(".") and path.is_dir()]
 
 
+@pytest.mark.slow
 def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
     """After a kill half-way the entry is absent; the next process, for another data set, clears the rest away."""
     killed = start(tmp_path, "die")

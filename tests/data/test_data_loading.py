@@ -140,6 +140,7 @@ SOURCES: dict[str, Callable[[Path], tuple[Source, SplitRule]]] = {
 }
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("scaling", [TargetScaling.minmax, TargetScaling.zscore])
 @pytest.mark.parametrize("form", SOURCES)
 def test_only_the_training_split_decides_the_statistics(tmp_path: Path, form: str, scaling: TargetScaling) -> None:

@@ -18,6 +18,7 @@ from tacevo.storage.ledger import read_line, read_lines, seal
 LEDGER = GOLDEN / "ledger.jsonl"
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("bundle", sorted(PUBLISHED.glob("*.zip")), ids=lambda path: path.stem)
 def test_published_lines_are_written_as_they_were(bundle: Path) -> None:
     """A line that was read has the hash that it had, so no digest can change."""

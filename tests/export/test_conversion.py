@@ -94,6 +94,7 @@ def example(data: Dataset, source: str = SOURCE, seed: int = 1) -> tuple[Weights
     return weights, outputs.astype(np.float64) * data.scale + data.offset
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("form", FORMS)
 def test_file_is_the_mean_of_its_networks(form: Form, sandbox: Sandbox, data: Dataset) -> None:
     """For one image and for many; twice the same bytes of ONNX."""
@@ -106,6 +107,7 @@ def test_file_is_the_mean_of_its_networks(form: Form, sandbox: Sandbox, data: Da
         convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, one], expected=expected)
 
 
+@pytest.mark.slow
 def test_file_of_classes_gives_probabilities(sandbox: Sandbox, data: Dataset) -> None:
     """The mean of those of its networks, not of their logits."""
     contract, bare = (
@@ -121,6 +123,7 @@ def test_file_of_classes_gives_probabilities(sandbox: Sandbox, data: Dataset) ->
     assert made.difference < 1e-5
 
 
+@pytest.mark.slow
 def test_largest_of_uneven_parts_are_written(sandbox: Sandbox, data: Dataset) -> None:
     """Torch's export has no operator of ONNX for them; one that is not known is named."""
     pooled = SOURCE.replace("self.body(x)", "self.body(F.interpolate(F.adaptive_max_pool2d(x, (3, 2)), (4, 4)))")

@@ -98,6 +98,7 @@ def read(exported: Path, name: str) -> Any:
     return json.loads((exported / "model" / name).read_text())
 
 
+@pytest.mark.slow
 def test_files_are_those_of_the_page(exported: Path) -> None:
     """No more and no fewer; the class comes with its imports, and no file names a directory of this machine."""
     files = {path.name: path.read_bytes() for path in (exported / "model").iterdir()}
@@ -109,6 +110,7 @@ def test_files_are_those_of_the_page(exported: Path) -> None:
         assert not re.search(rb"site-packages|/home/|/root/|" + os.fsencode(ROOT), content)
 
 
+@pytest.mark.slow
 def test_weights_are_the_recorded_ones(exported: Path, published: Path) -> None:
     """By the digest that the scores of the study have, where the best epoch is the last."""
     run, name = studied(published)
@@ -118,6 +120,7 @@ def test_weights_are_the_recorded_ones(exported: Path, published: Path) -> None:
     assert "the recorded ones, bit for bit" in (exported / "model" / "README.md").read_text()
 
 
+@pytest.mark.slow
 def test_onnx_takes_raw_images_and_gives_newtons(exported: Path) -> None:
     """The mean of what the study's trainings predicted for its test images, for any number of them."""
     images, expected = np.load(exported / "images.npy").astype(np.float32), np.load(exported / "expected.npy")
@@ -128,6 +131,7 @@ def test_onnx_takes_raw_images_and_gives_newtons(exported: Path) -> None:
     assert max(read(exported, "config.json")["largest_difference"].values()) < 1e-5
 
 
+@pytest.mark.slow
 def test_card_and_run_name_where_it_comes_from(exported: Path, published: Path) -> None:
     """What is needed to find the run again; and what the metrics are of."""
     run, name = studied(published)
@@ -146,6 +150,7 @@ def programs(exported: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", (exported / "model" / "README.md").read_text(), re.DOTALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "allowed"), [(0, "onnxruntime"), (1, "torch"), (2, "torch,safetensors")])
 def test_programs_of_the_card_run_without_tacevo(number: int, allowed: str, exported: Path, place: Path) -> None:
     """They print the forces in one image; the class takes its weights."""
@@ -161,6 +166,7 @@ def test_programs_of_the_card_run_without_tacevo(number: int, allowed: str, expo
         assert [float(value) for _, value, _ in lines] == pytest.approx(expected.tolist(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_trainings_repeat_bit_for_bit(published: Path) -> None:
     """The same bytes of weights each time, like the search and like its study."""
     run, name = studied(published)

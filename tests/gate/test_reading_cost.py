@@ -86,6 +86,7 @@ def chain(length: int) -> str:
     return "\n".join([fenced("A0 = 4\n"), *links, fenced(VALID.replace("4", f"A{length}"))])
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("write", SLOW.values(), ids=SLOW)
 def test_sixteen_times_the_text_does_not_cost_a_hundred_times_as_much(write: Callable[[int], str]) -> None:
     """Counted in calls; a cost that grows as the square would be 256 times as high."""
@@ -117,6 +118,7 @@ def test_number_of_blocks_is_bounded() -> None:
     assert more.reason is Reason.too_complex
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("line", STARTS)
 def test_characters_that_are_parsed_are_bounded(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every attempt to find code counts."""

@@ -29,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("keys")
 both = pytest.mark.parametrize("provider", PROVIDERS)
 
 
+@pytest.mark.few(6)
 @both
 @pytest.mark.parametrize(
     "fault", ["429", "429_bare", "408", "409", "500", "503", "529", "reset", "malformed", "shapeless"]
@@ -60,6 +61,7 @@ def test_so_many_requests_are_open_at_once(provider: str) -> None:
         assert server.most == 4
 
 
+@pytest.mark.few(1)
 @both
 def test_no_client_holds_a_request_back(provider: str) -> None:
     """Of requests for three clients, all are open together, and every one is answered."""

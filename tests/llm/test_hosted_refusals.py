@@ -26,6 +26,7 @@ pytestmark = pytest.mark.usefixtures("keys")
 both = pytest.mark.parametrize("provider", PROVIDERS)
 
 
+@pytest.mark.few(4)
 @both
 @pytest.mark.parametrize(
     ("fault", "remedy"),
@@ -153,6 +154,7 @@ TAKES = {
 }
 
 
+@pytest.mark.few(4)
 @both
 @pytest.mark.parametrize("takes", TAKES)
 def test_models_are_sent_the_settings_that_they_take(takes: str, provider: str) -> None:

@@ -40,6 +40,7 @@ def expect_each_once(server: LLMServer, root: Path, answers: Counter[str], count
     assert server.most <= 64
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("provider", ["anthropic", pytest.param("openai", marks=pytest.mark.slow)])
 def test_small_storm(provider: str, tmp_path: Path) -> None:
     """400 requests, 30 % faults, 64 in flight."""

@@ -229,6 +229,7 @@ class Moody(Script):
         return self.moods.setdefault(key_of(body), faults[len(self.moods) % len(faults)])
 
 
+@pytest.mark.slow
 def test_answers_that_are_none_are_typed_recorded_and_replayed(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each way to give no answer has its reason in ledger and summary, costs what it cost, and is not asked again."""
     with serving(Moody(answer=lambda body: "```python\nclass ImageRegressionCNN(nn.Module):\n")) as server:

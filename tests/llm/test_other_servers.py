@@ -161,6 +161,7 @@ def test_price_of_another_server_is_the_users_to_give(place: Path) -> None:
     assert build_llm(compose([*other, "llm.budget_usd=5", f"llm.prices={place}/mine.yaml"]), Mode.record)
 
 
+@pytest.mark.slow
 def test_path_as_a_models_name_is_told_and_a_label_stands_for_it(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -207,6 +208,7 @@ def test_path_that_only_the_server_says_is_not_published_either(
     assert sorted(str(value_at(answer, ("model",))) for answer in answers) == [PATH, PATH, "llama-8b", "llama-8b"]
 
 
+@pytest.mark.slow
 def test_model_without_a_system_prompt_is_asked_in_one_turn(
     place: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:

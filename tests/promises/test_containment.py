@@ -92,6 +92,7 @@ def rejection(outcome: Training | Rejection) -> Rejection:
 QUICK = ["import", "constructor", "forward", "backward hook", "finaliser"]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "place", [pytest.param(place, marks=[] if place in QUICK else pytest.mark.slow) for place in sources.ENDLESS]
 )
@@ -116,6 +117,7 @@ def test_candidate_that_would_hang_at_its_end_is_evaluated_and_gone(trainer: Tra
     assert left == []
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("source", sources.GREEDY.values(), ids=sources.GREEDY.keys())
 def test_candidate_over_its_memory_is_out_of_memory(trainer: Trainer, source: str) -> None:
     """Tensors, weights, Python's objects and activations count alike."""
@@ -155,6 +157,7 @@ def test_more_steps_of_the_trainer_are_noticed(trainer: Trainer) -> None:
     assert rejection(trainer.train(sources.MORE_STEPS)).reason is Reason.bad_output
 
 
+@pytest.mark.slow
 def test_more_steps_beside_the_trainer_pay_and_are_refused_by_the_policy(trainer: Trainer, alone: Training) -> None:
     """A known limit: who resets that count is not seen; what stands against it is the check of the text."""
     hidden = sources.MORE_STEPS.replace("return loss", sources.COUNT_RESET)

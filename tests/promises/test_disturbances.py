@@ -132,6 +132,7 @@ def test_damaged_file_beside_the_ledger_costs_no_result(
     assert main(["replay", "run"]) == 0
 
 
+@pytest.mark.slow
 def test_full_store_that_cannot_be_written_serves_a_search(copied: Path, whole_search: Whole, tmp_path: Path) -> None:
     """Where every answer is recorded, a read-only store is enough; nothing is swept up there, and nothing complains."""
     (copied / "cache" / "probes" / ".dead.json.0123456789abcdef.part").write_text("{")
@@ -139,6 +140,7 @@ def test_full_store_that_cannot_be_written_serves_a_search(copied: Path, whole_s
         assert finish(start(tmp_path, UNTRACKED, "run.dir=other")) == whole_search[1]
 
 
+@pytest.mark.slow
 def test_store_that_cannot_be_written_is_one_line(
     copied: Path, whole_search: Whole, capsys: pytest.CaptureFixture[str]
 ) -> None:

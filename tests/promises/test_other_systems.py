@@ -64,6 +64,7 @@ def test_results_are_read_on_a_lesser_system(place: Path, capsys: pytest.Capture
     )
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("command", ["search experiment=demo", "study task=force", "doctor"])
 def test_what_needs_the_sandbox_says_so(command: str, place: Path) -> None:
     """In one line, which names what works all the same; nothing is made."""

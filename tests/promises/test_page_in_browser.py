@@ -87,6 +87,7 @@ def test_thousand_candidates_have_a_page(tmp_path: Path, open_page: Opener) -> N
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_page_opens_with_the_best_network(shipped: PageContents, open_page: Opener) -> None:
     """Its panel, and its mark on the map; another one is chosen by its address, and going back leads to the best."""
     page, wrong = open_page(shipped)
@@ -102,6 +103,7 @@ def test_page_opens_with_the_best_network(shipped: PageContents, open_page: Open
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_click_on_an_elite_opens_its_source(shipped: PageContents, open_page: Opener) -> None:
     """The source shown is the candidate's, to the letter; its changes name what was lost and gained."""
     page, wrong = open_page(shipped)
@@ -118,6 +120,7 @@ def test_click_on_an_elite_opens_its_source(shipped: PageContents, open_page: Op
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_copied_source_is_a_file_that_runs(shipped: PageContents, open_page: Opener) -> None:
     """Also where letters of two units stand before its imports; a browser without a clipboard says so."""
     run = shipped.runs[0]
@@ -138,6 +141,7 @@ def test_copied_source_is_a_file_that_runs(shipped: PageContents, open_page: Ope
     expect(page.locator("#source-copy")).to_contain_text(f"tacevo show RUN {one['id']} --source")
 
 
+@pytest.mark.slow
 def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: Opener) -> None:
     """Trained ones show their losses, rejected ones the answer, which no hash in the ledger vouches for.
 
@@ -162,6 +166,7 @@ def test_every_candidate_opens_by_its_address(shipped: PageContents, open_page: 
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open_page: Opener) -> None:
     """By keyboard, from the first one on: the elites are those of the records, and lost niches are marked."""
     page, wrong = open_page(shipped)
@@ -176,6 +181,7 @@ def test_slider_shows_the_archive_of_each_generation(shipped: PageContents, open
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_colours_follow_the_choice(shipped: PageContents, open_page: Opener) -> None:
     """Each choice paints the cells in another way, and names its scale."""
     page, _ = open_page(shipped)
@@ -186,6 +192,7 @@ def test_colours_follow_the_choice(shipped: PageContents, open_page: Opener) -> 
     assert len(seen) == 4
 
 
+@pytest.mark.slow
 def test_table_filters_and_sorts(shipped: PageContents, open_page: Opener) -> None:
     """A filter leaves those of its value, and arrow keys walk them; a second click on a column turns the order.
 
@@ -210,6 +217,7 @@ def test_table_filters_and_sorts(shipped: PageContents, open_page: Opener) -> No
     assert page.locator('th[aria-sort="descending"]').inner_text() == "loss"
 
 
+@pytest.mark.slow
 def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -> None:
     """Tab comes to every control and to one link of map and tree; arrows walk on from there, and Enter opens."""
     page, wrong = open_page(shipped)
@@ -237,6 +245,7 @@ def test_keyboard_reaches_everything(shipped: PageContents, open_page: Opener) -
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_phone_scrolls_in_one_direction(shipped: PageContents, open_page: Opener) -> None:
     """At 390 pixels nothing is wider than the screen; what is wide scrolls in its own box."""
     run = shipped.runs[0]
@@ -260,6 +269,7 @@ def test_page_keys_visit_every_elite(shipped: PageContents, open_page: Opener) -
         assert page.evaluate("document.activeElement.href.baseVal") in links
 
 
+@pytest.mark.slow
 def test_line_charts_have_their_numbers(shipped: PageContents, open_page: Opener) -> None:
     """What a pointer reads off a line stands in a table that a keyboard reaches."""
     page, _ = open_page(shipped)
@@ -269,6 +279,7 @@ def test_line_charts_have_their_numbers(shipped: PageContents, open_page: Opener
     assert numbers.first.locator('[role="region"][tabindex="0"][aria-label]').count() == 1
 
 
+@pytest.mark.slow
 def test_elite_that_only_moved_is_not_new(shipped: PageContents, open_page: Opener) -> None:
     """Moved bounds bring old elites into other niches."""
     run = shipped.runs[0]
@@ -281,6 +292,7 @@ def test_elite_that_only_moved_is_not_new(shipped: PageContents, open_page: Open
     assert page.locator(".elites .is-new").count() == 0
 
 
+@pytest.mark.slow
 def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None:
     """All that came of a network can be opened from it, in the order in which they came.
 
@@ -302,6 +314,7 @@ def test_descendants_are_links(shipped: PageContents, open_page: Opener) -> None
     assert cell.locator("a").all_text_contents() == family[1:]
 
 
+@pytest.mark.slow
 def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -> None:
     """What a trained or skipped network passed, each answer that was sent back, and where a rejected one ended."""
     run = shipped.runs[0]
@@ -326,6 +339,7 @@ def test_gate_path_names_every_stage(shipped: PageContents, open_page: Opener) -
         assert page.locator("#candidate-body dl ol li").all_inner_texts() == expected
 
 
+@pytest.mark.slow
 def test_every_edge_of_the_lineage_has_its_instruction(shipped: PageContents, open_page: Opener) -> None:
     """It stands where the edge reaches the child, whether or not the child's line is lit."""
     run = shipped.runs[0]
@@ -341,6 +355,7 @@ def test_every_edge_of_the_lineage_has_its_instruction(shipped: PageContents, op
     assert sorted(page.locator("#lineage-tree .edge-names text:visible").all_text_contents()) == sorted(asked)
 
 
+@pytest.mark.slow
 def test_archive_without_niches_speaks_of_places(shipped: PageContents, open_page: Opener) -> None:
     """It ranks its networks, and has no cells."""
     run = {**shipped.runs[0], "cells": []}
@@ -406,6 +421,7 @@ def test_single_generation_has_a_page(shipped: PageContents, open_page: Opener) 
     assert wrong == []
 
 
+@pytest.mark.slow
 def test_print_shows_tables_and_no_controls(shipped: PageContents, open_page: Opener) -> None:
     """On paper nothing can be clicked, what is folded on a screen is open, and no table is wider than the sheet."""
     page, _ = open_page(shipped, size=_SHEET)

@@ -59,6 +59,7 @@ def test_later_release_replays_the_first_published_runs(name: str) -> None:
     assert "of an older form" in replayed.stdout
 
 
+@pytest.mark.slow
 def test_release_without_the_core_of_a_run_names_the_one_that_has_it(published: Path) -> None:
     """In one line, with the command that gets it."""
     done = tacevo("replay", published / "run", before=WITHOUT_OLD, status=2)
@@ -73,6 +74,7 @@ def continuing(published: Path, folder: Path) -> list[str | Path]:
     return ["extend", published / "run.zip", "search.generations=2", UNTRACKED, *where]
 
 
+@pytest.mark.slow
 def test_continuing_under_other_rules_is_refused(published: Path, tmp_path: Path) -> None:
     """Candidates and new ones would be judged differently; nothing is written."""
     done = tacevo(*continuing(published, tmp_path), before=LATER, status=2)
@@ -91,6 +93,7 @@ def test_probe_that_is_missing_is_not_made_by_a_later_release(published: Path, t
     assert not list(Store(tmp_path / "cache", "probes").entries())
 
 
+@pytest.mark.slow
 def test_retraining_is_refused_where_the_trainer_cannot(published: Path) -> None:
     """The message names the rules of the run and those that this release has."""
     setting = f"{WITHOUT_OLD}\nrules.CORES |= {{{CURRENT.core}}}"

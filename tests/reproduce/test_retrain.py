@@ -238,6 +238,7 @@ def test_forged_best_network_is_always_found(folder: Path, capsys: pytest.Captur
     assert f"different: {candidate}: train_losses of epoch 1: recorded " in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_forged_network_of_a_study_is_always_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Here the baseline, which is made worse than it is, so that the best looks better beside it."""
     forge(folder, "g00s00", 1.5)
@@ -247,6 +248,7 @@ def test_forged_network_of_a_study_is_always_found(folder: Path, capsys: pytest.
     assert "different: g00s00: train_losses of epoch 1: recorded " in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_draw_is_the_readers_own_and_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is said before anything is trained and in the end, with the odds; the same number draws the same again."""
     seeds: list[str] = []

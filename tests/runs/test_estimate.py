@@ -122,6 +122,7 @@ def test_estimate_of_a_sweep_has_every_job_and_their_sum(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_sum_of_a_sweep_is_that_of_its_jobs_and_measures_a_pace_once(overrides: Estimating) -> None:
     """What is unknown of one job is unknown of all; jobs that train alike are measured together."""
     measured: list[RunConfig] = []
@@ -162,6 +163,7 @@ def test_estimate_needs_no_choice_of_a_model(chosen: list[str], tmp_path: Path) 
             compose_estimate(["experiment=paper_force", wrong])
 
 
+@pytest.mark.slow
 def test_recorded_answers_of_generation_0_cost_nothing(overrides: Estimating) -> None:
     """What is in the store is not asked for; another model's answers have another length, and say nothing."""
     record(overrides(), first_requests(overrides("llm.model=claude-opus-5")), tokens=(7, 7))
@@ -191,6 +193,7 @@ def plain_search() -> str:
     return described(compose([*SMALL, "store.root=nowhere"]))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
@@ -216,6 +219,7 @@ def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating
         estimate(compose(overrides()))
 
 
+@pytest.mark.slow
 def test_hours_follow_from_the_pace(overrides: Estimating) -> None:
     """By hand: 75 trainings of 5 epochs of 480 images at 100 a second, and what they wait for, shared by 2 workers."""
     config = compose(overrides("training.seeds=3"))
@@ -232,6 +236,7 @@ def test_hours_follow_from_the_pace(overrides: Estimating) -> None:
     assert grown == [1.0, 1 + GROWTH / 2, 1 + GROWTH, 1 + GROWTH]
 
 
+@pytest.mark.slow
 def test_cluster_is_so_many_machines_and_a_machine_is_one(overrides: Estimating) -> None:
     """Two measured at once: 64 workers of a cluster are 32 times as fast, and on two cores no faster than two."""
     config = compose(overrides("executor.workers=64"))
@@ -256,6 +261,7 @@ def test_workers_of_gpus_train_together_as_far_as_leases_allow(
     assert trainings_at_once(replace(config, executor=executor, training=training)) == together
 
 
+@pytest.mark.slow
 def test_hours_count_the_images_of_the_training_split(overrides: Estimating, tmp_path: Path) -> None:
     """What the split does not hold out; a data set without a split of its own has no such hours."""
     config = compose(overrides())
@@ -315,6 +321,7 @@ def test_hours_that_cannot_be_measured_are_said_to_be_so(overrides: Estimating) 
     assert "hours: not measured (data.root" in described(absent)
 
 
+@pytest.mark.slow
 def test_baseline_that_does_not_train_has_no_pace(overrides: Estimating, tmp_path: Path) -> None:
     """A rejection takes no time, and would promise a search in seconds."""
     broken = tmp_path / "broken.py"

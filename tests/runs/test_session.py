@@ -39,6 +39,7 @@ TINY = [
 RECORDED = ["search", *SMALLEST, UNTRACKED, "search.generations=0", "search.candidates=3", "search.initial=2"]
 
 
+@pytest.mark.slow
 def test_interrupt_says_that_something_is_kept_once_it_is(place: Path) -> None:
     """Not before the first candidate is in the ledger; from then on also where it comes before the next one.
 

@@ -115,6 +115,7 @@ def generations(folder: str) -> int:
     return sum(isinstance(line, GenerationLine) for line in read_ledger(RunDirectory(Path(folder))).lines)
 
 
+@pytest.mark.slow
 def test_search_of_rubbish_stops_and_goes_on(search: Searching, capsys: pytest.CaptureFixture[str]) -> None:
     """After generation 1, with all kept, and after each one more; with a better server as if it had never stopped."""
     for ended in (2, 3):  # what was recorded before does not stop it, and counts

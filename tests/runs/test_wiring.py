@@ -151,6 +151,7 @@ def test_run_is_told_what_holds_its_candidates(tmp_path: Path) -> None:
     assert [measures["level"] for measures in told] == [Confinement.none]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("visible", "said"), [("", "a machine without one"), ("0", "equipped or confined")])
 def test_gpu_that_fails_is_no_verdict(visible: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a GPU, or with a torch without CUDA, no candidate is rejected: the search stops, and stores nothing."""
@@ -196,6 +197,7 @@ def test_grammar_has_one_model(tmp_path: Path) -> None:
         opened.effects(CURRENT)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("other", ["llm.thinking_tokens=null", "llm.max_tokens=2048", "llm.model=another"])
 def test_refusal_of_a_temperature_is_of_one_choice_of_model(tmp_path: Path, other: str) -> None:
     """A model that refuses a temperature beside thinking may take it without, so no other choice is refused."""

@@ -241,6 +241,7 @@ def test_endless_last_words_are_cut_before_they_reach_the_search(sandbox: Sandbo
         assert death(sandbox, "raise_at_length") == Died(Reason.crashed, "\N{REPLACEMENT CHARACTER}" * 300)
 
 
+@pytest.mark.slow
 def test_longest_header_costs_little_memory(sandbox: Sandbox) -> None:
     """What is just allowed is read, and takes no more than a training does."""
     with holding_little_memory(200):

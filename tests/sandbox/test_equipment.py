@@ -61,6 +61,7 @@ def test_stopped_supervisor_of_a_device_is_no_verdict(sandbox: Sandbox, monkeypa
         sandbox.run("tell", {"seconds": 60}, b"", LIMITS)
 
 
+@pytest.mark.slow
 def test_time_of_a_candidate_begins_when_its_device_is_ready(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of both takes less than the limit, and together they take more than supervisor and search wait for one."""
     monkeypatch.setattr(client, "_GRACE_SECONDS", 0.5)

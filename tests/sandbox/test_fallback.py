@@ -39,6 +39,7 @@ def test_doctor_names_the_missing_wall(tmp_path: Path) -> None:
     assert "seccomp: a short list" in done.stdout
 
 
+@pytest.mark.slow
 def test_doctor_names_the_walls_that_stand(tmp_path: Path) -> None:
     """On this machine nothing is missing, and the checks, which really try, find it sound."""
     done = tacevo("doctor", cwd=tmp_path)

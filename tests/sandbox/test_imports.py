@@ -36,6 +36,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
+@pytest.mark.slow
 def test_probe_and_training_need_no_compiler(sandbox: Sandbox, tmp_path: Path) -> None:
     """An honest network is probed and trained below one zygote, which has not imported torch's compiler."""
     baseline = (LIBRARY / "force" / "baseline.py").read_text(encoding="utf-8")
@@ -54,6 +55,7 @@ def test_process_that_imports_more_runs_where_all_of_it_is(sandbox: Sandbox) -> 
     assert answer == Finished((Frame("begun", b""), Frame([["torch._dynamo"], ["torch._dynamo"]], b"")))
 
 
+@pytest.mark.slow
 def test_claim_to_need_a_module_is_believed_once(sandbox: Sandbox) -> None:
     """A candidate that only says so runs once more, and then has crashed."""
     claim = Message.of(Sort.unprepared, None).to_bytes()

@@ -125,6 +125,7 @@ def test_limits_hold_while_a_frame_is_scored(job: str, reason: Reason, open_one:
     assert dead == [True]
 
 
+@pytest.mark.slow
 def test_time_of_children_that_are_lost_counts(open_one: Sandbox) -> None:
     """What a killed child computed is not given to its parent again: 2 s are enough for six children of 0.3 s."""
     asked: list[int] = []

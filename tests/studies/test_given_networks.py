@@ -99,6 +99,7 @@ def test_other_split_is_another_study_of_the_same_networks(here: Path) -> None:
     assert not {row.evaluation for row in own.rows} & {row.evaluation for row in other.rows}
 
 
+@pytest.mark.slow
 def test_study_may_train_with_other_numerics_than_the_run(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What trained it is recorded, replayed and repeated by an export; what is said of it elsewhere is found out."""
     assert main(["study", "run=run", "seeds=2", "epochs=1", "numerics=fast"]) == 0
@@ -129,6 +130,7 @@ def test_study_may_train_with_other_numerics_than_the_run(here: Path, capsys: py
             replay_studies(run, Progress())
 
 
+@pytest.mark.slow
 def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """They find run and study again; of other settings that lead to the run's data the content decides."""
     before = {path: path.read_bytes() for path in here.glob("run/studies/*/*")}
@@ -138,6 +140,7 @@ def test_same_commands_again_train_nothing(here: Path, capsys: pytest.CaptureFix
     assert {path: path.read_bytes() for path in here.glob("run/studies/*/*")} == before
 
 
+@pytest.mark.slow
 def test_several_data_sets_are_studied_one_after_the_other(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By commas; they end in one table, whatever older studies on equal data there are.
 
@@ -243,6 +246,7 @@ def test_edited_data_of_a_study_are_found(edit: object, error: type[TacevoError]
         replay_studies(read_run(Path("run")), Progress())
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("source", "where", "got"),
     [
@@ -279,6 +283,7 @@ def test_sources_without_a_syntax_tree_are_compared_as_they_are() -> None:
         _check_different(replace(TASK, baseline="("), [Given(name=name, source=deep) for name in ("one", "other")])
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

@@ -120,6 +120,7 @@ def test_replay_compares_every_re_estimate(folder: Path, capsys: pytest.CaptureF
     assert main(["replay", "run"]) != 0
 
 
+@pytest.mark.slow
 def test_bundle_holds_the_noise_run_and_can_be_verified(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With its tables, which follow from the records byte for byte, and every entry that they need."""
     assert main(["publish", "run", "-o", "run.zip", "--author", "A. Nyone"]) == 0
@@ -261,6 +262,7 @@ def test_further_noise_run_that_chooses_is_named(folder: Path, capsys: pytest.Ca
     assert f"digest {str(further.read().digest)[:12]}" in told.out
 
 
+@pytest.mark.slow
 def test_elites_can_be_chosen_by_their_re_estimates(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By the lowest median of the noise run, whose digest the study keeps; a replay chooses by it again."""
     rows = rows_of(noise_of(folder))

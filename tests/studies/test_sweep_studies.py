@@ -76,6 +76,7 @@ def test_each_job_has_a_study_of_its_best_elite(folder: Path) -> None:
         assert (len(study.networks), study.seeds, study.recipe.epochs) == (2, 2, 1)
 
 
+@pytest.mark.slow
 def test_ablations_compare_the_test_scores(folder: Path) -> None:
     """One value a job: the median of its network's scores; the metric comes first and is called primary."""
     assert main(["ablations", "sweep", "--store", "cache"]) == 0
@@ -106,6 +107,7 @@ def test_same_command_again_trains_nothing(folder: Path, capsys: pytest.CaptureF
     assert (files(folder), (folder / "sweep" / "sweep.json").read_bytes()) == before
 
 
+@pytest.mark.slow
 def test_jobs_are_tested_on_the_device_that_the_sweep_states(swept: Path, place: Path) -> None:
     """Only such studies count; a job's own study of these settings does, too, and no other is stated afterwards."""
     for name in ("sweep", "cache"):
@@ -346,6 +348,7 @@ def test_noise_run_of_a_run_and_a_sweep_is_refused(folder: Path, capsys: pytest.
     assert "got both run=sweep/none-seed0 and sweep=sweep" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_trivial_predictor_stands_beside_the_arms(folder: Path) -> None:
     """With its test score, and nothing else: by the labels' variance, which the scores of a study tell."""
     assert main(["ablations", "sweep", "--store", "cache"]) == 0

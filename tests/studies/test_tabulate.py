@@ -127,6 +127,7 @@ def _skipping(folder: Path, generations: int) -> RecordedRun:
     return _looked_up(table, folder, *WIDER, "proposals.skipped=0.5", f"search.generations={generations}")
 
 
+@pytest.mark.slow
 def test_search_that_skips_is_a_run_as_any_other(tmp_path: Path) -> None:
     """It replays without a model, its trainings come again, and its noise is of what it trained."""
     run = _skipping(tmp_path, 5)
@@ -159,6 +160,7 @@ def test_noise_run_is_of_trainings_that_the_search_has_not_seen(table: SpaceTabl
         tacevo.study(run.path, quiet=True, elites=1, seeds=2, epochs=2)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("override", "place"),
     [
@@ -193,6 +195,7 @@ def test_sweep_with_a_job_that_the_table_does_not_suit_is_refused_before_one_run
     assert not (tmp_path / "sweep").exists()
 
 
+@pytest.mark.slow
 def test_no_study_is_the_next_step_of_what_was_looked_up(
     table: SpaceTable, place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -210,6 +213,7 @@ def test_no_study_is_the_next_step_of_what_was_looked_up(
     assert "tacevo study" not in said.out + said.err
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("part", ["static", "probe", "training"])
 def test_table_of_other_rules_is_refused(table: SpaceTable, tmp_path: Path, part: str) -> None:
     """What other rules measured is not what a search of today would measure."""
@@ -286,6 +290,7 @@ def test_largest_table_that_is_begun_can_be_written(table: SpaceTable) -> None:
     check_size(table.header, most // 2)
 
 
+@pytest.mark.slow
 def test_networks_that_no_table_holds_are_refused_once_they_are_measured(table: SpaceTable, tmp_path: Path) -> None:
     """Nothing is trained for a file that cannot be written."""
     networks = table.networks * (2 * MOST_OF_A_MEMBER // sum(len(canonical(to_json(row))) for row in table.networks))

@@ -160,6 +160,7 @@ def test_search_of_a_table_takes_one_core() -> None:
     assert needed_cores(config) == 1
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("how", ["", "idle", "before its order", "with its order"])
 def test_process_that_starts_searches_can_be_killed(how: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One process starts a search after the other; where it is killed, its job has failed, and another goes on."""

@@ -87,6 +87,7 @@ def test_run_of_another_configuration_is_not_the_job(tmp_path: Path, job: Job) -
     assert "expected a run of the job none-seed0, whose configuration has the hash " in status.reason
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     "change",
     [
@@ -103,6 +104,7 @@ def test_hash_follows_what_decides_results(change: str) -> None:
     assert config_hash(composed(*SHARED, change)) != config_hash(composed(*SHARED))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("change", ["executor.workers=1", "store.root=else", "run.dir=else", "tracking=mlflow"])
 def test_hash_leaves_out_where_a_job_is_computed(change: str) -> None:
     """A job that was finished with two workers is not repeated with four."""

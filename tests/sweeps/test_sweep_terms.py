@@ -46,6 +46,7 @@ def test_terms_are_there_before_a_job_runs(place: Path) -> None:
     assert terms == [SweepTerms(primary=Primary.test_score, reference="none")]
 
 
+@pytest.mark.slow
 def test_any_arm_may_be_the_reference(place: Path) -> None:
     """A sweep over settings states one of its own; without one it is told that nothing will be tested."""
     stated = begun(MODELS, Asked(reference="temperature=stall", primary=Primary.qd_score)).read().terms
@@ -112,6 +113,7 @@ def test_damaged_terms_are_named(terms: object, place_of: str, place: Path) -> N
         SweepDirectory(place).read()
 
 
+@pytest.mark.slow
 def test_data_follow_from_the_seed_of_a_job_only_where_the_sweep_says_so(place: Path) -> None:
     """Each job runs as its command line would, and arms keep their names; nobody says so after the fact."""
     directory = begun([*SHARED, "ablation=none,fixed_temperature", "seed=3,4"], Asked(vary=SEEDED))
@@ -127,6 +129,7 @@ def test_data_follow_from_the_seed_of_a_job_only_where_the_sweep_says_so(place: 
         check_jobs(directory)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("settings", "vary", "got"),
     [
@@ -145,6 +148,7 @@ def test_setting_that_cannot_follow_from_the_seed_is_refused(
     assert not launched.calls
 
 
+@pytest.mark.slow
 def test_plan_is_stated_with_the_sweep_and_stays(place: Path) -> None:
     """It is copied: a file that is changed later changes nothing. One of another task has another spread."""
     Path("plan.json").write_text(plan_text(replace(PLAN, task="grating")))

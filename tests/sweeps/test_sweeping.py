@@ -161,6 +161,7 @@ def test_same_search_runs_once(place: Path) -> None:
 AGEING = ["ablation=none,regularised_evolution", "seed=range(0,4)"]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
@@ -184,6 +185,7 @@ def test_what_a_sweep_cannot_show_is_said_before_it_runs(settings: list[str], to
     assert bool(warned) == bool(told)
 
 
+@pytest.mark.slow
 def test_seeds_of_an_arm_that_is_not_tested_are_not_too_few() -> None:
     """One that is the reference by construction may have a single seed; an arm that is tested may not."""
     seeds = {"none": 4, "fixed_temperature": 4, "no_prompt_archive": 1}
@@ -200,6 +202,7 @@ def test_seeds_of_an_arm_that_is_not_tested_are_not_too_few() -> None:
     assert any(line.startswith("3 seeds of an arm can show nothing") for line in shortcomings(planned, fewer, "none"))
 
 
+@pytest.mark.slow
 def test_folder_is_found_again_with_more_arms_and_seeds() -> None:
     """It follows from what the jobs share, and from nothing that leaves results alone."""
     first, more, watched, other = (
@@ -268,6 +271,7 @@ def test_more_arms_and_seeds_add_jobs(place: Path) -> None:
 CROSSED = "proposals.mutation_probability"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("first", "then", "job"),
     [

@@ -121,6 +121,7 @@ def runs_in(database: Path) -> int:
     return int(number)
 
 
+@pytest.mark.slow
 def test_run_that_is_being_mirrored_is_not_waited_for(tmp_path: Path, uri: str) -> None:
     """Its search's mirror may take hours; the others are written meanwhile."""
     for name in ("a", "b"):

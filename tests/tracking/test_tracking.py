@@ -49,6 +49,7 @@ def run_dir(tmp_path: Path) -> Path:
     return tmp_path / "run"
 
 
+@pytest.mark.slow
 def test_mirror_leaves_no_file_open_and_its_failure_is_told(run_dir: Path) -> None:
     """Many searches of one process do not run out of descriptors; and where there are none, the search goes on."""
     before = os.listdir("/proc/self/fd")
@@ -283,6 +284,7 @@ def size_of(path: Path) -> int:
         return 0
 
 
+@pytest.mark.slow
 def test_mirror_that_cannot_work_is_one_line_for_the_user(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of its log the last line, or that it is gone; nothing is raised."""
     monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)

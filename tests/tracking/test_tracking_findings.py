@@ -56,6 +56,7 @@ def test_study_is_a_nested_run_with_scores_and_verdicts(run: Path, uri: str, tmp
     assert list(csv.DictReader(table.read_text().splitlines()))[1]["verdict"] == verdict.verdict
 
 
+@pytest.mark.slow
 def test_search_has_the_median_of_its_archive_by_generation(run: Path, uri: str) -> None:
     """As the table of generations has it; where the stores are elsewhere it is absent, and all else is there."""
     mirror_once(run, uri)
@@ -78,6 +79,7 @@ def test_studies_are_written_once_and_after_a_kill(run: Path, uri: str) -> None:
     assert everything(uri) == whole
 
 
+@pytest.mark.slow
 def test_run_that_the_user_nested_there_is_left_alone(run: Path, uri: str) -> None:
     """A run without a tag of ours, even one at work, is neither deleted nor an obstacle."""
     from mlflow import MlflowClient
@@ -90,6 +92,7 @@ def test_run_that_the_user_nested_there_is_left_alone(run: Path, uri: str) -> No
     assert everything(uri)["run", "mine"][1] == "RUNNING"
 
 
+@pytest.mark.slow
 def test_unfinished_study_waits_and_another_of_its_name_is_refused(run: Path, uri: str) -> None:
     """Its scores may be anything yet; and two studies of one name are never mixed."""
     (directory,) = studies_of(run)

@@ -116,6 +116,7 @@ def silent() -> Iterator[str]:
         yield f"http://127.0.0.1:{server.getsockname()[1]}"
 
 
+@pytest.mark.slow
 def test_store_that_does_not_answer_is_not_said_to_be_written(run_dir: Path, silent: str) -> None:
     """One line says that the mirror is still at it: no other command may write there meanwhile."""
     mirror = Mirror(run_dir, uri=silent, experiment="tacevo")

@@ -243,6 +243,7 @@ def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
         yield opened
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("source", "jobs"), [(SOURCE, 1), (NORMALISED, 1), (LEARNING_OUTSIDE, 2)])
 def test_later_rules_test_the_same_predictions(source: str, jobs: int, sandbox: Sandbox, tmp_path: Path) -> None:
     """Bit for bit as if test images were predicted after every epoch, and the training is that of a search."""

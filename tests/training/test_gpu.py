@@ -202,6 +202,7 @@ raise SystemExit(float(parameter.detach()) > 0.6)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_what_computes_on_a_cpu_asks_no_driver() -> None:
     """An export lets torch look for a GPU often, which starts the driver where torch is built for one."""
     check = """

@@ -28,6 +28,7 @@ def figure(request: pytest.FixtureRequest) -> tuple[Figure, float]:
     return draw(), width
 
 
+@pytest.mark.few(4)
 def test_figure_is_as_wide_as_its_columns(figure: tuple[Figure, float]) -> None:
     """And nothing is cropped or added when it is saved, which is tried with few points an inch."""
     drawn, width = figure
@@ -43,6 +44,7 @@ def test_letters_have_7_or_8_points(figure: tuple[Figure, float]) -> None:
     assert sizes <= {7.0, 8.0}
 
 
+@pytest.mark.few(4)
 def test_no_text_leaves_its_figure(figure: tuple[Figure, float]) -> None:
     """Every word that is drawn lies within the page; half a point of slack for what surrounds the letters."""
     drawn, _ = figure

@@ -64,6 +64,7 @@ def test_words_below_one_panel_do_not_reach_the_next(monkeypatch: pytest.MonkeyP
     assert all(one.x1 < other.x0 for one, other in pairwise(below))
 
 
+@pytest.mark.slow
 def test_no_two_arms_look_alike() -> None:
     """Thirteen arms differ in dash or marker, too, and not in colour alone; `none` is black and solid."""
     lines = [one for one in of_many()[0].axes[0].lines if not str(one.get_label()).startswith("_")]
@@ -81,6 +82,7 @@ def test_every_seed_is_a_point() -> None:
     assert [label.get_text() for label in axes.get_yticklabels()] == ["none", "worse"]
 
 
+@pytest.mark.slow
 def test_arms_that_lie_on_each_other_are_named() -> None:
     """Above each panel in which one hides the other; elsewhere there is no title."""
     twins = (*TWO, *jobs_of("twin", WORSE))

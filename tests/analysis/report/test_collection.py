@@ -115,6 +115,7 @@ def test_study_without_a_comparison_keeps_its_scores_and_boxes() -> None:
     assert boxes.draw().axes
 
 
+@pytest.mark.slow
 def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Path) -> None:
     """Its elites may not be the best any more: neither scores nor re-estimates are taken from it."""
     (study,) = studies_of(folder / "run")
@@ -126,6 +127,7 @@ def test_study_of_the_run_before_it_was_continued_says_nothing_of_it(folder: Pat
     assert ", before it was continued; study it again" in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("networks", "is_told"), [(1, False), (2, True)])
 def test_study_that_cannot_be_compared_keeps_its_scores(
     networks: int, is_told: bool, published: Path, place: Path

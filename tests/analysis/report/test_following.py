@@ -95,6 +95,7 @@ def test_what_the_system_refuses_is_said(file: str, begun: Path) -> None:
     assert len(contents.runs) == 1
 
 
+@pytest.mark.slow
 def test_sweep_shows_what_is_begun_of_it(swept: Path, tmp_path: Path) -> None:
     """A job without a directory is waited for; the arms are compared as soon as jobs are finished."""
     sweep = Path(shutil.copytree(swept / "sweep", tmp_path / "sweep"))

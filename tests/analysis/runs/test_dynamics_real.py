@@ -18,6 +18,7 @@ def run(whole_search: tuple[Path, str]) -> RecordedRun:
     return read_run(whole_search[0] / "run")
 
 
+@pytest.mark.slow
 def test_first_answers_are_counted_as_the_search_did(run: RecordedRun) -> None:
     """What all stages leave is what the generations call trained, less the baseline, and some was lost at first."""
     left = gate_stages(run.candidates)[-1].left
@@ -26,6 +27,7 @@ def test_first_answers_are_counted_as_the_search_did(run: RecordedRun) -> None:
     assert (frame.trained == frame.candidates - frame[[f"rejected_{stage}" for stage in Stage]].sum(axis=1)).all()
 
 
+@pytest.mark.slow
 def test_summary_and_gate_table_count_alike(run: RecordedRun) -> None:
     """What each stage rejected, as summary.md and the table of the gate have it."""
     page = (run.path / "summary.md").read_text(encoding="utf-8")

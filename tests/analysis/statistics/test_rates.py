@@ -73,6 +73,7 @@ def rate(trial: Callable[[Draw], bool]) -> float:
     return sum(trial(rng) for _ in range(TRIALS)) / TRIALS
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", ERRORS)
 def test_rate_of_errors_is_five_per_cent_at_most(name: str) -> None:
     """Within chance."""

@@ -107,6 +107,7 @@ def test_runs_stand_beside_the_published_searches() -> None:
     )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("settings", "named"),
     [

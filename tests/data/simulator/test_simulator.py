@@ -76,6 +76,7 @@ def test_kinds_of_sensors_see_markers_the_object_or_both(task: SensorTask) -> No
     assert np.abs(pictures[SimulatedSensor.TacTip] - pictures[SimulatedSensor.ViTacTip]).max() > 15
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("task", SensorTask)
 @pytest.mark.parametrize("sensor", SimulatedSensor)
 def test_gel_changes_what_is_seen_and_no_label(task: SensorTask, sensor: SimulatedSensor) -> None:
