@@ -24,7 +24,7 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Counter[Path]:
     return times
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "command",
     [

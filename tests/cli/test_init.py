@@ -127,6 +127,7 @@ def test_task_lies_where_the_user_stands(
     assert ("--config-dir: expected a directory" if options else "expected one of ") in capsys.readouterr().err
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["task/grating.yaml", "library/grating/system.md", "ablation/no_qd.yaml"])
 def test_name_that_tacevo_has_is_refused_where_it_is_used(name: str, place: Path) -> None:
     """Else an edited copy would silently have no effect; an equal copy, and what is not chosen, may lie there."""
@@ -160,6 +161,7 @@ def test_directory_that_cannot_be_written_is_named(protected: str, conf: Path) -
     assert contents(conf) == before
 
 
+@pytest.mark.slow
 def test_a_check_and_the_search_after_it_take_the_same_images(conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The size that was looked at is the size that is trained with."""
     for name, like in (("shear", "force"), ("ridges", "grating")):
@@ -193,6 +195,7 @@ def test_what_is_left_of_the_other_task_is_named_until_it_is_gone(
     assert left_of_others(replace(two, output_names=("a", "b"))) == [words]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "names", "kept"),
     [("shear_force", "[a,b,c]", set()), ("shear", "[force_x,force_y,force_z]", set()), ("shear", "[a,b,c]", {"force"})],

@@ -22,6 +22,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "options", "texts", "words"),
     [
@@ -70,6 +71,7 @@ def test_text_behind_nested_tags_stays(page: Path) -> None:
     assert after == ["Mind", "this", "Code:", "```python", "(see the parent network in the next message)", "```"]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("name", "text"),
     [

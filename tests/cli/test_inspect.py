@@ -139,6 +139,7 @@ def test_doctor_names_a_directory_that_cannot_be_written(place: Path, capsys: py
     assert "ok   configs" in told
 
 
+@pytest.mark.slow
 def test_file_that_cannot_be_read_stops_no_other(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Missing, a directory, not UTF-8, not a recording: each has its entry, and the status says that one failed."""
     (place / "folder").mkdir()

@@ -100,6 +100,7 @@ def test_edited_plan_of_a_study_is_found(folder: Path, capsys: pytest.CaptureFix
     assert "plan.seeds" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_sweep_states_its_plan(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is in sweep.json, and below the table of the arms."""
     assert main(["plan", "sweep", str(sweep), "--effect", "0.5", "--power", "0.5"]) == 0

@@ -126,6 +126,7 @@ def test_contact_sheet_names_split_and_row_of_so_many(tmp_path: Path) -> None:
     assert len(shown(contact_sheet(loaded(CLASSES, tmp_path), units=NO_UNITS, title="sheet"))) == SHEET_IMAGES
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("ending", ["png", "pdf", "svg"])
 def test_equal_data_give_equal_bytes(ending: str, tmp_path: Path) -> None:
     """No date and no random identifier is in the file; other data give another one."""

@@ -371,6 +371,7 @@ def test_bundle_is_asked_for_its_walls(published: Path, monkeypatch: pytest.Monk
         run.export(str(run.elites["id"].iloc[0]), "never", quiet=True)
 
 
+@pytest.mark.slow
 def test_source_is_shown_as_the_file_that_is_exported(
     exported: Path, published: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

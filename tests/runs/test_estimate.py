@@ -211,6 +211,7 @@ def test_what_differs_from_a_plain_search_is_told(changes: list[str], told: str,
     assert told not in plain_search()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("asked", [{"system": "no model"}, {"model": "claude-haiku-4-5-20251001"}])
 def test_entry_that_is_no_completion_is_named(asked: Json, overrides: Estimating) -> None:
     """A mean over answers that cannot be read is not guessed, and the file is named."""

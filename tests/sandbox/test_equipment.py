@@ -68,6 +68,7 @@ def test_time_of_a_candidate_begins_when_its_device_is_ready(sandbox: Sandbox, m
     assert sandbox.run("rest", {"seconds": 2}, b"", replace(LIMITS, seconds=3)) == Finished(())
 
 
+@pytest.mark.slow
 def test_candidate_cannot_begin_its_time_again(sandbox: Sandbox, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another word that it is ready ends it; without its supervisor the search's own limit does."""
     again = Message.of(Sort.ready, []).to_bytes()

@@ -81,6 +81,7 @@ def test_job_that_runs_again_hears_of_its_own_frames_alone(sandbox: Sandbox) -> 
     assert killed
 
 
+@pytest.mark.slow
 def test_frames_that_nobody_waits_for_do_no_harm(open_one: Sandbox) -> None:
     """A hostile job that does not look at what it is told; nothing of it is left."""
     assert heard(open_one, ["1"]) == [True]
@@ -141,6 +142,7 @@ def test_time_of_children_that_are_lost_counts(open_one: Sandbox) -> None:
     assert len(asked) <= 6
 
 
+@pytest.mark.slow
 def test_limits_hold_while_nobody_reads(tmp_path: Path) -> None:
     """A search that stands still, with a frame half sent; it reads the frame and the verdict when it goes on."""
     np.save(tmp_path / "images.npy", np.ones(12, np.uint8))

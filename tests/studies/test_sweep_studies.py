@@ -91,6 +91,7 @@ def test_ablations_compare_the_test_scores(folder: Path) -> None:
     assert "Primary metric: test MSE, as the sweep stated before its jobs were tested" in text
 
 
+@pytest.mark.slow
 def test_job_without_its_test_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It keeps all other values."""
     shutil.rmtree(folder / "sweep" / "none-seed1" / "studies")

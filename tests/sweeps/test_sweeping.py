@@ -161,7 +161,7 @@ def test_same_search_runs_once(place: Path) -> None:
 AGEING = ["ablation=none,regularised_evolution", "seed=range(0,4)"]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("settings", "told"),
     [

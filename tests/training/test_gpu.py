@@ -181,6 +181,7 @@ def test_recipe_is_read_back_as_it_was_written() -> None:
     assert Recipe.from_json(written(RECIPE)) == RECIPE
 
 
+@pytest.mark.slow
 def test_zygote_never_asks_for_a_gpu() -> None:
     """A process that asked the driver once cannot be forked into one that uses it, whatever it imports for its jobs."""
     check = """

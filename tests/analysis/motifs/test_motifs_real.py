@@ -88,6 +88,7 @@ def test_motif_that_was_asked_for_is_found(sandbox: Sandbox, tmp_path: Path, exa
     assert ASKED[example["file"]] in motifs_in(sandbox, tmp_path, example)
 
 
+@pytest.mark.few(1)
 @needs_shared
 @pytest.mark.parametrize(
     "example", [e for e in examples("llm_answers") if e["file"] in REFACTORED], ids=lambda e: e["file"]
