@@ -25,6 +25,9 @@ _PATIENCE, _PAUSE = 20, 0.05
 #: A file in the making: hidden beside what it will be, or in a directory above, and locked by its writer.
 _PART = re.compile(r"\..+\.[0-9a-f]{16}\.part")
 
+#: What making a directory raises where a file has its name, or that of one above it.
+_IN_THE_WAY = (FileExistsError, NotADirectoryError)
+
 #: What `flock` answers where a file system has no locks.
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK}
 
@@ -48,7 +51,8 @@ def locked(folder: Path, setting: str) -> Iterator[None]:
         handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR, 0o666)  # not inherited
     except OSError as error:
         got, expected = f"one that cannot ({error.strerror})", "a directory that can be written to"
-        raise RunError(got, place=f"{setting}={folder}", expected=expected) from error
+        remedy = "move away the file that stands in its place" if isinstance(error, _IN_THE_WAY) else ""
+        raise RunError(got, place=f"{setting}={folder}", expected=expected, remedy=remedy) from error
     try:
         if not _flock_soon(handle):
             got, remedy = "another process in it", f"wait for it, or choose another {setting}"

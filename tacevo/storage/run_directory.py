@@ -31,6 +31,7 @@ from tacevo.records import DataFacts, Json, Record, Rejection, Task, to_json, wr
 from tacevo.rules import FIRST_PAGES
 from tacevo.storage.canonical import canonical, readable
 from tacevo.storage.files import is_in_use, locked, remove_leftovers, write_durably
+from tacevo.storage.members import Member
 from tacevo.typed import FreeJson, parse
 
 #: A candidate's file holds its source, or the answer that was rejected.
@@ -143,8 +144,8 @@ class RunDirectory:
 
     @property
     def is_busy(self) -> bool:
-        """Whether a process holds the directory at this moment."""
-        return is_in_use(self.path / ".lock", shared=True)
+        """Whether a process holds the directory at this moment; nobody writes into a bundle."""
+        return not isinstance(self.path, Member) and is_in_use(self.path / ".lock", shared=True)
 
     def remove_leftovers(self) -> None:
         """Remove what killed writers left here."""

@@ -19,6 +19,7 @@ from tacevo.results.publishable import other_device
 from tacevo.results.settings import settings_of
 from tacevo.results.study_directory import is_stated, studies_of
 from tacevo.results.sweep import REFERENCE
+from tacevo.runs.datasets import source_of
 from tacevo.runs.progress import Progress
 from tacevo.storage.sweep_directory import Job, Retraining, SweepDirectory, SweepRecord, naming
 from tacevo.studies.study import Studied, estimate_noise, study
@@ -56,6 +57,9 @@ def study_sweep(
         arms=arms,
         other_device=_other_device(directory, finished, config, other),
     )
+    for job in finished:
+        with naming(job.name):
+            source_of(settings_of(directory.run(job)))  # what has no test images is not said to be tested
     if sweep.terms.retraining != retraining:
         _state(directory, retraining)
 

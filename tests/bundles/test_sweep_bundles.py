@@ -122,6 +122,16 @@ def test_retraining_draws_from_all_runs(swept: Path, place: Path, capsys: pytest
     assert all(line.split()[0] in OWN for line in told)
 
 
+def test_published_sweep_is_shown_as_its_directory(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each job with its state and digest."""
+    shown = []
+    for sweep in (swept / "sweep.zip", swept / "sweep"):
+        assert main(["show", str(sweep)]) == 0
+        shown.append([line for line in capsys.readouterr().out.splitlines() if "finished" in line])
+    assert shown[0] == shown[1]
+    assert len(shown[0]) == 1 + len(OWN)
+
+
 def test_job_of_a_published_sweep_is_a_run(swept: Path, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Commands that take a run take it by its name, and say the same as of its directory."""
     published, directory = f"{swept}/sweep.zip/none-seed1", f"{swept}/sweep/none-seed1"

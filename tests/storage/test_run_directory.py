@@ -51,6 +51,15 @@ def test_lock_makes_the_folder_and_excludes_others(directory: RunDirectory) -> N
         pass
 
 
+@pytest.mark.parametrize("above", [False, True])
+def test_file_in_the_place_of_a_directory_is_to_be_moved(above: bool, tmp_path: Path) -> None:
+    """Or in that of one above it; nothing else would help."""
+    (tmp_path / "run").write_text("mine")
+    path = tmp_path / "run" / "deep" if above else tmp_path / "run"
+    with refused(RunError, place=f"run.dir={path}", remedy="move away"), RunDirectory(path).locked():
+        pytest.fail("it is locked")
+
+
 def test_who_looks_for_a_moment_keeps_nobody_out(directory: RunDirectory) -> None:
     """To see whether a directory is held takes a lock itself, and a run that begins just then waits for its end."""
     directory.path.mkdir(parents=True)

@@ -15,7 +15,7 @@ import tacevo
 from analysis.statistics.spaces import regret
 from tacevo.choices import FitnessRule, Primary
 from tacevo.cli.app import main
-from tacevo.config.compose import compose
+from tacevo.config.compose import compose, compose_study
 from tacevo.errors import BundleError, CacheMissError, ConfigError, DivergenceError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Json, Reason, Rejection, Stage, to_json
@@ -39,7 +39,9 @@ from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
 from tacevo.storage.canonical import canonical
 from tacevo.storage.entries import ReadBudget
+from tacevo.storage.sweep_directory import SweepDirectory
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, packed, read_members
+from tacevo.studies.of_sweep import study_sweep
 from tacevo.studies.tabulate import tabulate
 from tacevo.sweeps.sweeping import sweep
 from tacevo.sweeps.terms import Asked
@@ -211,6 +213,9 @@ def test_no_study_is_the_next_step_of_what_was_looked_up(
     said = capsys.readouterr()
     assert re.search("next: .*tacevo ablations all$", said.out, re.MULTILINE)
     assert "tacevo study" not in said.out + said.err
+    with refused(ConfigError, place="job none-seed0, data=table", expected="images"):
+        study_sweep(Path("all"), compose_study(["sweep=all"]), Progress())
+    assert SweepDirectory(Path("all")).read().terms.retraining is None
 
 
 @pytest.mark.few(1)
