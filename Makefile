@@ -46,10 +46,10 @@ demo: $(READY) ## run a small search, train its best networks again with other s
 	$(BIN)/tacevo search experiment=demo run.dir=runs/demo
 	$(BIN)/tacevo noise runs/demo elites=2 seeds=12
 
-test: $(DEV) ## run the quick tests, two at a time (six to ten minutes on two cores)
+test: $(DEV) ## run the quick tests, two at a time (ten minutes on two slow cores)
 	$(BIN)/pytest $(TWO)
 
-test-slow: $(DEV) ## run the tests that attack each promise further (twenty minutes)
+test-slow: $(DEV) ## run the tests that attack each promise further, or for long
 	$(BIN)/pytest $(TWO) -m "slow and not cluster"
 
 test-all: $(DEV) ## run brute force, too (hours); all but test-portable and test-cluster
