@@ -114,6 +114,8 @@ class Reason(StrEnum):
     changes_its_mode = "changes_its_mode"
     hidden_parameters = "hidden_parameters"
     depends_on_batch = "depends_on_batch"
+    #: It takes steps, or runs backward passes, of its own.
+    learns_by_itself = "learns_by_itself"
     # probe and train: what happens when it runs
     construction_failed = "construction_failed"
     forward_failed = "forward_failed"

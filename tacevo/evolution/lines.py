@@ -26,6 +26,7 @@ MISREPORTING = (
     Reason.changes_its_mode,
     Reason.hidden_parameters,
     Reason.depends_on_batch,
+    Reason.learns_by_itself,
 )
 
 

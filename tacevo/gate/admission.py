@@ -8,6 +8,10 @@ courtesy, the sandbox is the wall.
 import contextlib
 import re
 from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tacevo.choices import Numerics
 from tacevo.gate.extraction import extract, first_look
@@ -23,6 +27,10 @@ from tacevo.storage.verdicts import read_verdict, recall_verdict
 
 #: The first number of static rules by which a given network that is repeated before other code is no answer.
 _GIVEN_SINCE = 3
+#: The first number of probes that show a network images of the data set.
+_SHOWN_SINCE = 7
+#: How many of them.
+_PROBED = 16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +45,22 @@ class GateLimits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DataImages:
+    """The images of a data set on which networks are probed, too: rows of the array `images` of the sandbox."""
+
+    rows: NDArray[np.int64]
+    #: Per channel, in units of the stored values (0 to 255); deviations are positive.
+    mean: tuple[float, ...]
+    deviation: tuple[float, ...]
+
+    @classmethod
+    def of(cls, rows: NDArray[np.int64], mean: tuple[float, ...], deviation: tuple[float, ...]) -> Self:
+        """Choose evenly among some rows, as many as a probe takes; of fewer, some stand twice."""
+        places = np.linspace(0, len(rows) - 1, _PROBED).astype(np.int64)
+        return cls(rows=rows[places], mean=mean, deviation=deviation)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Gate:
     """Judges candidates of one task."""
 
@@ -48,6 +72,10 @@ class Gate:
     answers: Store
     contract: Contract
     limits: GateLimits
+    #: The fingerprint of the data set on whose images networks are probed, too; None where there is none.
+    fingerprint: str | None = None
+    #: None where there is no data set, and where probes are recalled only or looked up.
+    images: DataImages | None = None
     #: UTF-8 bytes of a model's whole answer.
     source_bytes: int = 100_000
     #: Time and memory of one probe.
@@ -101,12 +129,14 @@ class Gate:
 
         It does not parse the source, so it answers alike under every version of Python.
         """
-        request: Json = {
+        request: dict[str, Json] = {
             "version": self.rules.probe,
             **self._asked(source),
             "probe_limits": to_json(self.probe_limits),
             "numerics": self.numerics.value,
         }
+        if self.fingerprint is not None and self.rules.probe >= _SHOWN_SINCE:
+            request["data"] = self.fingerprint
         verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
         return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
 
@@ -120,7 +150,11 @@ class Gate:
 
     def _probe(self, source: str) -> Profile | Rejection:
         """Run the probe in the sandbox and check its answer, of which nothing is trusted."""
-        outcome = self.run("probe", self._asked(source), b"", self.probe_limits)
+        header, payload = self._asked(source), b""
+        if self.images is not None:
+            header |= {"mean": list(self.images.mean), "deviation": list(self.images.deviation)}
+            payload = self.images.rows.tobytes()
+        outcome = self.run("probe", header, payload, self.probe_limits)
         if isinstance(outcome, Died):
             return _rejected(outcome.reason, outcome.detail)
         headers = [frame.header for frame in outcome.frames]

@@ -1,11 +1,12 @@
-"""What a candidate's kernels show: FLOPs, bits that follow the CPU, and random draws (child side).
+"""What a candidate's kernels show: FLOPs, backward passes, bits that follow the CPU, random draws (child side).
 
 What it promises: it sees every kernel that the probe's passes reach, called by a layer, a function, a method or
 autograd, because it watches torch below all of them. What it does not promise: it does not see a branch that the
 probe did not take, and the candidate shares this process, so all this is only its claim.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from math import prod
@@ -13,6 +14,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.graph import Node
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils.flop_counter import flop_registry
 
@@ -34,6 +36,8 @@ class KernelWatcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
         self.not_portable: set[str] = set()
         #: Floating-point operations so far.
         self.flops = 0
+        #: Kernels of backward passes so far, by their name, e.g. `convolution_backward`.
+        self.backward: Counter[str] = Counter()
         #: Random draws so far, and those of them by a generator of the candidate's own.
         self.drawn = self.drawn_apart = 0
         self._draws: list[Tensor] | None = None
@@ -57,6 +61,8 @@ class KernelWatcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
         name = _spelling(func, args)
         if name in NOT_PORTABLE:
             self.not_portable.add(name)
+        if "_backward" in name:
+            self.backward[name] += 1
         output = func(*args, **kwargs)
         formula = _FORMULAS.get(func._overloadpacket)
         if formula is not None:
@@ -70,6 +76,17 @@ class KernelWatcher(TorchDispatchMode):  # type: ignore[no-untyped-call]
 
 
 call_plainly(KernelWatcher.__torch_dispatch__)
+
+
+def too_often(kernels: Counter[str], nodes: Iterable[Node]) -> str | None:
+    """Return the name of a kernel that ran more often than one backward pass runs it: once for each node of its name.
+
+    None where there is none. Kernels whose nodes have another name, as `threshold_backward` of a ReLU, do not count.
+    """
+    # A node is named `AdaptiveAvgPool2DBackward0`, its kernel `_adaptive_avg_pool2d_backward`.
+    often = Counter(node.name().rstrip("0123456789").lower() for node in nodes)
+    names = ((name, name.replace("_", "")) for name in sorted(kernels))
+    return next((name for name, node in names if node in often and kernels[name] > often[node]), None)
 
 
 def follow_the_seed(draws: Sequence[Tensor], others: Sequence[Tensor]) -> bool:

@@ -1,28 +1,40 @@
 """Tries one candidate out and measures it (child side).
 
-What it promises: a profile means that the class was built twice with equal results, and once more with another seed,
-whose draws were others; ran in train and eval mode at several batch sizes; predicted each image alike, alone and beside
-others, first and again; returned what the contract asks for; took optimiser steps; and stayed within the limits. What
-it does not promise: candidate code runs in this process and could forge all of this; docs/gate.md says what that gains.
+What it promises: a profile means that the class was built twice with equal results, at other addresses, and once more
+with another seed, whose draws were others; ran in train and eval mode at several batch sizes, on noise and on images of
+the data set where there is one; predicted each image alike, alone and beside others, first and again; returned what the
+contract asks for; took the optimiser's steps and no others; and stayed within the limits. What it does not promise:
+candidate code runs in this process and could forge all of this; docs/gate.md says what that gains.
 """
 
 from dataclasses import replace
 from itertools import islice
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
-from tacevo.gate.honesty import check_names, copied_state, count_learnt, state_outside, unchanged, unwatched
-from tacevo.gate.kernels import KernelWatcher, follow_the_seed
+from tacevo.gate.honesty import (
+    bits,
+    check_names,
+    copied_state,
+    count_learnt,
+    equal,
+    state_outside,
+    unchanged,
+    unwatched,
+)
+from tacevo.gate.kernels import KernelWatcher, follow_the_seed, too_often
 from tacevo.gate.trace import Trace, trace
 from tacevo.profile import Profile
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, Loss, Reason, Rejection, Stage, to_json
-from tacevo.sandbox.candidate import Adam, CandidateError, blaming, build, check_leaves, fault
+from tacevo.sandbox.candidate import Adam, blaming, build, check_leaves, fault, standardise
 from tacevo.sandbox.child import Arrays, Send
-from tacevo.sandbox.module_parts import modules, parameters
+from tacevo.sandbox.guards import CandidateError
+from tacevo.sandbox.module_parts import graph_nodes, modules, parameters
 from tacevo.sandbox.protocol import Header
 
 #: Batch sizes of the two training steps; a batch of one is tried in eval mode, where batch statistics allow it.
@@ -36,6 +48,8 @@ _ROUNDING = 1e-4
 #: is then missed once in 256 times.
 _AGAIN = 8
 _SEED, _OTHER_SEED = 0, 1
+#: Sizes of objects for which Python keeps memory of its own, in bytes, and how many of each move what comes after them.
+_SIZES, _MOVING = range(48, 513, 16), 13
 #: Large enough that a part which begins at zero has an effect after one step.
 _LEARNING_RATE = 1e-2
 
@@ -43,11 +57,13 @@ _LEARNING_RATE = 1e-2
 def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.Module]:
     """Probe one candidate and send one frame, `{"profile": ...}` or `{"rejection": ...}`.
 
-    The header has `source`, `contract` as JSON, and `limits` with the keys `parameters`, `flops` and `modules`. Return
-    the networks, to be kept alive: a finaliser must not run before the answer is sent.
+    The header has `source`, `contract` as JSON, and `limits` with the keys `parameters`, `flops` and `modules`. For a
+    data set it also has `mean` and `deviation` per channel, in units of the stored values; then the payload is int64
+    rows of `images` in the arrays, 16 of them, uint8 of shape (N, C, S, S). Return the networks, to be kept alive: a
+    finaliser must not run before the answer is sent.
     """
     with KernelWatcher() as watcher:
-        probe = _Probe(header, watcher)
+        probe = _Probe(header, watcher, _of_data(header, payload, arrays))
         try:
             profile = replace(probe.profile(), not_portable=tuple(sorted(watcher.not_portable)))
             answer: dict[str, Json] = {"profile": to_json(profile)}
@@ -59,15 +75,17 @@ def run(header: Header, payload: bytes, arrays: Arrays, send: Send) -> list[nn.M
 
 
 class _Probe:
-    """The trials of one candidate; `header` is as of `run`."""
+    """The trials of one candidate; `header` is as of `run`, `of_data` are images of the data set, standardised."""
 
-    def __init__(self, header: Header, watcher: KernelWatcher) -> None:
+    def __init__(self, header: Header, watcher: KernelWatcher, of_data: Tensor | None) -> None:
         self._source: str = header["source"]
         self._contract = Contract.from_json(header["contract"])
         self._limits: dict[str, int] = header["limits"]
         self._watcher = watcher
+        self._of_data = of_data
         #: Every network that was made.
         self.built: list[nn.Module] = []
+        self._moved: list[object] = []
 
     def profile(self) -> Profile:
         """Run the trials, cheap ones first.
@@ -83,19 +101,25 @@ class _Probe:
         first, _ = self._step(model, images[:few], targets[:few])
         left = copied_state(model)
         flops, traced = self._evaluated(model, images)
+        later = images if self._of_data is None else self._of_data
         before = state_outside(model)
-        _, flops_of_batch = self._step(model, images[:many], targets[:many])
+        _, flops_of_batch = self._step(model, later[:many], targets[:many], compared=True)
         learnt = count_learnt(before, state_outside(model))
         self._check_size(weights, learnt)
         trained = max(-(-flops_of_batch // many), flops)
         self._check_limits(trained, traced)
+        self._move_memory()
         again = self._built(_SEED)
         is_same = torch.equal(self._step(again, images[:few], targets[:few])[0], first)
         if not (is_same and copied_state(again) == left):
             detail = "expected equal bits from two constructions and steps with one seed; got others"
             raise CandidateError(Reason.nondeterministic, detail)
+        self._move_memory()
         with self._watcher.noting_draws() as others:
-            self._built(_OTHER_SEED)
+            other = self._built(_OTHER_SEED)
+        if [*map(_form, parameters(other))] != [*map(_form, parameters(again))]:
+            detail = "expected parameters of equal shapes from two constructions; got others"
+            raise CandidateError(Reason.nondeterministic, detail)
         if not follow_the_seed(draws, others):
             detail = "expected initial weights that follow the trainer's seed; got equal draws under two seeds"
             raise CandidateError(Reason.fixed_seed, detail)
@@ -109,6 +133,14 @@ class _Probe:
             learnt_outside=learnt,
             extra_flops=trained - flops,
         )
+
+    def _move_memory(self) -> None:
+        """Have what the candidate makes from now on lie elsewhere.
+
+        Addresses are the same in every process, but not on every machine, and texts show them: `str(object())`.
+        """
+        self._moved += [object() for _ in range(_MOVING)]
+        self._moved += [bytes(size - 33) for size in _SIZES for _ in range(_MOVING)]  # 33 bytes are its header
 
     def _built(self, seed: int) -> nn.Module:
         """Construct the network once more."""
@@ -148,31 +180,47 @@ class _Probe:
             raise CandidateError(Reason.too_many_modules, f"expected at most {most} operations a pass; got {nodes}")
 
     def _evaluated(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
-        """Predict one image alone and beside others in eval mode, compare, and return its FLOPs and trace."""
+        """Predict one image alone and beside others in eval mode, compare, and return its FLOPs and trace.
+
+        Where there are images of the data set, they are predicted so, and noise alone and among the most.
+        """
         one, many = images[_ALONE : _ALONE + 1], BATCHES[1]
+        shown = images if self._of_data is None else self._of_data
+        every = images if self._of_data is None else torch.cat([shown[:many], images])[:_MOST]
         with unchanged(model, training=False), blaming(Reason.forward_failed):
             drawn, drawn_apart = self._watcher.drawn, self._watcher.drawn_apart
-            flops, traced = self._traced(model, one)
+            flops, noise = self._traced(model, one)
             draws = self._watcher.drawn > drawn
-            self._check_limits(flops, traced)
+            self._check_limits(flops, noise)
+            self._move_memory()
             again = [_predicted(model, one) for _ in range(_AGAIN if draws else 1)]
-            flops_of_batch, traced_batch = self._traced(model, images[:many])
-            most = _predicted(model, images.flip(0))
-        _check_batch(flops, traced, flops_of_batch, traced_batch, many)
-        alone = [(output, 1) for output in (traced.output, *again)]
-        for output, count in (*alone, (traced_batch.output, many), (most, len(images))):
+            flops_alone, alone = flops, noise
+            if self._of_data is not None:
+                flops_alone, alone = self._traced(model, shown[_ALONE : _ALONE + 1])
+            flops_of_batch, batch = self._traced(model, shown[:many])
+            most = _predicted(model, every.flip(0))
+        if (alone.graph, flops_alone) != (noise.graph, flops):
+            expected = f"expected the operations that the probe's noise takes, {flops} FLOPs, for an image of the data"
+            detail = f"{expected}; got others, {flops_alone} FLOPs; do not choose by what an image shows"
+            raise CandidateError(Reason.depends_on_batch, detail)
+        _check_batch(flops_alone, alone, flops_of_batch, batch, many)
+        single = [(output, 1) for output in (noise.output, *again, alone.output)]
+        for output, count in (*single, (batch.output, many), (most, len(every))):
             self._check_output(output, count)
-        if not all(_are_near(output, traced.output) for output in again):
+        if not all(_are_near(output, noise.output) for output in again):
             reason = Reason.random_in_evaluation if draws else Reason.depends_on_batch
             detail = "expected the same prediction of an image each time in evaluation mode; got others"
             raise CandidateError(reason, detail)
-        beside = traced_batch.output
-        if not (_are_near(beside[_ALONE : _ALONE + 1], traced.output) and _are_near(most.flip(0)[:many], beside)):
+        beside, most = batch.output, most.flip(0)
+        pairs = [(beside[_ALONE], alone.output[0]), (most[:many], beside)]
+        if self._of_data is not None:
+            pairs.append((most[many + _ALONE], noise.output[0]))
+        if not all(_are_near(output, expected) for output, expected in pairs):
             detail = "expected predictions that depend on their own image only; got others beside other images"
             if self._watcher.drawn_apart > drawn_apart:  # it draws the same numbers for another batch
                 raise CandidateError(Reason.random_in_evaluation, f"{detail}; draw nothing in evaluation mode")
             raise CandidateError(Reason.depends_on_batch, f"{detail}; normalise by running statistics or per image")
-        return flops, traced
+        return flops, noise
 
     def _traced(self, model: nn.Module, images: Tensor) -> tuple[int, Trace]:
         """Run one traced pass; return its FLOPs, and the trace with a copy of the output."""
@@ -180,18 +228,20 @@ class _Probe:
         traced = trace(model, images.clone())
         return self._watcher.flops - before, replace(traced, output=_copied(traced.output))
 
-    def _step(self, model: nn.Module, images: Tensor, targets: Tensor) -> tuple[Tensor, int]:
-        """Take one optimiser step and check it.
+    def _step(self, model: nn.Module, images: Tensor, targets: Tensor, *, compared: bool = False) -> tuple[Tensor, int]:
+        """Take one optimiser step and check it; `compared` with one that an optimiser of our own takes, too.
 
         Returns:
             A copy of the output before the step, and the FLOPs of the forward pass of the whole batch.
         """
         torch.manual_seed(_SEED)  # dropout draws the same masks in both trials, independent of what ran between
         before = self._watcher.flops
+        self._watcher.backward.clear()
         with unchanged(model, training=True) as listed:
             with blaming(Reason.forward_failed):
                 output = model(images.clone())  # as in a training, a network may write to what it gets
             flops, copy = self._watcher.flops - before, _copied(output)
+            self._check_backward("a forward pass without a backward pass", min(self._watcher.backward, default=None))
             self._check_output(output, len(images))
             if not output.requires_grad:
                 detail = "expected an output that depends on a trainable parameter; got one that does not"
@@ -201,17 +251,30 @@ class _Probe:
                 loss = mse_loss(output, targets) if is_mse else cross_entropy(output, targets)
                 optimiser = Adam(listed, _LEARNING_RATE)
                 torch.autograd.backward(loss)
+            self._check_backward("one backward pass", too_often(self._watcher.backward, graph_nodes(loss)))
         check_leaves(output, listed)
         with blaming(Reason.backward_failed), unwatched():
             if all(parameter.grad is None for parameter in listed):
                 detail = "expected gradients of the parameters after backward; got none"
                 raise CandidateError(Reason.no_gradient, detail)
+            expected = _stepped(listed) if compared else []
             optimiser.step()
             optimiser.zero_grad()
-            if not all(torch.isfinite(parameter).all() for parameter in listed):
+            if not all(map(equal, map(bits, expected), map(bits, listed))):
+                detail = "expected the parameters that one step of Adam gives; got others"
+                raise CandidateError(Reason.learns_by_itself, detail)
+            if not all(map(_is_finite, listed)):
                 detail = "expected finite weights after one training step; got NaN or infinity"
                 raise CandidateError(Reason.not_finite, detail)
         return copy, flops
+
+    def _check_backward(self, expected: str, kernel: str | None) -> None:
+        """Reject a network of which a kernel ran that the trainer has not asked for."""
+        if kernel is not None:
+            detail = (
+                f"expected {expected}; got {self._watcher.backward[kernel]} times {kernel}; only the trainer learns"
+            )
+            raise CandidateError(Reason.learns_by_itself, detail)
 
     def _check_output(self, output: object, count: int) -> None:
         """Check an output against the contract."""
@@ -237,6 +300,32 @@ def _examples(contract: Contract) -> tuple[Tensor, Tensor]:
     if contract.kind is Kind.classification:
         return torch.from_numpy(images), torch.from_numpy(draws.integers(contract.outputs, size=_MOST))
     return torch.from_numpy(images), torch.from_numpy(draws.standard_normal((_MOST, contract.outputs), dtype="float32"))
+
+
+def _of_data(header: Header, payload: bytes, arrays: Arrays) -> Tensor | None:
+    """Return the images of the data set that a job names, as the network gets them; None where it names none."""
+    if "mean" not in header:
+        return None
+    mean, deviation = (torch.tensor(header[name])[:, None, None] for name in ("mean", "deviation"))
+    return standardise(torch.from_numpy(arrays["images"][np.frombuffer(payload, np.int64)]), mean, deviation)
+
+
+def _stepped(listed: list[nn.Parameter]) -> list[nn.Parameter]:
+    """Return copies of parameters after the step that their gradients ask for, taken by an optimiser of their own."""
+    copies = [nn.Parameter(parameter.detach().clone(), parameter.requires_grad) for parameter in listed]
+    for copy, parameter in zip(copies, listed, strict=True):
+        copy.grad = None if parameter.grad is None else parameter.grad.clone()
+    Adam(copies, _LEARNING_RATE).step()
+    return copies
+
+
+def _is_finite(tensor: Tensor) -> bool:
+    """Return whether a tensor has neither NaN nor infinity, which its smallest and its largest value show."""
+    return tensor.numel() == 0 or bool(torch.isfinite(torch.stack(torch.aminmax(tensor.detach()))).all())
+
+
+def _form(tensor: Tensor) -> tuple[torch.Size, torch.dtype]:
+    return tensor.shape, tensor.dtype
 
 
 def _predicted(model: nn.Module, images: Tensor) -> Any:

@@ -23,7 +23,7 @@ from tacevo.evolution.descriptors import on_axis
 from tacevo.evolution.development import LLM, Effects
 from tacevo.evolution.proposals import Settings
 from tacevo.evolution.state import Budget, Plan
-from tacevo.gate.admission import Gate, GateLimits
+from tacevo.gate.admission import DataImages, Gate, GateLimits
 from tacevo.randomness import derived_seed
 from tacevo.records import DataFacts, Gpu, Json, Limits, Mode, Recipe, Rejection, Task
 from tacevo.rules import CONTIGUOUS, CURRENT, STUDY, TRAININGS_OF_STUDIES, Rules
@@ -241,12 +241,16 @@ class Workbench:
 
     def gate(self, rules: Rules) -> Gate:
         """Return the gate of the task."""
-        gate, mode = self.config.gate, self._mode_under(rules)
+        gate, mode, images = self.config.gate, self._mode_under(rules), self._probed_images()
+        is_known = images is not None or mode is Mode.replay or self.config.data.source is DataSource.table
         return Gate(
             run=self._sandbox(mode),
             answers=self._store("answers", mode),
             store=self._store("probes", mode),
             contract=self.task.contract,
+            # A probe that saw no image is kept under no data set.
+            fingerprint=self.facts.fingerprint if is_known else None,
+            images=images,
             limits=GateLimits(
                 parameters=gate.max_parameters,
                 flops=gate.max_flops,
@@ -257,6 +261,13 @@ class Workbench:
             numerics=self.config.numerics.kind,
             rules=rules,
         )
+
+    def _probed_images(self) -> DataImages | None:
+        """Return the images of the data set that a probe shows; None where none is at hand."""
+        if self.data is None or self.config.data.source is DataSource.table:
+            return None
+        examples = examples_of(self.data)
+        return DataImages.of(examples.train, examples.mean, examples.deviation)
 
     def evaluator(self, rules: Rules) -> Evaluator:
         """Return what trains candidates as a search under these rules does; under older ones it stores nothing."""

@@ -1,9 +1,21 @@
-"""Names of attributes that a candidate may not reach: of tensors, modules, frames and functions (no torch).
+"""What a candidate's text may import and call, and the attributes that it may not reach (no torch).
 
-The gate's policy reads them in the text; where a text computes a name, `getattr` and its like look it up here.
+The gate's policy reads the text by these lists. Where a text computes a name, or has a library look one up, the guards
+of the candidate's process do (`tacevo.sandbox.guards`).
 """
 
 import re
+
+_MODULES = """
+    torch torch.nn torch.nn.functional torch.nn.init torch.nn.parameter torch.nn.modules torch.nn.utils
+    torch.nn.utils.parametrizations torch.linalg torch.fft torch.special torch.cuda
+    math typing collections collections.abc functools itertools dataclasses enum abc copy __future__
+"""
+#: The modules that a text may import; the policy says which of their names it may use.
+MODULES = frozenset(_MODULES.split())
+_BUILTINS = "exec eval compile open globals locals vars __import__ breakpoint help exit quit memoryview"
+#: Built-in functions that run text, reach files or show the interpreter's insides. No text gets them.
+BUILTINS = frozenset(_BUILTINS.split())
 
 #: Special methods that a candidate may define.
 SPECIAL_METHODS = frozenset(
@@ -12,8 +24,10 @@ SPECIAL_METHODS = frozenset(
 
 #: Special names that it may assign in a class: TorchScript's list of constants does nothing here.
 SPECIAL_BINDINGS = SPECIAL_METHODS | {"__constants__"}
+#: Special methods that it may read, of `self` and of `super()`: of anything else one could be given another object.
+READABLE_METHODS = SPECIAL_METHODS | {"__call__"}
 #: Special names that it may read.
-SPECIAL_NAMES = SPECIAL_METHODS | {"__call__", "__class__", "__name__"}
+SPECIAL_NAMES = READABLE_METHODS | {"__class__", "__name__"}
 #: Built-in functions that take the name of an attribute. A text may call them, but not pass them around.
 ATTRIBUTE_FUNCTIONS = frozenset({"getattr", "setattr", "delattr", "hasattr"})
 #: Attributes that change weights or modes. A text may use them in constructors, and never under a computed name.
@@ -23,6 +37,7 @@ MODES = ("train", "eval")
 _LEADING_OUT = """
     numpy ctypes tofile from_file storage untyped_storage data_ptr share_memory_ as_subclass mro _evaluate
     f_globals f_locals f_builtins f_back f_code tb_frame tb_next gi_frame gi_code cr_frame cr_code ag_frame ag_code
+    _convert_
 """
 
 #: Private attributes of tensors and of the nodes of their graphs that reach memory, gradients or other constructors.

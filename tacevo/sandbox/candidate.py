@@ -3,14 +3,13 @@
 Only entries import this module. It needs torch, and the code that it runs may be hostile.
 """
 
-import builtins
 import hashlib
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import Any
 
 import torch
@@ -18,8 +17,8 @@ from torch import nn
 
 from tacevo.records import Contract, Json, Reason
 from tacevo.sandbox import caches
-from tacevo.sandbox.attributes import MODES, MODULE_NAMES, WEIGHTS, is_refused
 from tacevo.sandbox.child import Send
+from tacevo.sandbox.guards import NAME, TEXTS_BUILTINS, CandidateError, check_shared
 from tacevo.sandbox.module_parts import leaves, state
 from tacevo.sandbox.protocol import describe
 
@@ -38,8 +37,6 @@ _FAILED_ALLOCATIONS = (
 
 #: Where a generator gets a seed from; a candidate cannot open it.
 _ENTROPY = "/dev/urandom"
-#: Name of the module that a candidate's text becomes; its classes carry it.
-NAME = "candidate"
 
 
 def call_plainly(*functions: Any) -> None:
@@ -77,29 +74,22 @@ _parameter.grad = torch.zeros(1)
 Adam([_parameter], 0.0).step()
 
 
-class CandidateError(Exception):
-    """The candidate failed: a verdict on its way up to the entry; the message is the detail."""
-
-    def __init__(self, reason: Reason, detail: str) -> None:
-        super().__init__(detail)
-        self.reason = reason
-
-
 def build(source: str, contract: Contract, seed: int) -> nn.Module:
     """Run a candidate's source and construct its network.
 
     The text sees `torch`, `nn`, `F` and `math` without importing them, since answers often leave the imports
-    out. Its `getattr` and the like refuse the names that the gate's policy refuses, so that no computed name reaches
-    them. Torch's generator is seeded first, so the initial weights follow from the arguments alone.
+    out, and the built-in functions of `tacevo.sandbox.guards`, so that no computed name reaches what the gate's policy
+    refuses. Torch's generator is seeded first, so the initial weights follow from the arguments alone.
 
     Raises:
+        CandidateError: it reaches for a refused name, or changed a class of torch.
         TypeError: the source does not define such a class, or it or what it makes is not an `nn.Module`.
         Exception: what the source raises.
     """
     module = ModuleType(NAME)
     sys.modules[NAME] = module  # where dataclasses and type hints look their names up
     # As a dictionary of its own, and not as globals, which a text could delete.
-    module.__dict__["__builtins__"] = {**vars(builtins), **_GUARDED}
+    module.__dict__["__builtins__"] = dict(TEXTS_BUILTINS)
     module.__dict__.update(torch=torch, nn=nn, F=nn.functional, math=math)
     torch.set_deterministic_debug_mode("error")  # as use_deterministic_algorithms(True), without importing a compiler
     torch.manual_seed(seed)
@@ -108,30 +98,10 @@ def build(source: str, contract: Contract, seed: int) -> nn.Module:
     if not (isinstance(made, type) and issubclass(made, nn.Module)):
         raise TypeError(f"expected a class {contract.class_name} that extends nn.Module; got {type(made).__name__}")
     network: nn.Module = contract.construct(made)
+    check_shared()
     if not issubclass(type(network), nn.Module):
         raise TypeError(f"expected {contract.class_name}() to be an nn.Module; got {type(network).__name__}")
     return network
-
-
-def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap `getattr` or its like, so that it refuses the names that the policy refuses."""
-    writes = function in (setattr, delattr)
-
-    def guarded(owner: Any, name: str, *rest: Any) -> Any:
-        if type(name) is not str:  # a class of its own could answer for another name than it has
-            raise TypeError(f"expected the name of an attribute as a string; got {type(name).__name__}")
-        kinds = owner.__mro__ if isinstance(owner, type) else type(owner).__mro__
-        is_own = any(kind.__module__ == NAME for kind in kinds)
-        is_shared = isinstance(owner, type | ModuleType | FunctionType) and not is_own
-        if is_refused(name) or name in WEIGHTS + MODES or (writes and (is_shared or name in MODULE_NAMES)):
-            detail = f"{function.__name__} may not reach the attribute {name} of {type(owner).__name__}"
-            raise CandidateError(Reason.forbidden_name, detail)
-        return function(owner, name, *rest)
-
-    return guarded
-
-
-_GUARDED = {function.__name__: _guarded(function) for function in (getattr, setattr, delattr, hasattr)}
 
 
 def standardise(images: torch.Tensor, mean: torch.Tensor, deviation: torch.Tensor) -> torch.Tensor:

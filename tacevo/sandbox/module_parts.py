@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from torch import Tensor, nn
-from torch.autograd.graph import get_gradient_edge
+from torch.autograd.graph import Node, get_gradient_edge
 
 _ATTRIBUTES = vars(nn.Module)["__dict__"]  # taken before any candidate runs; a class may define its own `__dict__`
 
@@ -58,8 +58,8 @@ def switch(network: nn.Module, *, training: bool) -> None:
         attributes(module)["training"] = training
 
 
-def leaves(output: Tensor) -> Iterator[Tensor]:
-    """Find the tensors that an output learns by: those at which its graph ends.
+def graph_nodes(output: Tensor) -> Iterator[Node]:
+    """Walk the nodes of the graph that an output was computed by, each once.
 
     Raises:
         ValueError: the output does not require a gradient.
@@ -68,12 +68,16 @@ def leaves(output: Tensor) -> Iterator[Tensor]:
     seen = {*waiting}
     while waiting:
         node = waiting.pop()
-        if hasattr(node, "variable"):
-            yield node.variable
+        yield node
         for following, _ in node.next_functions:  # in their order, so that the first leaf is the same in every process
             if following is not None and following not in seen:
                 seen.add(following)
                 waiting.append(following)
+
+
+def leaves(output: Tensor) -> Iterator[Tensor]:
+    """Find the tensors that an output learns by: those at which its graph ends; raises as `graph_nodes` does."""
+    return (node.variable for node in graph_nodes(output) if hasattr(node, "variable"))
 
 
 def _state(module: nn.Module, prefix: str) -> Iterator[tuple[str, Tensor]]:

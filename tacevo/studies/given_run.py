@@ -38,7 +38,7 @@ def record_given(config: RunConfig, files: Mapping[Path, Given], view: Progress)
         data = load_data(config, view)
         task = load_task(config, data.facts)
         # All of them are judged before the first is trained; the run recalls these verdicts.
-        with Workbench(config, task, data.facts, Mode.record) as bench:
+        with Workbench(config, task, data.facts, Mode.record, data=data) as bench:
             gate = bench.gate(CURRENT)
             given = tuple(bench.executor.map(lambda file: _admitted(gate, *file), files.items()))
         _check_different(task, given)

@@ -23,7 +23,6 @@ from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Loss, Reason, Recipe
 from tacevo.sandbox.candidate import (
     Adam,
-    CandidateError,
     blaming,
     build,
     check_leaves,
@@ -33,6 +32,7 @@ from tacevo.sandbox.candidate import (
     standardise,
 )
 from tacevo.sandbox.child import Arrays, Send
+from tacevo.sandbox.guards import CandidateError, check_shared
 from tacevo.sandbox.module_parts import parameters, state, switch
 from tacevo.sandbox.protocol import Header
 from tacevo.training.determinism import noting_nondeterminism
@@ -249,6 +249,7 @@ def _forward(job: _Job, model: nn.Module, rows: NDArray[np.int64]) -> torch.Tens
         output: Any = model(job.inputs(rows))
     if job.is_cast and type(output) is torch.Tensor and output.dtype is torch.bfloat16:
         output = output.to(torch.float32)
+    check_shared(every=False)  # in each pass: what a training calls must be torch's own
     problem = fault(output, (len(rows), job.contract.outputs))
     if problem is not None:
         raise CandidateError(Reason.bad_output, problem)

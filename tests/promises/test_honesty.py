@@ -3,11 +3,16 @@
 What looks alike and is honest is admitted.
 """
 
+import builtins
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
+from door_sources import DOORS, Door
+from doors import find_doors
 from forms import sources_of_grammar
 from gate_cases import VALID, candidate, contract
 from honest_sources import HONEST
@@ -18,7 +23,7 @@ from tacevo.gate.honesty import unchanged
 from tacevo.gate.policy.check import rejection_of
 from tacevo.gate.probe import run
 from tacevo.records import Reason, to_json
-from tacevo.sandbox import attributes
+from tacevo.sandbox import attributes, guards
 from tacevo.sandbox.candidate import check_leaves
 
 #: Reasons that lies have, too, and that are older than these rules.
@@ -53,8 +58,8 @@ def test_lie_that_stands_in_the_text_is_refused_by_the_policy(lie: Lie) -> None:
 
 @pytest.fixture
 def unguarded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give candidates Python's own `getattr` and its like, as one would have that found a way to them."""
-    monkeypatch.setattr("tacevo.sandbox.candidate._GUARDED", {})
+    """Give candidates all of Python's own functions, as one would have that found a way to them."""
+    monkeypatch.setattr("tacevo.sandbox.candidate.TEXTS_BUILTINS", vars(builtins))
 
 
 @pytest.mark.usefixtures("unguarded")
@@ -134,6 +139,71 @@ def test_weights_that_are_not_finite_are_the_same_weights() -> None:
     with unchanged(network, training=True) as listed:
         pass
     assert [*map(id, listed)] == [id(network.weight), id(network.bias)]
+
+
+@pytest.fixture
+def classes_of_torch() -> Iterator[None]:
+    """Put back what a candidate changes of the classes that its process shares with these tests."""
+    kinds = [torch.Tensor, torch.nn.Linear, torch.nn.Conv2d]
+    before = [(kind, dict(vars(kind))) for kind in kinds]
+    yield
+    for kind, own in before:
+        for name in vars(kind).keys() - own.keys():
+            delattr(kind, name)
+        for name, value in own.items():
+            if vars(kind)[name] is not value:
+                setattr(kind, name, value)
+
+
+@pytest.mark.usefixtures("classes_of_torch")
+@pytest.mark.parametrize("door", DOORS.values(), ids=DOORS.keys())
+def test_library_leads_nobody_out(door: Door) -> None:
+    """What a library would look up, set or run for a text is refused there; the policy refuses what it can read."""
+    rejection = rejection_of(door.source, contract())
+    assert (None if rejection is None else rejection.reason) is door.policy
+    answer = probed(door.source)
+    assert answer.get("rejection", {}).get("reason") == door.probe, answer
+    assert door.policy or door.probe
+
+
+#: Modules of Python in which a text's own names are looked up, and why that leads nowhere.
+CLOSED = {
+    "collections": "`namedtuple` runs no name that is not an identifier",
+    "copy": "guarded",
+    "copyreg": "reads the slots of classes",
+    "dataclasses": "guarded",
+    "enum": "looks up members and written out names; `_convert_` is refused",
+    "functools": "`wraps` may only decorate",
+    "typing": "the policy allows no name that evaluates text; aliases read no special name",
+    "typing_extensions": "not on the list; what torch's classes use of it is as in `typing`",
+    "types": "made of attributes of its own",
+    "reprlib": "shows",
+    "contextlib": "calls what it was given",
+}
+#: Functions of torch that do so without a guard, and why that leads nowhere.
+HARMLESS = {
+    "torch.nn.functional.interpolate": "the name of a module of torch, written out",
+    "torch.nn.functional.pad": "the name of a module of torch, written out",
+    "torch.autograd.graph.Node.__subclasshook__": "the name of a class, in a module of C functions",
+    "torch.nn.modules.transformer.TransformerEncoderLayer.forward": "`self.modules()`, of nn.Module",
+}
+
+
+@pytest.mark.slow
+def test_every_place_that_looks_names_up_is_guarded_or_harmless() -> None:
+    """A new release of torch or Python may bring new ones; whoever updates it looks at each."""
+    found = find_doors()
+    assert "torch.nn.modules.container.ParameterDict.__getitem__" in found
+    guarded = {*guards.LIBRARIES}
+    unknown = [
+        name
+        for name in found
+        if not any(name.startswith(f"{module}.") for module in (*guarded, *CLOSED)) and name not in HARMLESS
+    ]
+    assert unknown == []
+    for name in guarded:
+        for function in ("getattr", "setattr", "delattr", "hasattr"):
+            assert vars(sys.modules[name])[function].__module__ == guards.__name__
 
 
 def test_leaves_are_found_in_a_deep_graph() -> None:

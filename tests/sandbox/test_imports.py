@@ -12,7 +12,6 @@ from hostile_runs import Harness, examples
 from tacevo.choices import Confinement, Numerics
 from tacevo.profile import Admitted
 from tacevo.records import Limits, Reason, Training
-from tacevo.runs.wiring import ENTRIES
 from tacevo.sandbox.client import Died, Finished, Frame, Sandbox
 from tacevo.sandbox.processes import children
 from tacevo.sandbox.protocol import Message, Sort
@@ -23,12 +22,12 @@ LIMITS = Limits(seconds=60, memory_mib=1000)
 
 @pytest.fixture(scope="module")
 def sandbox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sandbox]:
-    """Open a sandbox with the real entries and two attacks."""
+    """Open a sandbox with the real entries, without guards, so that a text can look around; and two attacks."""
     images = tmp_path_factory.mktemp("images") / "images.npy"
     np.save(images, examples()[0])
     attacks = {name: f"attacks:{name}" for name in ("import_modules", "write_raw")}
     with Sandbox(
-        entries={**ENTRIES, **attacks},
+        entries={"probe": "unguarded:probe", "train": "unguarded:train", **attacks},
         environment=environment(Numerics.portable),
         arrays={"images": images},
         strongest=Confinement.process,  # an attack finds the pipe by a file

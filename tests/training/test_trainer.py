@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from training_jobs import CONTRACT, RECIPE, SOURCE, Data, examples, header_of, trained
 
 from tacevo.records import Kind, Loss, Reason, to_json
-from tacevo.sandbox.candidate import CandidateError, blaming, build, fault, standardise
+from tacevo.sandbox.candidate import blaming, build, fault, standardise
+from tacevo.sandbox.guards import CandidateError
 from tacevo.training.trainer import batches
 
 

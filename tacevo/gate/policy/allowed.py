@@ -117,9 +117,6 @@ _MODULES: Mapping[str, re.Pattern[str]] = {
 
 #: What may be imported, as a message lists it.
 IMPORTABLE = ", ".join(sorted({name.split(".")[0] for name in _MODULES} - {"__future__"}))
-_BUILTINS = "exec eval compile open globals locals vars __import__ breakpoint help exit quit memoryview"
-#: Built-in functions that run text, reach files or show the interpreter's insides.
-BUILTINS = frozenset(_BUILTINS.split())
 #: Built-in functions whose results follow memory addresses; a text may use the names for its own variables.
 UNSTABLE = frozenset({"set", "frozenset", "id"})
 

@@ -112,6 +112,8 @@ class _Scope:
     #: Ids of the nodes of which an attribute is taken, and of those that are called.
     bases: frozenset[int]
     called: frozenset[int]
+    #: Ids of the attributes that are special to Python and may be read.
+    special: frozenset[int]
     #: Ids of the sets that something is looked up in, and of the decorators that `functools.wraps` makes.
     looked_up: frozenset[int]
     decorators: frozenset[int]
@@ -130,6 +132,7 @@ def _scope(nodes: list[ast.AST]) -> _Scope:
         defined=frozenset(name for node in nodes if (name := _defined(node))),
         bases=frozenset(id(node.value) for node in nodes if isinstance(node, ast.Attribute)),
         called=frozenset(id(node.func) for node in nodes if isinstance(node, ast.Call)),
+        special=frozenset(map(id, _readable_special(nodes))),
         looked_up=_looked_up(nodes),
         decorators=frozenset(map(id, _decorators_of_one_argument(nodes))),
         wraps=frozenset(name for name, path in bindings if path == _WRAPS),
@@ -141,6 +144,25 @@ def _decorators_of_one_argument(nodes: list[ast.AST]) -> Iterator[ast.expr]:
     for decorator in (made for node in nodes if isinstance(node, ast.FunctionDef) for made in node.decorator_list):
         match decorator:
             case ast.Call(func=function, args=[argument], keywords=[]) if not isinstance(argument, ast.Starred):
+                yield function
+
+
+def _readable_special(nodes: list[ast.AST]) -> Iterator[ast.expr]:
+    """Yield the special attributes that can lead to nothing but what they are written for.
+
+    These are the name of a class, methods of `self` and `super()`, and a base's constructor that is given `self`. A
+    method of anything else could be called with another object in the place of its own: a container of parameters would
+    look up any name in it.
+    """
+    for node in nodes:
+        match node:
+            case ast.Attribute(value=ast.Attribute(attr="__class__") as kind, attr="__name__"):
+                yield from (node, kind)
+            case ast.Attribute(attr="__name__"):
+                yield node
+            case ast.Attribute(value=ast.Name(id="self") | ast.Call(func=ast.Name(id="super"))):
+                yield node
+            case ast.Call(func=ast.Attribute(attr="__init__") as function, args=[ast.Name(id="self"), *_]):
                 yield function
 
 
@@ -229,7 +251,7 @@ def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
         yield from _problems_of_binding(node, name, scope)
     elif name in scope.wraps and id(node) not in scope.decorators:
         yield _construct_at(node, _WRAPS_ONLY)
-    elif name in allowed.BUILTINS or (attributes.is_special(name) and name not in attributes.SPECIAL_NAMES):
+    elif name in attributes.BUILTINS or (attributes.is_special(name) and name not in attributes.SPECIAL_NAMES):
         yield _name_at(node, f"{name} may not be used in a network")
     elif name in allowed.UNSTABLE and name not in scope.defined:
         detail = "memory addresses differ between processes" if name == "id" else _UNORDERED
@@ -241,7 +263,9 @@ def _problems_of_name(node: ast.Name, scope: _Scope) -> Iterator[Problem]:
 
 
 def _problems_of_binding(node: ast.AST, name: str, scope: _Scope) -> Iterator[Problem]:
-    """Find names of modules that are bound to something else."""
+    """Find names of modules, and `super`, that are bound to something else."""
+    if name == "super":
+        yield _construct_at(node, "super may not be bound to something else; choose another name")
     if name in scope.modules:
         yield _construct_at(node, f"{name} is the module {scope.modules[name]}; choose another name")
 
@@ -249,6 +273,10 @@ def _problems_of_binding(node: ast.AST, name: str, scope: _Scope) -> Iterator[Pr
 def _problems_of_attribute(node: ast.Attribute, scope: _Scope) -> Iterator[Problem]:
     """Find attributes that lead out of the network, and changes to what was imported."""
     yield from _problems_of_attribute_name(node, node.attr)
+    if attributes.is_special(node.attr) and isinstance(node.ctx, ast.Load) and id(node) not in scope.special:
+        yield _name_at(node, f"{node.attr} may only be read of self and of super()")
+    if node.attr.startswith("_") and not attributes.is_special(node.attr) and _root(node) in scope.imported:
+        yield _name_at(node, f"{ast.unparse(node)} may not be used, because it is private and was imported")
     if not isinstance(node.ctx, ast.Load) and _root(node) in scope.imported:
         yield _construct_at(node, f"{ast.unparse(node)} may not be changed, because it was imported")
     module = _module_of(node.value, scope)

@@ -10,7 +10,7 @@ from gate_cases import VALID, candidate
 from tacevo.evolution.lines import MISREPORTING
 from tacevo.records import Reason
 
-NAMES, WEIGHTS, MODE, HIDDEN, BATCH = MISREPORTING
+NAMES, WEIGHTS, MODE, HIDDEN, BATCH, LEARNS = MISREPORTING
 HOOK = Reason.forbidden_name
 
 GOOD = "self.head(F.relu(self.conv(x)).mean((2, 3)))"
@@ -159,12 +159,6 @@ _SOURCES: dict[tuple[str, Reason | None, Reason | None], dict[str, str]] = {
             "setattr(self.__class__, 'para' + 'meters', lambda self: iter([]))"
         ),
         "name made in forward": does("setattr(self, 'ev' + 'al', lambda: self)"),
-        "class made by its metaclass, as torch's own": before(
-            "Meta = type(nn.Linear(1, 1)).__class__\n"
-            "Kept = Meta('Kept', (nn.Dropout,), {'__module__': 'torch.nn', 'train': lambda self, mode=True: self,\n"
-            "    'training': property(lambda self: True, lambda self, value: None)})",
-            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
-        ),
         "class that names another module as its own": before(
             "class Kept(nn.Dropout):\n    pass\n\n\n"
             "setattr(Kept, 'train' + 'ing', property(lambda self: True, lambda self, value: None))\n"
@@ -173,6 +167,12 @@ _SOURCES: dict[tuple[str, Reason | None, Reason | None], dict[str, str]] = {
         ),
     },
     ("name", Reason.forbidden_name, NAMES): {
+        "class made by its metaclass, as torch's own": before(
+            "Meta = type(nn.Linear(1, 1)).__class__\n"
+            "Kept = Meta('Kept', (nn.Dropout,), {'__module__': 'torch.nn', 'train': lambda self, mode=True: self,\n"
+            "    'training': property(lambda self: True, lambda self, value: None)})",
+            candidate(f"return self.drop({GOOD})", "self.drop = Kept(0.3)"),
+        ),
         "every attribute at once": before(
             "class Kept(nn.Dropout):\n    pass\n\n\n"
             "def answer(self, name):\n"
@@ -214,11 +214,13 @@ _SOURCES: dict[tuple[str, Reason | None, Reason | None], dict[str, str]] = {
             "        self.w.data.neg_()",
             does("Act(self.conv.weight).go"),
         ),
+        "detached": does("with torch.no_grad():\n    self.conv.bias.detach().neg_()"),
+    },
+    ("weights", WEIGHTS, LEARNS): {
         "by an optimiser": candidate(
             "loss = self.conv(x).square().mean()\nloss.backward()\n"
             "torch.optim.SGD(self.conv.parameters(), 0.1).step()\n" + RETURN
         ),
-        "detached": does("with torch.no_grad():\n    self.conv.bias.detach().neg_()"),
     },
     ("weights", WEIGHTS, None): {"gradient": does("self.conv.bias.grad = None")},
     ("weights", HOOK, WEIGHTS): {
