@@ -11,7 +11,7 @@ import builtins
 import copy
 import dataclasses
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -76,12 +76,15 @@ def _guarded_inside(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _import(
-    name: str, globals: object = None, locals: object = None, fromlist: Iterable[str] = (), level: int = 0
-) -> ModuleType:
+    name: str, globals: object = None, locals: object = None, fromlist: Sequence[str] | None = None, level: int = 0
+) -> ModuleType | None:
     """Import what the policy lets a text import."""
+    if type(fromlist) is list:  # C code below the text asks so, not an import statement, and takes no answer
+        __import__(name)
+        return None
     if level or name not in MODULES:
         raise CandidateError(Reason.forbidden_name, f"module {name} may not be imported in a network")
-    return __import__(name, fromlist=tuple(fromlist or ()))
+    return __import__(name, fromlist=fromlist or ())
 
 
 _FUNCTIONS = (getattr, setattr, delattr, hasattr)

@@ -10,6 +10,7 @@ from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from gate_cases import VALID, candidate, completion, contract, examples, needs_shared
 from refusals import refused
@@ -17,7 +18,7 @@ from refusals import refused
 from tacevo.choices import Numerics
 from tacevo.errors import CacheMissError, SandboxError, StoreError
 from tacevo.evolution.descriptors import describe
-from tacevo.gate.admission import Gate, GateLimits
+from tacevo.gate.admission import DataImages, Gate, GateLimits
 from tacevo.profile import Admitted, Graph, Node, Profile, Step
 from tacevo.records import Limits, Mode, Reason, Rejection, Stage, to_json
 from tacevo.rules import CURRENT
@@ -144,6 +145,7 @@ def test_equal_sources_are_probed_once(tmp_path: Path) -> None:
         {"limits": replace(LIMITS, modules=7)},
         {"probe_limits": replace(PROBE_LIMITS, seconds=90.0)},
         {"numerics": Numerics.fast},
+        {"fingerprint": "of a data set"},
         {"source_bytes": 5_000},
     ],
 )
@@ -153,6 +155,21 @@ def test_everything_that_can_change_a_verdict_enters_its_key(tmp_path: Path, cha
     gate(fake.run, tmp_path).inspect(VALID)
     gate(fake.run, tmp_path, **change).inspect(VALID)
     assert len(fake.headers) == (1 if "source_bytes" in change else 2)
+
+
+def test_probe_under_older_rules_is_found_without_a_data_set(tmp_path: Path) -> None:
+    """Its key has none: it saw no image."""
+    older = replace(CURRENT, probe=6)
+    gate(FakeSandbox().run, tmp_path, rules=older).measure(VALID)
+    later = gate(FakeSandbox().run, tmp_path, mode=Mode.replay, rules=older, fingerprint="of a data set")
+    assert later.measure(VALID) == Admitted(source=VALID, profile=PROFILE)
+
+
+@pytest.mark.parametrize(("count", "first"), [(3, [0, 0, 0]), (16, [0, 1, 2]), (400, [0, 26, 53])])
+def test_probe_sees_images_from_all_of_the_data(count: int, first: list[int]) -> None:
+    """Sixteen of them, evenly; of fewer, some twice."""
+    chosen = DataImages.of(np.arange(count), (1.0,), (2.0,)).rows
+    assert (len(chosen), [*chosen[:3]], chosen[-1]) == (16, first, count - 1)
 
 
 def test_dead_child_is_a_rejection(tmp_path: Path) -> None:

@@ -3,10 +3,12 @@
 These tests run `run` in this process, on harmless candidates only; test_admission.py goes through the sandbox.
 """
 
+import numpy as np
 import pytest
 import torch
 from checkout import SHARED
 from gate_cases import VALID, candidate, contract, needs_shared
+from numpy.typing import NDArray
 
 from tacevo.evolution.descriptors import describe
 from tacevo.gate.probe import run
@@ -19,11 +21,15 @@ pytestmark = pytest.mark.usefixtures("torch_settings")
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
 
 
-def probe(source: str, task: Contract, **limits: int) -> Profile | Rejection:
-    """Run the probe and read its one frame."""
+def probe(source: str, task: Contract, *, shown: NDArray[np.uint8] | None = None, **limits: int) -> Profile | Rejection:
+    """Run the probe, on images of a data set as well where some are given, and read its one frame."""
     frames: list[Json] = []
-    header = {"source": source, "contract": to_json(task), "limits": {**LIMITS, **limits}}
-    run(header, b"", {}, lambda frame, _: frames.append(frame))
+    header: Json = {"source": source, "contract": to_json(task), "limits": {**LIMITS, **limits}}
+    payload, arrays = b"", {}
+    if shown is not None:
+        header |= {"mean": [127.0] * 3, "deviation": [60.0] * 3}
+        payload, arrays = np.arange(16).tobytes(), {"images": shown}
+    run(header, payload, arrays, lambda frame, _: frames.append(frame))
     (answer,) = frames
     return read_verdict(Profile, "profile", answer, place="answer")
 
@@ -262,6 +268,65 @@ def features(expression: str, init: str = "") -> str:
 def test_prediction_depends_on_its_own_image_only(expression: str, init: str) -> None:
     """Such a network could use the test images of others, and its score depends on the size of a batch."""
     assert rejection_of(features(expression, init)).reason is Reason.depends_on_batch
+
+
+def smooth_images() -> NDArray[np.uint8]:
+    """Draw 16 images of slow waves, shape (16, 3, 32, 32), as a soft skin shows them; noise has no such neighbours."""
+    across, down = np.meshgrid(np.arange(32), np.arange(32))
+    waves = [[np.sin((i % 5 + 1) * across / 16 + i * down / 32 + channel) for channel in range(3)] for i in range(16)]
+    return (127 + 100 * np.array(waves)).astype(np.uint8)
+
+
+#: Whether an image is smooth: its neighbours differ little.
+SMOOTH = "(x[..., 1:] - x[..., :-1]).abs().mean() < 0.5"
+
+
+@pytest.mark.parametrize(
+    "forward",
+    [
+        f"y = self.conv(x)\nif {SMOOTH}:\n    y = y + self.wide(x).mean(1, keepdim=True)\n{{}}",
+        f"y = self.conv(x if {SMOOTH} else x[..., ::2, ::2])\n{{}}",
+        f"y = self.conv(x)\nif {SMOOTH}:\n    y = y - y.mean(0)\n{{}}",
+        f"smooth = {SMOOTH}\ny = self.conv(x)\ny = y - smooth * y.mean(0)\n{{}}",
+        f"y = self.conv(x)\nif self.training and {SMOOTH}:\n    self.kept.add_(y.detach().mean())\n{{}}",
+    ],
+    ids=["wider", "finer", "mixes by a branch", "mixes by a factor", "learns"],
+)
+def test_content_of_an_image_does_not_tell_the_probe_from_the_training(forward: str) -> None:
+    """Images of the data set run through what noise runs through, alone and beside others; what learns there counts."""
+    init = "self.wide = nn.Conv2d(in_channels, 64, 3)\nself.register_buffer('kept', torch.zeros(1))"
+    source = candidate(forward.format("return self.head(F.relu(y).mean((2, 3)))"), init)
+    assert isinstance(probe(source, contract()), Profile)
+    verdict = probe(source, contract(), shown=smooth_images())
+    if isinstance(verdict, Profile):
+        assert verdict.learnt_outside == 1
+    else:
+        assert verdict.reason is Reason.depends_on_batch
+
+
+def test_images_of_the_data_change_no_honest_profile() -> None:
+    """A network has one profile, whichever data set it is probed for."""
+    for source in (VALID, features("self.n(self.conv(x))", "self.n = nn.BatchNorm2d(4)")):
+        assert probe(source, contract(), shown=smooth_images()) == profile_of(source)
+
+
+#: A number of 0 to 15 that the address of a new object gives.
+ADDRESS = "int(str(object())[-4:-1], 16) // 16 % 16"
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        candidate("return self.head(F.relu(self.conv(x)).mean((2, 3)))", f"self.odd = nn.Linear({ADDRESS} + 1, 1)"),
+        features(f"self.conv(x) * ({ADDRESS} + 1)"),
+        features("self.conv(x) + hash(object()) % 7"),
+        features("self.conv(x) * self.scale", "self.scale = hash(self) // 16 % 97 + 1"),
+    ],
+    ids=["width", "output", "hash", "hash of the network"],
+)
+def test_network_does_not_depend_on_addresses(source: str) -> None:
+    """They are equal in every process of one machine, so the probe moves its memory between two looks."""
+    assert rejection_of(source).reason in {Reason.nondeterministic, Reason.depends_on_batch}
 
 
 @pytest.mark.parametrize(
