@@ -41,6 +41,14 @@ CORES = frozenset({1, 2})
 #: trained with its own methods then.
 TRAININGS = frozenset({1, 2, 3, 4})
 
+#: Numbers under which the networks of the grammar's space have the verdicts, profiles and trainings of today, so that a
+#: table made under them can be searched. A test measures each network of the published table again.
+LIKE_TODAY: Mapping[str, frozenset[int]] = {
+    "static": frozenset({3, CURRENT.static}),
+    "probe": frozenset({6, CURRENT.probe}),
+    "training": frozenset({CURRENT.training}),
+}
+
 #: Those of them whose images keep torch's default memory layout.
 CONTIGUOUS = frozenset({1, 2})
 

@@ -13,7 +13,7 @@ from tacevo.cli.common import DIFFERENT, DONE, existing_store
 from tacevo.costs import in_words, total
 from tacevo.reproduce.compare import compare
 from tacevo.reproduce.retrain import retrain
-from tacevo.reproduce.space_table import retrain_table, verify_table
+from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
 from tacevo.results.run import read_run
 from tacevo.results.space_table import is_table, read_table
 from tacevo.rules import KEPT_SINCE, PAGES
@@ -50,11 +50,13 @@ def _replay_table(options: argparse.Namespace) -> int:
     with Progress() as view:
         table = read_table(Path(options.run))
         verify_table(table)
-        told = [table.name]
+        told = [table.name, measure_table(table, view)]
         if options.retrain is not None:
             draw = options.draw or 1 + secrets.randbelow(_DRAWS)
             told.append(retrain_table(table, options.retrain or None, draw, options.store, view))
-    for text in [*told, "EQUAL: every network of the space, with its source; losses are compared by --retrain alone"]:
+    equal = "EQUAL: every network of the space, with its source, and the seeds; scores by their confusion"
+    left = "losses, predictions and weights are compared by --retrain alone; versions and machine are not compared"
+    for text in [*told, f"{equal}; {left}"]:
         print(printable(text))
     print(f"digest: {table.digest}")
     return DONE

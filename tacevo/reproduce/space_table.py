@@ -1,34 +1,34 @@
-"""The table of a space, verified: its rows follow from each other, and some of them are trained again, bit for bit."""
+"""The table of a space, verified: its rows follow from each other, and are measured and trained again, bit for bit."""
 
 from dataclasses import replace
 
-from tacevo.choices import Confinement
-from tacevo.config.schema import StoreConfig
+from tacevo.choices import Confinement, Device, ExecutorKind
+from tacevo.config.schema import ExecutorConfig, SandboxConfig, StoreConfig
 from tacevo.environment import machine, usable_cores, versions
-from tacevo.errors import BundleError, DivergenceError
-from tacevo.records import Mode, to_json
+from tacevo.errors import BundleError, ConfigError, DivergenceError, SandboxError
+from tacevo.records import Json, Mode, to_json
 from tacevo.reproduce.retrain import doubts_of, sampled
-from tacevo.results.space_table import SpaceTable
-from tacevo.rules import TRAININGS_OF_STUDIES, check_known
+from tacevo.results.space_table import CARD, SpaceTable, TableNetwork, card
+from tacevo.rules import CURRENT, LIKE_TODAY, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.datasets import load_same, trivial_of
 from tacevo.runs.progress import Progress
-from tacevo.runs.wiring import Workbench, check_means
+from tacevo.runs.wiring import Workbench, check_means, training_seed
 from tacevo.storage.canonical import differences
-from tacevo.studies.tabulate import members
+from tacevo.studies.tabulate import members, network_of
 from tacevo.text import counted
 
 
 def verify_table(table: SpaceTable) -> None:
-    """Check that a table holds exactly the networks of its space, each genome with its source.
+    """Check that a table holds exactly the networks of its space, each genome with its source, its seeds and its card.
 
     Raises:
         BundleError: it is damaged so that this cannot be compared.
-        DivergenceError: the first network that is another one.
+        DivergenceError: the first network that is another one; or other seeds, or another README.
     """
-    config = table.header.settings
+    config, header = table.header.settings, table.header
     if config.llm.space is None:
         raise BundleError("null", place=f"{table.path}, config.llm.space", expected="a closed space")
-    expected = members(config, table.header.task)
+    expected = members(config, header.task)
     for row, (network, (genome, source)) in enumerate(zip(table.networks, expected, strict=False)):
         if (network.genome, network.source) != (genome, source):
             place = f"{table.path}, networks.jsonl, line {row + 1}"
@@ -36,6 +36,65 @@ def verify_table(table: SpaceTable) -> None:
     if len(table.networks) != len(expected):
         got, space = counted(len(table.networks), "network"), f"{len(expected)}, those of its space"
         raise DivergenceError(got, place=str(table.path), expected=space)
+    seeds = tuple(training_seed(config.seed, number) for number in range(len(header.seeds)))
+    if header.seeds != seeds:
+        place, said = f"{table.path}, seeds", f"{list(seeds)}, those that follow from seed {config.seed}"
+        raise DivergenceError(f"{list(header.seeds)}", place=place, expected=said)
+    if table.card != card(header, table.networks):
+        place = f"{table.path}, {CARD}"
+        raise DivergenceError("another text", place=place, expected="what follows from the rows")
+
+
+def measure_table(table: SpaceTable, view: Progress) -> str:
+    """Put every network of a table through the gate again, compare verdicts and profiles, and say what was compared.
+
+    Args:
+        table: a verified one. The gate runs its networks; they are those of our grammar, but for the baseline, whose
+            text is the table's own.
+        view: shows the progress.
+
+    Returns:
+        One sentence; where this cannot be done here, the reason.
+
+    Raises:
+        DivergenceError: the first network that the gate judges otherwise.
+    """
+    header, config = table.header, table.header.settings
+    left = "profiles and verdicts of the gate were not compared"
+    if header.made_up:
+        return f"{left}: nothing of a made-up table was measured"
+    if any(getattr(header.rules, part) not in LIKE_TODAY[part] for part in ("static", "probe")):
+        return f"{left}: other rules ({header.rules.static}, {header.rules.probe}) made them"
+    executor = ExecutorConfig(kind=ExecutorKind.local, workers=usable_cores())
+    # Whatever walls there are confine the networks; the table may not ask for none.
+    training, sandbox = (
+        replace(config.training, device=Device.cpu, gpu=None),
+        SandboxConfig(require=Confinement.process),
+    )
+    config = replace(config, executor=executor, training=training, sandbox=sandbox)
+    try:
+        check_means(config)
+    except (SandboxError, ConfigError) as error:
+        return f"{left}: {error}"
+    with Workbench(config, header.task, header.data, Mode.live, say=view.say) as bench:
+        gate = bench.gate(CURRENT)
+        verdicts = bench.executor.map(gate.inspect, [network.source for network in table.networks])
+        for row, (network, verdict) in enumerate(zip(table.networks, verdicts, strict=True), start=1):
+            now = network_of(verdict, network.genome, network.source)
+            if _judged(now) != _judged(network):
+                place = f"{table.path}, networks.jsonl, line {row}"
+                first = ".".join(map(str, next(iter(differences(_judged(now), _judged(network))), ())))
+                raise DivergenceError(f"another {first}", place=place, expected="what the gate says of its source")
+            view.advance("networks", row, len(table.networks))
+    return (
+        f"{counted(len(table.networks), 'network')} went through the gate again: verdicts and profiles are as recorded"
+    )
+
+
+def _judged(network: TableNetwork) -> Json:
+    """Return what the gate says of a network, without what it tells people."""
+    rejection = None if network.rejection is None else replace(network.rejection, detail="")
+    return to_json(replace(network, rejection=rejection))
 
 
 def retrain_table(table: SpaceTable, count: int | None, draw: int, store: str | None, view: Progress) -> str:

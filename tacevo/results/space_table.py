@@ -6,6 +6,7 @@ its hash, and finds each network trained with each seed once. What it does not: 
 """
 
 import hashlib
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from tacevo.storage.files import write_durably
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, names_in, packed, read_members
 from tacevo.text import counted
 from tacevo.training.full import FullTraining, Kept
-from tacevo.training.metrics import metric_names
+from tacevo.training.metrics import contradiction, metric_names
 from tacevo.typed import FreeJson, parse
 
 T = TypeVar("T")
@@ -142,6 +143,8 @@ class SpaceTable:
     networks: tuple[TableNetwork, ...]
     #: By network, then by seed.
     trainings: tuple[TableTraining, ...]
+    #: The text of its README.
+    card: str
 
     @cached_property
     def by_source(self) -> Mapping[str, int]:
@@ -300,9 +303,21 @@ def _read(path: Path, _: int, size: int) -> SpaceTable:
         header=header,
         networks=tuple(_rows(TableNetwork, members, NETWORKS, path)),
         trainings=tuple(_rows(TableTraining, members, TRAININGS, path)),
+        card=members[CARD].decode(errors="replace"),
     )
+    _check_text(path, members)
     _check_rows(table)
     return table
+
+
+def _check_text(path: Path, members: Mapping[str, bytes]) -> None:
+    """Check that each record is written in the one way in which tables have it, so that equal rows have one digest."""
+    written = {HEADER: (readable, [members[HEADER]])}
+    written |= {name: (canonical, members[name].splitlines()) for name in (NETWORKS, TRAININGS)}
+    for name, (write, texts) in written.items():
+        for number, text in enumerate(texts, start=1):
+            if write(json.loads(text)).encode() != text:
+                raise _damaged(path, f"{name}, line {number}", "canonical JSON", "the same written otherwise")
 
 
 def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -> str:
@@ -324,6 +339,8 @@ def _digest(header: Header, settings: RunConfig, members: Mapping[str, bytes]) -
 def _check_rows(table: SpaceTable) -> None:
     """Check that each network is there once with its hash, and each of its trainings, of the epochs of the header."""
     networks, header, path = table.networks, table.header, table.path
+    if len(set(header.seeds)) < len(header.seeds):
+        raise _damaged(path, f"{HEADER}, seeds", "different seeds", f"{list(header.seeds)}")
     for row, network in enumerate(networks):
         place = f"{NETWORKS}, line {row + 1}"
         if network.sha256 != _sha256(network.source.encode()):
@@ -340,17 +357,42 @@ def _check_rows(table: SpaceTable) -> None:
     ]
     if [(row.network, row.seed) for row in table.trainings] != wanted:
         raise _damaged(path, TRAININGS, "each admitted network with each seed once, in order", "other rows")
-    epochs = header.settings.training.epochs
     for number, training in enumerate(table.trainings, start=1):
-        place, full = f"{TRAININGS}, line {number}", training.full
-        if (full is None) == (training.rejection is None):
+        place = f"{TRAININGS}, line {number}"
+        if (training.full is None) == (training.rejection is None):
             raise _damaged(path, place, "a training or a rejection", "both or neither")
-        if full is not None:
-            losses = full.training.validation_losses
-            if not len(losses) == len(full.training.train_losses) == epochs:
-                raise _damaged(path, place, f"the losses of {epochs} epochs", str(len(losses)))
-            if full.epoch != losses.index(min(losses)) + 1:
-                raise _damaged(path, place, "the epoch of the lowest validation loss", str(full.epoch))
+        if training.full is not None:
+            _check_training(table, training.full, place)
+    _check_seeds_differ(table)
+
+
+def _check_training(table: SpaceTable, full: FullTraining, place: str) -> None:
+    """Check that a training has the epochs of the header, and that nothing of it contradicts the rest."""
+    path, facts, epochs = table.path, table.header.data, table.header.settings.training.epochs
+    losses, of_training = full.training.validation_losses, full.training.train_losses
+    if not len(losses) == len(of_training) == epochs:
+        raise _damaged(path, place, f"the losses of {epochs} epochs", str(len(losses)))
+    if not min(losses + of_training) >= 0:
+        raise _damaged(path, place, "losses of 0 or more", str(min(losses + of_training)))
+    if full.epoch != losses.index(min(losses)) + 1:
+        raise _damaged(path, place, "the epoch of the lowest validation loss", str(full.epoch))
+    found = contradiction(facts.kind, facts.names, full.metrics, full.confusion, images=facts.counts[2])
+    if found is not None:
+        what, got, expected = found
+        raise _damaged(path, f"{place}, {what}", expected, got)
+
+
+def _check_seeds_differ(table: SpaceTable) -> None:
+    """Check that no training of a network stands for two seeds: other initial weights give other weights."""
+    seen: set[tuple[int, str]] = set()
+    for number, row in enumerate(table.trainings, start=1):
+        if row.full is None:
+            continue
+        key = row.network, row.full.training.weights_sha256
+        if key in seen:
+            place = f"{TRAININGS}, line {number}"
+            raise _damaged(table.path, place, "other weights than those of another seed", "the same")
+        seen.add(key)
 
 
 def card(header: Header, networks: Sequence[TableNetwork]) -> str:

@@ -13,11 +13,14 @@ from tacevo.records import Kind
 from tacevo.results.study_directory import FinishedStudy, StudyDirectory
 from tacevo.results.study_lines import Design, FailedLine, ScoreLine, StudyTerms
 from tacevo.text import listed
+from tacevo.training.metrics import contradiction
 
 BASELINE = "baseline"
 
 #: Rows that a message names.
 MOST = 6
+
+_AGAIN = "delete its directory; `tacevo study` writes it again from the store"
 
 #: What a study is judged by: the paper's test metric of each kind of task, and whether less of it is better.
 PRIMARY = {Kind.regression: "mse", Kind.classification: "accuracy"}
@@ -163,8 +166,8 @@ def check_study(study: RecordedStudy) -> None:
     """Check that statistics can be made of a study.
 
     Raises:
-        RunError: the baseline is not the first network, or scores are missing, twice there, of an unknown network or
-            seed, or of different metrics; the message names the rows.
+        RunError: the baseline is not the first network; scores are missing, twice there, of an unknown network or seed,
+            or of different metrics; or a metric contradicts others, or the confusion. The message names the rows.
     """
     place = f"the study of {study.task}"
     names = [network.name for network in study.networks]
@@ -189,5 +192,11 @@ def check_study(study: RecordedStudy) -> None:
             "; ".join(told),
             place=place,
             expected="one score for every network and seed",
-            remedy="delete its directory; `tacevo study` writes it again from the store",
+            remedy=_AGAIN,
         )
+    for score in study.scores:
+        found = contradiction(study.kind, study.names, score.metrics, score.confusion, images=study.data.counts[2])
+        if found is not None:
+            what, got, expected = found
+            row = f"{place}, {score.network} with seed {score.seed}, {what}"
+            raise RunError(got, place=row, expected=expected, remedy=_AGAIN)

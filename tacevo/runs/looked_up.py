@@ -13,7 +13,7 @@ from tacevo.errors import CacheMissError, ConfigError
 from tacevo.randomness import stream
 from tacevo.records import Json, Limits, Rejection, Training, to_json
 from tacevo.results.space_table import DECISIVE, SpaceTable, read_table, value_of
-from tacevo.rules import CURRENT
+from tacevo.rules import LIKE_TODAY
 from tacevo.sandbox.client import Finished, Frame, RunJob, Score
 from tacevo.storage.canonical import canonical
 from tacevo.storage.store import Store
@@ -34,11 +34,12 @@ def table_of(config: RunConfig) -> SpaceTable:
         if ours != theirs:
             expected = f"{canonical(to_json(theirs))}, as in the table {table.path}"
             raise ConfigError(canonical(to_json(ours)), place=key, expected=expected)
-    for part in ("static", "probe", "training"):
-        ours, theirs = (getattr(rules, part) for rules in (CURRENT, header.rules))
-        if ours != theirs:
+    for part, known in LIKE_TODAY.items():
+        number = getattr(header.rules, part)
+        if number not in known:
             place, remedy = f"{table.path}, rules.{part}", "`tacevo tabulate` makes a table under the rules of today"
-            raise ConfigError(str(theirs), place=place, expected=f"{ours}, the number of this version", remedy=remedy)
+            expected = f"{', '.join(map(str, sorted(known)))}, which are like those of this version"
+            raise ConfigError(str(number), place=place, expected=expected, remedy=remedy)
     _check_most("training.epochs", config.training.epochs, made.training.epochs, f"the epochs of {table.path}")
     _check_most("training.seeds", config.training.seeds, len(header.seeds), f"the seeds of {table.path}")
     if config.llm.slip_rate:

@@ -28,14 +28,12 @@ from tacevo.sandbox.client import Died, Finished, RunJob
 from tacevo.sandbox.protocol import one_line
 from tacevo.storage.array_store import ArrayStore, digest_of
 from tacevo.storage.store import Store
-from tacevo.text import listed
 from tacevo.training.evaluation import Examples, Setting, TrainingStore
 from tacevo.training.metrics import (
     Confusion,
     classification_metrics,
     confusion,
-    counted_metrics,
-    metric_names,
+    contradiction,
     regression_metrics,
 )
 
@@ -172,19 +170,11 @@ class FullEvaluator(TrainingStore[tuple[Examples, HeldOut], FullTraining]):
 
 
 def _check_counts(verdict: FullTraining, facts: DataFacts, place: str) -> None:
-    """Compare the names of the metrics, and of a classification those that follow from the confusion."""
-    if verdict.metrics.keys() != (names := metric_names(facts.kind, facts.names)):
-        got, expected = listed(sorted(verdict.metrics)), listed(sorted(names))
-        raise DivergenceError(got, place=f"{place}, metrics", expected=expected)
-    if facts.kind is Kind.regression:
-        return
-    rows, images = verdict.confusion or (), facts.counts[2]
-    counts = [count for row in rows for count in row]
-    is_square = [len(row) for row in rows] == [facts.outputs] * facts.outputs
-    if not (is_square and images and sum(counts) == images and min(counts) >= 0):
-        expected = f"{facts.outputs} rows of as many counts, {images} images in all"
-        raise DivergenceError(f"{rows}", place=f"{place}, confusion", expected=expected)
-    _compare(verdict.metrics, {**verdict.metrics, **counted_metrics(rows)}, place, "the confusion")
+    """Compare the metrics with each other, and of a classification with the confusion."""
+    found = contradiction(facts.kind, facts.names, verdict.metrics, verdict.confusion, images=facts.counts[2])
+    if found is not None:
+        what, got, expected = found
+        raise DivergenceError(got, place=f"{place}, {what}", expected=expected)
 
 
 def _compare(recorded: Mapping[str, float], computed: Mapping[str, float], place: str, basis: str) -> None:
