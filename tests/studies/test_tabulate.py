@@ -21,19 +21,20 @@ from tacevo.evolution.lines import CandidateLine
 from tacevo.records import Json, Reason, Rejection, Stage, to_json
 from tacevo.reproduce.replay import replay
 from tacevo.reproduce.retrain import retrain
-from tacevo.reproduce.space_table import retrain_table, verify_table
+from tacevo.reproduce.space_table import measure_table, retrain_table, verify_table
 from tacevo.results.run import RecordedRun, read_run
 from tacevo.results.space_table import (
     CARD,
     MANIFEST,
     SpaceTable,
+    TableTraining,
     check_networks,
     check_size,
     is_table,
     read_table,
     write_table,
 )
-from tacevo.rules import CURRENT
+from tacevo.rules import CURRENT, LIKE_TODAY
 from tacevo.runs.estimate import describe_estimates, describe_time
 from tacevo.runs.progress import Progress
 from tacevo.runs.session import search
@@ -222,7 +223,7 @@ def test_no_study_is_the_next_step_of_what_was_looked_up(
 @pytest.mark.parametrize("part", ["static", "probe", "training"])
 def test_table_of_other_rules_is_refused(table: SpaceTable, tmp_path: Path, part: str) -> None:
     """What other rules measured is not what a search of today would measure."""
-    rules = replace(CURRENT, **{part: getattr(CURRENT, part) - 1})
+    rules = replace(CURRENT, **{part: min(LIKE_TODAY[part]) - 1})
     older = write_table(tmp_path / "old.zip", replace(table.header, rules=rules), table.networks, table.trainings)
     assert older.digest != table.digest
     with refused(ConfigError, place=f"rules.{part}"):
@@ -419,6 +420,76 @@ def test_rows_that_do_not_suit_each_other_are_refused(table: SpaceTable, tmp_pat
             verify_table(write_table(tmp_path / "wrong.zip", table.header, networks, trainings))
 
 
+def _with_member(table: SpaceTable, path: Path, name: str, data: bytes) -> Path:
+    """Write a table with another member, and the manifest of it."""
+    members = {**_members(table.path), name: data}
+    del members[MANIFEST]
+    manifest = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in sorted(members.items()))
+    path.write_bytes(packed({**members, MANIFEST: manifest.encode()}))
+    return path
+
+
+def _with_first(table: SpaceTable, **changes: Any) -> list[TableTraining]:
+    """Change the first training of a table."""
+    first, *others = table.trainings
+    assert first.full is not None
+    return [replace(first, full=replace(first.full, **changes)), *others]
+
+
+def test_scores_that_contradict_each_other_are_refused(table: SpaceTable, tmp_path: Path) -> None:
+    """Whoever writes a manifest anew cannot state an accuracy that the confusion has not, or one training for three."""
+    full = table.trainings[0].full
+    assert full is not None
+    assert full.confusion is not None
+    fewer = ((full.confusion[0][0] + 1, *full.confusion[0][1:]), *full.confusion[1:])
+    losses = (-0.1, *full.training.validation_losses[1:])
+    seeds = (table.header.seeds[0],) * 3
+    copied = [replace(row, full=table.trainings[3 * row.network].full) for row in table.trainings]
+    for header, trainings, place in (
+        (table.header, _with_first(table, metrics={**full.metrics, "accuracy": 0.99}), "metrics.accuracy"),
+        (table.header, _with_first(table, metrics={**full.metrics, "cross_entropy": -0.1}), "metrics.cross_entropy"),
+        (table.header, _with_first(table, metrics={"accuracy": full.metrics["accuracy"]}), "metrics"),
+        (table.header, _with_first(table, confusion=fewer), "confusion"),
+        (
+            table.header,
+            _with_first(table, training=replace(full.training, validation_losses=losses), epoch=1),
+            "trainings.jsonl, line 1",
+        ),
+        (replace(table.header, seeds=seeds), table.trainings, "seeds"),
+        (table.header, copied, "trainings.jsonl, line 2"),
+    ):
+        with refused(BundleError, place=place):
+            write_table(tmp_path / "forged.zip", header, table.networks, trainings)
+
+
+def test_seeds_text_and_card_follow_from_the_rows(table: SpaceTable, tmp_path: Path) -> None:
+    """Other seeds than the configuration's, another README, and a record that is written otherwise are seen."""
+    others = replace(table.header, seeds=tuple(seed + 1 for seed in table.header.seeds))
+    with refused(DivergenceError, place="seeds"):
+        verify_table(write_table(tmp_path / "seeds.zip", others, table.networks, table.trainings))
+    better = table.card.replace("MADE UP", "measured").encode()
+    with refused(DivergenceError, place=CARD):
+        verify_table(read_table(_with_member(table, tmp_path / "card.zip", CARD, better)))
+    for name in ("table.json", "networks.jsonl", "trainings.jsonl"):
+        wider = _members(table.path)[name].replace(b":", b": ", 1).replace(b": \n", b":\n")
+        wider = wider if name.endswith("l") else wider.replace(b'": ', b'":  ', 1)
+        with refused(BundleError, place=name):
+            read_table(_with_member(table, tmp_path / f"{name}.zip", name, wider))
+
+
+def test_profile_that_the_gate_does_not_give_is_seen(table: SpaceTable, tmp_path: Path) -> None:
+    """Each network goes through the gate again; of a made-up table nothing does, and that is said."""
+    assert "not compared" in measure_table(table, Progress())
+    trained = replace(table.header, made_up=False)
+    claimed = write_table(tmp_path / "claimed.zip", trained, table.networks, table.trainings)
+    verify_table(claimed)
+    with refused(DivergenceError, place="networks.jsonl, line 1", got="another profile"):
+        measure_table(claimed, Progress())
+    older = replace(trained, rules=replace(trained.rules, probe=1))
+    written = write_table(tmp_path / "older.zip", older, table.networks, table.trainings)
+    assert "other rules" in measure_table(written, Progress())
+
+
 def test_other_files_are_no_table(table: SpaceTable, tmp_path: Path, published: Path) -> None:
     """A published run is not taken for one, and is refused as one; nor is a table taken for a run."""
     assert not is_table(published / "run.zip")
@@ -502,6 +573,12 @@ def test_table_run_equals_a_real_run_decision_by_decision(tmp_path: Path) -> Non
     assert len(table.networks) == 9
     assert not table.failures
     verify_table(table)
+    assert measure_table(table, Progress()).endswith("verdicts and profiles are as recorded")
+    refusal = Rejection(stage=Stage.probe, reason=Reason.too_many_flops, detail="")
+    forged = replace(table.networks[1], profile=None, rejection=refusal)
+    networks, rows = [table.networks[0], forged, *table.networks[2:]], [r for r in table.trainings if r.network != 1]
+    with refused(DivergenceError, place="networks.jsonl, line 2"):
+        measure_table(write_table(tmp_path / "refused.zip", table.header, networks, rows), Progress())
     assert "3 of 9 trainings" in retrain_table(table, 3, 1, None, Progress())
     for epochs in (1, 2):
         folder = tmp_path / str(epochs)
