@@ -117,8 +117,9 @@ def text_of(body: Body) -> str:
 
 
 def key_of(body: Body) -> str:
-    """Name a request by all that was sent."""
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+    """Name a request by all that was asked; how the answer is to come is no part of it."""
+    asked = {name: value for name, value in body.items() if name != "stream"}
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
 
 def message(body: Body, text: str, fault: str) -> Body:
