@@ -31,7 +31,7 @@ _FINISHED = {
 _REFUSED = re.compile(
     "filter|safety|refus|polic|block|moderat|prohibit|sensitive|guardrail|flag|toxic|recitation|spii|violat"
 )
-_CUT_OFF = re.compile("length|(?<!rate)limit|token|context|truncat")
+_CUT_OFF = re.compile("length|max|(?<!rate)limit|token|context|truncat")
 _FAILED = re.compile(
     "error|fail|abort|cancel|timeout|timedout|insufficient|overload|unavailable|interrupt|exception|ratelimit"
     "|malformed|crash|unload|preempt|disconnect|userstop"

@@ -62,7 +62,7 @@ def joined(values: Sequence[Json], is_done: bool) -> Json:
     Raises:
         FaultError: the pieces hold an error, or the answer is not finished.
     """
-    if isinstance(values[0], list) and values[0] and all(map(_is_piece, values[0])):
+    if isinstance(values[0], list) and any(map(_is_piece, values[0])):
         values = values[0]
     if not _is_piece(values[0]) and (len(values) == 1 or _is_finished(values[0])):
         return values[0]
