@@ -161,7 +161,7 @@ def check_proxies(context: ssl.SSLContext, connect: Callable[..., object]) -> No
 def _is_host(name: str) -> bool:
     """Answer whether every HTTP client reads an entry of NO_PROXY: of `[::1]`, some do."""
     with contextlib.suppress(ValueError):
-        return bool(ipaddress.ip_network(name, strict=False))
+        return bool(ipaddress.ip_address(name))
     try:
         httpx2.URL(name if "://" in name else f"all://*{name}")
     except (ValueError, httpx2.InvalidURL):
