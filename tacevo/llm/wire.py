@@ -99,7 +99,8 @@ def certificates() -> ssl.SSLContext:
     Raises:
         ConfigError: the environment names files or directories of certificates that cannot be read.
     """
-    named = {name: os.environ[name] for name in (*_CERTIFICATES, "SSLKEYLOGFILE") if os.environ.get(name)}
+    read = [name for name in _CERTIFICATES if os.environ.get(name)][:1]  # the first counts
+    named = {name: os.environ[name] for name in (*read, "SSLKEYLOGFILE") if os.environ.get(name)}
     try:
         context = httpx2.create_ssl_context()
         directories = os.environ.get("SSL_CERT_DIR", "").split(os.pathsep)

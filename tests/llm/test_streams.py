@@ -48,7 +48,7 @@ def named(*values: dict[str, Any]) -> bytes:
 
 
 HALVES = (chunk("", role="assistant"), chunk("h"), chunk("i"))
-END = (chunk(None, "stop"), {"choices": [], "usage": USAGE})
+END: tuple[Json, ...] = (chunk(None, "stop"), {"choices": [], "usage": USAGE})
 
 PIECES: tuple[dict[str, Any], ...] = (
     {
