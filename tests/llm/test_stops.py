@@ -25,7 +25,7 @@ from tacevo.storage.store import Store
 pytestmark = pytest.mark.usefixtures("keys")
 both = pytest.mark.parametrize("provider", PROVIDERS)
 
-FINISHED: tuple[Json, ...] = (
+FINISHED: tuple[Any, ...] = (
     *("stop", "STOP", "Stop", "FinishReason.STOP", "FINISH_REASON_STOP", "end_turn", "END_TURN", "endTurn", "eos"),
     *("eos_token", "eosFound", "EOS", "COMPLETE", "completed", "end_id", "stop_sequence", "stop_words", "tool_calls"),
     *("STOP_SEQUENCE", "stopStringFound", "function_call", "tool_use", "TOOL_CALL", None, "", "null", 5, [], {}),
