@@ -8,13 +8,14 @@ from pathlib import Path
 from tacevo.errors import DataError
 
 #: The first line by which spreadsheets name what stands between the columns; saved again, it may have columns itself.
-_SEPARATOR = re.compile(r"\"?sep=([,;\t|:])\"?\1*,*", re.IGNORECASE)
+_SEPARATOR = re.compile(r"\"?sep=([,;\t|:])\"?(,+|\1*) *", re.IGNORECASE)
 
 
 def in_words(columns: Sequence[str], separator: str) -> str:
     """Say what stands between columns, and what to do where another mark seems to."""
     named = {",": "commas", ";": "semicolons", "\t": "tabs"}.get(separator, repr(separator))
-    other = next((mark for mark in ";\t|" if len(columns) == 1 and mark in columns[0]), None)
+    marks = ",;\t|".replace(separator, "")
+    other = next((mark for mark in marks if len(columns) == 1 and mark in columns[0]), None)
     return f"{named} between them" + ("" if other is None else f", or begin the file with a line sep={other}")
 
 
@@ -40,7 +41,7 @@ class Lines:
             with table.open(newline="", encoding="utf-8-sig") as file:
                 first = file.readline()
                 if (named := _SEPARATOR.fullmatch(first.strip("\r\n"))) is not None:
-                    self.separator, line = named[1], 1
+                    self.separator, line = named[2][:1] or named[1], 1
                 else:
                     file.seek(0)
                 before = line

@@ -161,7 +161,7 @@ def read_rows(
     """
     asked = [image_column, *target_columns, *([] if group_column is None else [group_column])]
     lines = Lines(table)
-    rows = _rows(table, lines, asked, remedy, directories, len(target_columns))
+    rows = _rows(table, asked, remedy, lines=lines, directories=directories, targets=len(target_columns))
     if not rows:
         raise DataError("a header without rows", place=table.name, expected="a row for each image")
     present = [row for row in rows if row.is_there]
@@ -209,7 +209,7 @@ def _check_images_exist(table: Path, rows: Sequence[Row], directories: Sequence[
 
 
 def _rows(
-    table: Path, lines: Lines, asked: Sequence[str], remedy: str, directories: Sequence[Path], targets: int
+    table: Path, asked: Sequence[str], remedy: str, *, lines: Lines, directories: Sequence[Path], targets: int
 ) -> list[Row]:
     """Read the rows of a table, with the asked columns only: the image's, so many targets, and perhaps the group's."""
     _, header = next(lines.values, (1, []))
@@ -248,12 +248,12 @@ def _row(line: int, texts: Sequence[str], directories: Sequence[Path], targets: 
 
 
 def _stays(place: Path, name: str, directories: Sequence[Path]) -> bool:
-    """Answer whether a name stays within the directories; links are followed only where the name itself turns back."""
-    path = PurePath(name)
+    """Answer whether a name stays within the directories; links count only where the name itself turns back."""
+    path, parts = PurePath(name), place.absolute().parts
     if not path.is_absolute() and ".." not in path.parts:
         return True
-    turns = [number for number, part in enumerate(place.parts, 1) if part == ".."]
-    reached = Path(os.path.realpath(Path(*place.parts[: turns[-1]]))) if turns else Path(os.path.abspath(place))
+    behind = next((number for number in range(len(parts), 0, -1) if parts[number - 1] == ".."), 0)
+    reached = Path(os.path.realpath(Path(*parts[:behind])) if behind else "/", *parts[behind:])
     return any(reached.is_relative_to(root) for one in directories for root in (os.path.realpath(one), one.absolute()))
 
 
