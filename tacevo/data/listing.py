@@ -16,15 +16,15 @@ def doubtful_files(catalogue: Catalogue, root: Path) -> Iterator[str]:
         names = [name if count == 1 else f"{name} ({count})" for name, count in sorted(found.items())]
         images = counted(len(catalogue.passed_over), "image")
         yield (
-            f"{images} in {root} passed over, which systems and programs leave or which is hidden: "
-            f"{', '.join(names)}; rename what belongs to the data set"
+            f"passed over: {images} in {root}, hidden or left there by systems and programs: {', '.join(names)}; "
+            "rename what belongs to the data set"
         )
     if catalogue.blank:
         lines = listed(list(map(str, catalogue.blank)), most=SHOWN_FAULTS)
-        yield f"{counted(len(catalogue.blank), 'empty row')} of the table passed over: line {lines}"
+        yield f"passed over: {counted(len(catalogue.blank), 'empty row')} of the table, line {lines}"
     if catalogue.linked:
         images = counted(len(catalogue.linked), "image")
-        yield f"{images} outside {root}, where links lead: {listed(list(catalogue.linked), most=SHOWN_FAULTS)}"
+        yield f"outside {root}, where links lead: {images}, {listed(list(catalogue.linked), most=SHOWN_FAULTS)}"
 
 
 def _group(path: PurePath) -> str:

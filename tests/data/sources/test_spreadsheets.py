@@ -84,7 +84,7 @@ def test_empty_rows_are_passed_over_and_said(text: str, lines: str, tmp_path: Pa
     assert (len(catalogue.labels), catalogue.skipped) == (12, 0)
     assert loaded(source, tmp_path / "cache").facts == plain.facts
     said = list(doubtful_files(catalogue, tmp_path / "set"))
-    assert [words.partition(": line ")[2] for words in said] == ([lines] if lines else [])
+    assert [words.partition(", line ")[2] for words in said] == ([lines] if lines else [])
 
 
 def test_row_that_lacks_its_image_alone_is_not_empty(tmp_path: Path) -> None:
