@@ -62,7 +62,7 @@ def joined(values: Sequence[Json], is_done: bool) -> Json:
     Raises:
         FaultError: the pieces hold an error, or the answer is not finished.
     """
-    if isinstance(values[0], list) and any(map(_is_piece, values[0])):
+    if isinstance(values[0], list) and _holds_answer(values[0]):
         values = values[0]
     if not _is_piece(values[0]) and (len(values) == 1 or _is_finished(values[0])):
         return values[0]
@@ -125,6 +125,11 @@ class _Pieces:
             return {"model": self.model, "content": content, "stop_reason": self.reason, "usage": usage}
         said: Json = {"content": self.text or None, "refusal": self.refusal}
         return {"model": self.model, "choices": [{"message": said, "finish_reason": self.reason}], "usage": usage}
+
+
+def _holds_answer(values: Sequence[Json]) -> bool:
+    """Answer whether a list is one of pieces, or has an answer in it and nothing else."""
+    return any(map(_is_piece, values)) or (len(values) == 1 and isinstance(values[0], Mapping))
 
 
 def _is_piece(value: Json) -> bool:

@@ -117,10 +117,13 @@ def certificates() -> ssl.SSLContext:
 
 
 def by_certificates(error: object) -> str:
-    """Say which variable names the certificates, where a server's own is not accepted."""
+    """Say which certificates were tried, where a server's own is not accepted."""
+    if not isinstance(error, ssl.SSLCertVerificationError):
+        return ""
     named = next((name for name in _CERTIFICATES if os.environ.get(name)), None)
-    is_refused = isinstance(error, ssl.SSLCertVerificationError) and named is not None
-    return f", with the certificates that {named} names ({os.environ[str(named)]})" if is_refused else ""
+    if named is None:
+        return "; name the certificates of your network by SSL_CERT_FILE"
+    return f", with the certificates that {named} names ({os.environ[named]})"
 
 
 def check_proxies(context: ssl.SSLContext, connect: Callable[..., object]) -> None:

@@ -55,6 +55,17 @@ _PAYMENT = re.compile(
     re.IGNORECASE,
 )
 
+#: How servers say that the key is wrong, and that there is no such model, where the status says neither.
+_WRONG_KEY = re.compile(
+    r"\b(invalid|incorrect|wrong|missing|expired|revoked)\b[^.]{0,20}\b(api[ _-]?key|credentials?|(access|bearer) token)\b"
+    r"|\b(api[ _-]?key|credentials?)\b[^.]{0,30}\b(not valid|invalid|incorrect|expired|missing|not found|revoked)",
+    re.IGNORECASE,
+)
+_NO_MODEL = re.compile(
+    r"\bmodel\b[^.]{0,80}\b(not found|(does|do) not exist)|\b(unknown|no such) model\b|not a valid model\b",
+    re.IGNORECASE,
+)
+
 #: How servers say that a request does not fit into a model: whatever the status, and where that blames the request.
 _CONTEXT = re.compile(
     r"(context[ _]?(length|window|size|limit).{0,80}(exceed|limit|maxim|longer|larger|greater|too |overflow|reduce)"
@@ -109,12 +120,21 @@ def words_of(body: Json) -> str:
 def decisive_status(status: int, body: Json) -> int:
     """Return the status that says what follows from an error: the one that came, or that of a code in its body.
 
+    Where both say little, the words may still tell of a wrong key or an unknown model.
+
     Args:
         status: as it came; 200 for an error within what should be an answer.
         body: the parsed JSON, or the text where it is none.
     """
-    if status in _EXACT:
-        return status
+    coded = status if status in _EXACT else _coded(status, body)
+    said = words_of(body)
+    if coded in _EXACT or coded == 403 or _TRANSIENT.search(said):
+        return coded
+    return 401 if _WRONG_KEY.search(said) else 404 if _NO_MODEL.search(said) else coded
+
+
+def _coded(status: int, body: Json) -> int:
+    """Return the status of a code in a body, or else the one that came."""
     codes = list(_codes(body))
     for code in codes:
         if (isinstance(code, int) or code.isdecimal()) and 400 <= int(code) < 600:

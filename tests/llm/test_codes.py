@@ -84,6 +84,7 @@ PASSING: list[tuple[int, Json]] = [
     (500, {"error": {"message": "the queue is too long"}}),
     (500, {"error": {"message": "the content filter is temporarily unavailable"}}),
     (503, {"error": {"message": "the server is overloaded: context window manager"}}),
+    (503, {"error": {"message": "model m not found on this node, it is loading: try again later"}}),
     (529, {"type": "error", "error": {"type": "overloaded_error", "message": "Overloaded"}}),
 ]
 
@@ -109,6 +110,9 @@ FINAL: list[tuple[int, Json]] = [
     (429, {"error": {"message": "You exceeded your current quota", "code": "insufficient_quota"}}),
     (400, {"error": {"message": "Your credit balance is too low: the prompt is too long for it"}}),
     (200, {"error": {"code": 402, "message": "no credits"}}),
+    (400, {"error": {"code": 400, "message": "API key not valid. Please pass a valid API key.", "status": "INVALID"}}),
+    (500, {"error": {"message": "Incorrect API key provided: sk-xxxx", "code": "500"}}),
+    (500, {"error": "Insufficient credits"}),
 ]
 
 LACKING: list[tuple[int, Json]] = [
@@ -116,6 +120,9 @@ LACKING: list[tuple[int, Json]] = [
     (400, {"error": {"message": "the requested model is not supported", "code": "model_not_supported"}}),
     (200, {"error": {"code": 404, "message": "No endpoints found for this model"}}),
     (500, {"error": {"message": "model 'm' not found", "type": "not_found_error"}}),
+    (400, {"error": {"message": "m is not a valid model ID", "code": 400}}),
+    (500, {"error": "model 'm' not found, try pulling it first"}),
+    (200, {"error": "The model `m` does not exist"}),
 ]
 
 #: Refusals of which nobody can tell whether they are about one request.
@@ -124,6 +131,7 @@ DOUBTFUL: list[tuple[int, Json]] = [
     (500, {"error": {"message": "messages.0: this is not understood", "type": "invalid_request_error"}}),
     (502, {"error": {"message": "litellm.BadRequestError: no", "code": "400"}}),
     (200, {"error": {"message": "no", "code": 422}}),
+    (400, {"error": {"message": "Invalid special token in messages.0; this model does not support top_k"}}),
     (200, {"error": {"message": "no", "type": "BadRequestError"}}),
 ]
 

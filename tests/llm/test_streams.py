@@ -77,6 +77,7 @@ SOUND: dict[str, tuple[str, bytes]] = {
     "one event that is not ended": ("openai", b"data:" + WHOLE),
     "comments before it": ("openai", b": OPENROUTER PROCESSING\n\n: OPENROUTER PROCESSING\n\n" + WHOLE),
     "something behind it": ("openai", WHOLE + b"\n<!-- served by a proxy -->"),
+    "an answer in a list": ("openai", b"[" + WHOLE + b"]"),
     "the same twice": ("openai", WHOLE + b"\n" + WHOLE),
     "pieces": ("openai", events(*HALVES, *END)),
     "pieces without the last word": ("openai", events(*HALVES, *END, done=False)),

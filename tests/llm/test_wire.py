@@ -322,7 +322,7 @@ def test_certificates_that_are_not_accepted_are_named(monkeypatch: pytest.Monkey
     refusal = ssl.SSLCertVerificationError("unable to get local issuer certificate")
     monkeypatch.delenv("SSL_CERT_FILE", raising=False)
     monkeypatch.delenv("SSL_CERT_DIR", raising=False)
-    assert by_certificates(refusal) == ""
+    assert "by SSL_CERT_FILE" in by_certificates(refusal)
     monkeypatch.setenv("SSL_CERT_FILE", "/some/cacert.pem")
     assert "SSL_CERT_FILE" in by_certificates(refusal)
     assert "/some/cacert.pem" in by_certificates(refusal)

@@ -21,8 +21,9 @@ _LITTER = frozenset(
     {
         *("__macosx", "icon\r", "network trash folder", "temporary items", "thevolumesettingsfolder"),
         *("thumbs.db", "ehthumbs.db", "ehthumbs_vista.db", "desktop.ini", "system volume information"),
-        *("$recycle.bin", "recycler", "recycled", "lost+found", "__pycache__"),
-        *("@eadir", "@tmp", "#recycle", "#snapshot", "@recycle", "@recently-snapshot", "@__thumb"),
+        *("$recycle.bin", "lost+found", "__pycache__", "ipod photo cache"),
+        *("@eadir", "@synoresource", "@tmp", "@trash", "#recycle", "#snapshot"),
+        *("@recycle", "@recently-snapshot", "@__thumb"),
     }
 )
 

@@ -104,7 +104,7 @@ def test_what_a_system_leaves_is_passed_over_and_its_images_are_named(tmp_path: 
 
 def test_honest_names_are_not_litter(tmp_path: Path) -> None:
     """A class may have a sign before its name, or be called like a part of what systems leave."""
-    names = ("@home", "#1", "recycle", "thumbs", "lost", "system", "found", "_a", "eaDir", "temp")
+    names = ("@home", "#1", "recycle", "thumbs", "lost", "system", "found", "_a", "eaDir", "recycled", "tmp")
     assert set(save_folder(tmp_path, *(f"{name}/1.png" for name in names)).catalogue().names) == set(names)
 
 
