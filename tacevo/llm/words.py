@@ -57,7 +57,7 @@ _PAYMENT = re.compile(
 
 #: How servers say that the key is wrong, and that there is no such model, where the status says neither.
 _WRONG_KEY = re.compile(
-    r"\b(invalid|incorrect|wrong|missing|expired|revoked)\b[^.]{0,20}\b(api[ _-]?key|credentials?|(access|bearer) token)\b"
+    r"\b(invalid|incorrect|wrong|missing|expired|revoked)\b[^.]{0,20}\b(api[ _-]?key|credentials?|access token)\b"
     r"|\b(api[ _-]?key|credentials?)\b[^.]{0,30}\b(not valid|invalid|incorrect|expired|missing|not found|revoked)",
     re.IGNORECASE,
 )
