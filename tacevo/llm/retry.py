@@ -175,7 +175,7 @@ def fault_of(error: Exception) -> Fault:
     refusal: Any = error
     body = refusal.body
     with contextlib.suppress(ValueError, RecursionError, httpx2.StreamError):  # an SDK may keep a part of it only
-        body = json.loads(refusal.response.text)
+        body = json.JSONDecoder().raw_decode(refusal.response.text.strip().removeprefix("data:").lstrip())[0]
     return fault_of_status(refusal.status_code, refusal.response.headers, body, path=refusal.request.url.path)
 
 

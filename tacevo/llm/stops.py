@@ -13,19 +13,21 @@ from tacevo.records import Json
 #: The reason of an answer whose server gave none that is known; the gate takes it for one that may be cut off.
 UNKNOWN = "unknown"
 
-#: The words for an answer that the model ended itself, each with the reason that is recorded.
+#: The words for an answer that the model ended itself, or for no reason, each with the reason that is recorded.
 _FINISHED = {
-    **dict.fromkeys(["stop", "endturn", "end", "endid", "endoftext", "endofturn", "endofsequence"], "end_turn"),
-    **dict.fromkeys(["eos", "eostoken", "eosfound", "eot", "eotid"], "end_turn"),
-    **dict.fromkeys(["complete", "completed", "finish", "finished", "done", "success", "succeeded"], "end_turn"),
-    **dict.fromkeys(
-        ["stopsequence", "stopstring", "stopstringfound", "stoptoken", "stopword", "stopwords", "word"], ""
-    ),
+    **dict.fromkeys(["stop", "endturn", "end", "endid", "eos", "eot", "eosfound", "complete", "completed"], "end_turn"),
+    **dict.fromkeys(["finish", "finished", "done", "success", "succeeded", "null", "none"], "end_turn"),
+    "word": "stop_sequence",
     "tooluse": "tool_use",
     "toolcall": "tool_calls",
     "toolcalls": "tool_calls",
     "functioncall": "function_call",
 }
+
+#: How such words begin that name the token or the text at which the model ended.
+_ENDED_BY = {"eos": "end_turn", "eot": "end_turn", "endof": "end_turn"} | dict.fromkeys(
+    ["stopsequence", "stopstring", "stopstr", "stoptoken", "stopword"], "stop_sequence"
+)
 
 #: What stands in the words for the other ends; the first that is found counts: `error_limit` tells of a limit.
 _REFUSED = re.compile(
@@ -55,10 +57,9 @@ def stop_reason_of(said: Json) -> str:
     if not isinstance(said, str) or not said.strip():
         return "end_turn"
     word = _NAME.sub("", re.sub("[^a-z0-9]", "", said.casefold()))
-    if word in {"null", "none"}:
-        return "end_turn"
-    if word in _FINISHED:
-        return _FINISHED[word] or "stop_sequence"
+    finished = [reason for start, reason in _ENDED_BY.items() if word.startswith(start)]
+    if word in _FINISHED or finished:
+        return _FINISHED.get(word) or finished[0]
     if _REFUSED.search(word):
         return "refusal"
     if _CUT_OFF.search(word):

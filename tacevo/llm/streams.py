@@ -25,6 +25,9 @@ _DONE = "[DONE]"
 #: What begins a line of an event stream that holds no data: the other fields, and comments.
 _OTHER = re.compile("(event|id|retry)?:")
 
+#: What stands between two values.
+_BLANK = re.compile(r"\s*")
+
 #: The kinds of parts of a message that hold text.
 TEXTS = ("text", "output_text")
 
@@ -42,18 +45,19 @@ def read_values(text: str) -> tuple[list[Json], bool]:
     lines = (line for line in re.split("\\r\\n|\\n|\\r", text.lstrip("\ufeff")) if not _OTHER.match(line))
     left = "\n".join(line.removeprefix("data:") for line in lines).strip()
     values: list[Json] = []
-    while left and not left.startswith(_DONE):
+    place = 0
+    while place < len(left) and not left.startswith(_DONE, place):
         try:
-            value, end = _DECODER.raw_decode(left)
+            value, end = _DECODER.raw_decode(left, place)
         except ValueError:
             if not values:
                 raise
             break
         values.append(value)
-        left = left[end:].lstrip()
+        place = _BLANK.match(left, end).end()  # type: ignore[union-attr]
     if not values:
         raise ValueError("it is empty")
-    return values, left.startswith(_DONE)
+    return values, left.startswith(_DONE, place)
 
 
 def joined(values: Sequence[Json], is_done: bool) -> Json:
@@ -79,7 +83,7 @@ class _Pieces:
 
     is_finished: bool
     is_chat: bool = True
-    text: str = ""
+    texts: list[str] = field(default_factory=list)
     refusal: str = ""
     model: Json = None
     reason: Json = None
@@ -106,24 +110,27 @@ class _Pieces:
             delta = _mapping(part)
             text = delta.get("content", delta.get("text"))
             if delta.get("type", "text") in {*TEXTS, "text_delta"}:
-                self.text += "".join(_texts(text))
+                self.texts += _texts(text)
             self.refusal += "".join(_texts(delta.get("refusal")))
         # The last event may have the whole message once more, and so may all of them.
         whole = "".join(_texts(_mapping(choice.get("message")).get("content")))
-        self.text = whole if whole.startswith(self.text) else self.text + whole
+        if whole:
+            before = "".join(self.texts)
+            self.texts = [whole] if whole.startswith(before) else [before, whole]
 
     def body(self) -> Json:
         """Write the one answer."""
         if not self.is_finished:
             raise FaultError(Fault(kind=FaultKind.passing, message="the stream ended before its answer was finished"))
-        if len(self.text) > MOST_BYTES:
+        text = "".join(self.texts)
+        if len(text) > MOST_BYTES:
             message = f"the text of the stream is longer than {MOST_BYTES:,} characters"
             raise FaultError(Fault(kind=FaultKind.passing, message=message))
         usage: Json = self.usage or None
         if not self.is_chat:
-            content: Json = [{"type": "text", "text": self.text}]
+            content: Json = [{"type": "text", "text": text}]
             return {"model": self.model, "content": content, "stop_reason": self.reason, "usage": usage}
-        said: Json = {"content": self.text or None, "refusal": self.refusal}
+        said: Json = {"content": text or None, "refusal": self.refusal}
         return {"model": self.model, "choices": [{"message": said, "finish_reason": self.reason}], "usage": usage}
 
 

@@ -210,6 +210,14 @@ def test_batches_have_the_same_rule(text: str, reason: str, tmp_path: Path) -> N
     assert answers[1].stop_reason == reason
 
 
+@both
+def test_error_that_comes_as_an_event_is_read(provider: str) -> None:
+    """Its code decides, too; what an SDK leaves out of a body is not lost."""
+    for body in (b'data: {"error": {"code": 401, "message": "no"}}\n\ndata: [DONE]', b'{"error": null, "code": 401}'):
+        with replying((500, body)) as server, refused(ConfigError, got="401"):
+            list(hosted(server.url, provider, patience=QUICK).complete([request("a")]))
+
+
 def test_codes_that_are_no_status_say_nothing() -> None:
     """Numbers of a server's own, flags and whatever stands deep within what it repeats."""
     for code in (0, 20, 1301, "40001", True, "x" * 400, None, -400, 4.0, [503], {"code": {"code": 503}}):

@@ -28,7 +28,23 @@ both = pytest.mark.parametrize("provider", PROVIDERS)
 FINISHED: tuple[Any, ...] = (
     *("stop", "STOP", "Stop", "FinishReason.STOP", "FINISH_REASON_STOP", "end_turn", "END_TURN", "endTurn", "eos"),
     *("eos_token", "eosFound", "EOS", "COMPLETE", "completed", "end_id", "stop_sequence", "stop_words", "tool_calls"),
-    *("STOP_SEQUENCE", "stopStringFound", "function_call", "tool_use", "TOOL_CALL", None, "", "null", 5, [], {}),
+    *(
+        "stop_token_ids",
+        "stop_str",
+        "eos_token_id",
+        "end_of_text",
+        "STOP_SEQUENCE",
+        "stopStringFound",
+        "function_call",
+        "tool_use",
+        "TOOL_CALL",
+        None,
+        "",
+        "null",
+        5,
+        [],
+        {},
+    ),
     {"type": "stop", "matched": 128009},
 )
 
