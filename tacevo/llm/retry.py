@@ -1,10 +1,12 @@
 """What may go wrong between a request and its answer, and what follows from it; the same for every provider.
 
-    passing    rate limit, overload, time-out, server error, lost connection, unreadable body: asked again
+    passing    rate limit, overload, time-out, server error, lost connection, unreadable or failed answer: asked again
     request    this request can never be answered (too long, filtered): recorded as an answer without text
     doubtful   refused, for this request or for every one: `tacevo.llm.failures` decides
     unknown    the server has no such model: the run stops, and names the models that it has
     refused    key, permission, address or payment: no retry and no other request can help, so the run stops
+
+What a server says decides, in words, codes and statuses (`tacevo.llm.words`), whatever status it says it with.
 
 The providers' SDKs retry too, but neither asks again after a malformed body, none tells when it does, and one waits for
 as many days as a server names. So theirs are switched off, and this is the one rule.
