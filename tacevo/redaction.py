@@ -91,11 +91,11 @@ def repeats_secret(text: str, secrets: tuple[str, ...]) -> bool:
 def looks_like_key(secret: str) -> bool:
     """Answer whether a login is a key, and not a word in the place of one, such as `any` or `sk-no-key-required`.
 
-    A key has at least 16 letters and digits, 8 of them different, of two kinds: digits, small letters, capitals.
+    A key has at least 16 letters and digits, 6 of them different, of two kinds: digits, small letters, capitals.
     """
     letters = _letters(secret)
     kinds = sum(any(map(kind, letters)) for kind in (str.isdigit, str.islower, str.isupper))
-    return len(letters) >= 16 and len(set(letters)) >= 8 and kinds >= 2
+    return len(letters) >= 16 and len(set(letters)) >= 6 and kinds >= 2
 
 
 def _letters(text: str) -> str:

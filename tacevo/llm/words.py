@@ -73,7 +73,9 @@ _CONTEXT = re.compile(
     r"|maximum context|max_model_len|max(imum)? (model|input|prompt|sequence) len(gth)?"
     r"|\b(prompt|inputs?|messages?|conversation|text)( \w+)? (is|are|was|were) too (long|large)"
     r"|\b(prompt|input)[ _]too[ _]long|string_above_max_length|input token count|input is too (long|large)"
-    r"|longer than the model)",
+    r"|longer than the model|(less than|at most|<=) \d+ tokens|range of input length"
+    r"|\b(prompt|input)s?\b.{0,40}(length|tokens?|count)\b.{0,40}(exceed|more than|larger than|longer than|must be)"
+    r"|exceed\w* (the )?(maximum|max|limit|model|allowed)[^.]{0,30}\b(length|tokens?)\b)",
     re.IGNORECASE | re.DOTALL,
 )
 _TOO_LONG = re.compile(r"too (long|large)\b|context[ _]?(length|window|size)|too many (input |prompt )?tokens", re.I)
@@ -90,7 +92,8 @@ _FILTERED = re.compile(
     re.IGNORECASE,
 )
 
-#: How they say that it is not the request that is forbidden, and that something will pass.
+#: How they say that it is a rate, or not the request, that is forbidden, and that something will pass.
+_RATE = re.compile(r"\bper (second|minute|hour|day|month)\b|\b[tr]p[md]\b", re.IGNORECASE)
 _ACCOUNT = re.compile(
     r"\b(account|organi[sz]ation|api[ _-]?key|subscription|project|workspace|region|country|permission|ip address)\b",
     re.IGNORECASE,
@@ -159,7 +162,7 @@ def is_about_request(status: int, said: str) -> bool:
     is_refusal = 400 <= status < 500
     if not is_refusal and _TRANSIENT.search(said):
         return False
-    if status == 403 and _ACCOUNT.search(said):
+    if _RATE.search(said) or (status == 403 and _ACCOUNT.search(said)):
         return False
     return bool(_CONTEXT.search(said) or _FILTERED.search(said)) or (is_refusal and bool(_TOO_LONG.search(said)))
 

@@ -46,6 +46,9 @@ TOO_LONG: list[tuple[int, Json]] = [
     (413, "<html>Payload Too Large</html>"),
     (422, {"detail": [{"loc": ["body", "messages"], "msg": "input is too long", "type": "value_error"}]}),
     (200, {"error": {"message": "Input is too long for the requested model", "code": 400}}),
+    (500, {"error": "Input validation error: `inputs` must have less than 4096 tokens. Given: 5210"}),
+    (500, {"error": {"message": "Prompt token count of 5210 exceeds the limit of 4096", "code": None}}),
+    (502, {"error": {"message": "Prompt exceeds max length", "code": "1261"}}),
     (200, {"error": "the prompt is too long: 250000 tokens > 200000 maximum"}),
 ]
 
@@ -80,6 +83,7 @@ PASSING: list[tuple[int, Json]] = [
     (400, {"error": {"type": "rate_limit_error", "message": "no"}}),
     (403, {"error": {"code": 503, "message": "no"}}),
     (424, {"error": "Request failed during generation", "error_type": "generation"}),
+    (500, {"error": {"message": "You exceeded the maximum of 9000 input tokens per minute"}}),
     (429, {"error": {"message": "Too many tokens, the prompt queue is too long"}}),
     (500, {"error": {"message": "the queue is too long"}}),
     (500, {"error": {"message": "the content filter is temporarily unavailable"}}),
