@@ -202,8 +202,9 @@ class Completion(Record):
     text: str
     #: The model's name as the provider returned it.
     model: str
-    #: `end_turn`, `max_tokens` (cut off) or `refusal`, as in Anthropic's Messages API; `invalid_request` where the
-    #: provider refuses the request itself, e.g. because it is too long.
+    #: `end_turn`, `max_tokens` (cut off) or `refusal`, as in Anthropic's Messages API; `unknown` for a word that nobody
+    #: knows; `invalid_request` where the provider refuses the request itself, e.g. because it is too long;
+    #: `key_repeated` where the text repeated the API key and is not recorded.
     stop_reason: str
     #: As the server counted them, those of its cache included; None where it did not (recordings of earlier versions
     #: hold what it said instead, `true` say: see `tokens`).

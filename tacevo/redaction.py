@@ -17,6 +17,10 @@ _SECRET_VARIABLE = re.compile(
 )
 
 
+#: Characters from which on a secret is taken out of messages, and of its beginning, where no more is there.
+_SHORTEST, _BEGINNING = 8, 16
+
+
 def is_secret_variable(name: str) -> bool:
     """Return whether a variable of the environment is, by its name, a password or a key."""
     return _SECRET_VARIABLE.search(name) is not None
@@ -56,10 +60,46 @@ def names_place(name: str) -> bool:
 
 
 def without_secrets(text: str, secrets: tuple[str, ...]) -> str:
-    """Replace every secret in a text by `***`."""
+    """Replace every secret of 8 or more characters in a message by `***`.
+
+    It is found across blanks and line breaks, and where only its beginning is there: a message may be cut. Shorter ones
+    stay, as they may be part of any word: servers that want no key are given `any` or `x`.
+    """
     for secret in secrets:
-        text = text.replace(secret, "***")
+        if len(secret) < _SHORTEST:
+            continue
+        begun = re.compile(r"\s*".join(map(re.escape, secret[:_BEGINNING])))
+        kept, place = "", 0
+        while (found := begun.search(text, place)) is not None:
+            kept, place = f"{kept}{text[place : found.start()]}***", found.end()
+            for letter in secret[_BEGINNING:]:
+                after = len(text) - len(text[place:].lstrip())
+                if text[after : after + 1] != letter:
+                    break
+                place = after + 1
+        text = kept + text[place:]
     return text
+
+
+def repeats_secret(text: str, secrets: tuple[str, ...]) -> bool:
+    """Answer whether a text holds a secret that looks like a key, be it divided by signs, quotes or line breaks."""
+    keys = [_letters(secret) for secret in secrets if looks_like_key(secret)]
+    letters = _letters(text) if keys else ""
+    return any(key in letters for key in keys)
+
+
+def looks_like_key(secret: str) -> bool:
+    """Answer whether a login is a key, and not a word in the place of one, such as `any` or `sk-no-key-required`.
+
+    A key has at least 16 letters and digits, 6 of them different, of two kinds: digits, small letters, capitals.
+    """
+    letters = _letters(secret)
+    kinds = sum(any(map(kind, letters)) for kind in (str.isdigit, str.islower, str.isupper))
+    return len(letters) >= 16 and len(set(letters)) >= 6 and kinds >= 2
+
+
+def _letters(text: str) -> str:
+    return re.sub("[^A-Za-z0-9]", "", text)
 
 
 def without_password(address: str) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Protocol
 
 import numpy as np
@@ -59,6 +59,12 @@ class Catalogue:
     skipped: int = 0
     #: Files that lie among the images and are not part of the data set.
     ignored: Sequence[Path] = ()
+    #: Images among them that are hidden, or lie in what systems leave, such as `@eaDir`; relative to the directory.
+    passed_over: Sequence[PurePath] = ()
+    #: The lines of a table that have separators and no value.
+    blank: Sequence[int] = ()
+    #: What a message calls the images that lie outside the directory of the data set, where links lead.
+    linked: Sequence[str] = ()
     #: The settings that select images of the recording, as a user writes them.
     selected: tuple[str, ...] = ()
 

@@ -31,12 +31,13 @@ from tacevo.gate.tags import mentions_thought, without_thoughts
 from tacevo.gate.versions import completeness, has_class, later_version
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
-#: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
-CUT_OFF = frozenset({"max_tokens", "model_context_window_exceeded"})
+#: Stop reasons of an answer that was cut off, by its token limit or the end of the model's context, or that may be.
+CUT_OFF = frozenset({"max_tokens", "model_context_window_exceeded", "unknown"})
 
 #: Stop reasons of what is not an answer.
 _UNANSWERED = {
     "refusal": (Reason.refused, "the model refused to answer"),
+    "key_repeated": (Reason.refused, "the answer repeats the API key, so its text was not recorded"),
     "invalid_request": (Reason.invalid_request, "the provider refused the request, e.g. because it is too long"),
 }
 

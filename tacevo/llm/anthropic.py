@@ -12,7 +12,7 @@ from tacevo.llm.bodies import read_body, read_message
 from tacevo.llm.failures import check_key
 from tacevo.llm.hosted import Body, SDKServer, clients_for
 from tacevo.llm.retry import FaultError, fault_of
-from tacevo.llm.wire import bound_results, check_proxies
+from tacevo.llm.wire import bound_results, certificates, check_proxies
 from tacevo.records import Completion, Delivery, Json, Request
 
 #: Seconds for an answer, and for a connection to stand.
@@ -35,7 +35,8 @@ class AnthropicServer(SDKServer):
         body = body_of(request, dropped)
         named = {name: body.pop(name) for name in ("model", "messages", "max_tokens")}
         try:
-            message = await next(self.turns).messages.with_raw_response.create(**named, extra_body=body)
+            asked = next(self.turns).messages.with_raw_response
+            message = await asked.create(**named, stream=False, extra_body=body)
         except FAILURES as error:
             raise FaultError(fault_of(error)) from error
         return read_message(read_body(message.http_response.content), Delivery.direct)
@@ -57,7 +58,7 @@ def connect(base_url: str | None, concurrency: int) -> AnthropicServer:
 def connect_batches(base_url: str | None) -> anthropic.Anthropic:
     """Prepare to submit batches to Claude; otherwise like `connect`."""
     with _explaining():
-        check_proxies(context := httpx2.create_ssl_context())
+        check_proxies(context := certificates(), anthropic.DefaultHttpxClient)
         http = anthropic.DefaultHttpxClient(timeout=TIMEOUT, verify=context, event_hooks={"response": [bound_results]})
         client = anthropic.Anthropic(base_url=base_url, max_retries=0, timeout=TIMEOUT, http_client=http)
         _check_key(client)

@@ -23,7 +23,7 @@ from anthropic.types.messages.batch_create_params import Request as BatchRequest
 from tacevo.errors import ConfigError, StoreError, TransportError
 from tacevo.llm.anthropic import FAILURES, body_of, secrets_of
 from tacevo.llm.bodies import read_message
-from tacevo.llm.failures import Failures, Models, scrubbed
+from tacevo.llm.failures import Failures, Models
 from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience, fault_of, fault_of_connection, fault_of_status
 from tacevo.records import Completion, Delivery, Record, Request, to_json
@@ -39,17 +39,6 @@ SUBMISSIONS = 3
 
 #: Requests of one batch; the server takes more, but no more than 256 MB.
 MOST_REQUESTS = 5_000
-
-#: The statuses that the errors within a batch would have alone, by their types.
-_STATUSES = {
-    "invalid_request_error": 400,
-    "authentication_error": 401,
-    "billing_error": 402,
-    "permission_error": 403,
-    "not_found_error": 404,
-    "request_too_large": 413,
-    "rate_limit_error": 429,
-}
 
 _T = TypeVar("_T")
 
@@ -154,7 +143,7 @@ class BatchLLM:
 
         def results() -> dict[str, Completion | Fault]:
             read = (each for each in batches.results(record.id) if each.custom_id in record.dropped)
-            outcomes = {each.custom_id: _outcome(each, record, secrets) for each in read}
+            outcomes = {each.custom_id: self._outcome(each, record, secrets) for each in read}
             if lacking := len(record.dropped) - len(outcomes):
                 words = f"the results of batch {record.id} lack {counted(lacking, 'answer')}"
                 raise FaultError(Fault(kind=FaultKind.passing, message=words))
@@ -171,6 +160,20 @@ class BatchLLM:
             lost = f"if its answers are lost, delete {path} to submit and pay for its requests again"
             error.remedy = f"use the key and the workspace that submitted it, or, {lost}"
             raise
+
+    def _outcome(
+        self, result: MessageBatchIndividualResponse, record: BatchRecord, secrets: tuple[str, ...]
+    ) -> Completion | Fault:
+        """Read what became of one request; what cannot be read would be no better in another reading, so it failed."""
+        try:
+            outcome = _read_outcome(result.result, record.id)
+        except FaultError as error:
+            outcome = error.fault
+        except (AttributeError, TypeError, ValueError) as error:  # the SDK checks no body
+            outcome = fault_of_connection(error)
+        if isinstance(outcome, Completion):
+            return self.models.without_key(replace(outcome, dropped=record.dropped[result.custom_id]), secrets)
+        return replace(outcome, message=without_secrets(outcome.message, secrets))
 
     def _settle(self, path: Path, record: BatchRecord, outcomes: Mapping[str, Completion | Fault]) -> None:
         """Take off a record what is stored or has no answer; remove it with its last request."""
@@ -213,27 +216,11 @@ def _settings(request: Request) -> set[str]:
     return {"temperature", *dict(request.settings)}
 
 
-def _outcome(
-    result: MessageBatchIndividualResponse, record: BatchRecord, secrets: tuple[str, ...]
-) -> Completion | Fault:
-    """Read what became of one request; what cannot be read would be no better in another reading, so it failed."""
-    try:
-        outcome = _read_outcome(result.result, record.id)
-    except FaultError as error:
-        outcome = error.fault
-    except (AttributeError, TypeError, ValueError) as error:  # the SDK checks no body
-        outcome = fault_of_connection(error)
-    if isinstance(outcome, Completion):
-        return scrubbed(replace(outcome, dropped=record.dropped[result.custom_id]), secrets)
-    return replace(outcome, message=without_secrets(outcome.message, secrets))
-
-
 def _read_outcome(outcome: MessageBatchResult, batch: str) -> Completion | Fault:
     if outcome.type == "succeeded":
         return read_message(outcome.message.model_dump(warnings=False), Delivery.batch)
     if outcome.type == "errored":
-        error = outcome.error.error
-        return fault_of_status(_STATUSES.get(error.type, 500), {}, error.model_dump(warnings=False))
+        return fault_of_status(500, {}, outcome.error.error.model_dump(warnings=False))  # its type says which status
     kind = FaultKind.refused if outcome.type == "canceled" else FaultKind.passing  # the user wanted it to end
     return Fault(kind=kind, message=f"a request of batch {batch} was {outcome.type}")
 

@@ -1,35 +1,39 @@
 """What a server's body says, as far as it can be read; pure.
 
 A text is paid for, so it is never thrown away because of what stands beside it: what is missing or nonsense there is
-unknown. Without a text there is no answer, and the request is asked again.
+unknown. Without a text there is no answer, nor with one that the server marks as failed; the request is asked again.
 """
 
 import json
 from collections.abc import Mapping
 
 from tacevo.llm.retry import Fault, FaultError, FaultKind, fault_of_body
+from tacevo.llm.stops import stop_reason_of
+from tacevo.llm.streams import TEXTS, joined, read_values
+from tacevo.llm.words import error_in
 from tacevo.records import Completion, Delivery, Json, token_count
-
-#: The kinds of parts that hold text; others hold thoughts, calls of tools, pictures.
-_TEXTS = ("text", "output_text")
-
-#: The reasons to stop, in the words of the Messages API, which the gate knows.
-_STOP_REASONS = {"stop": "end_turn", "length": "max_tokens", "content_filter": "refusal"}
 
 #: Digits of the longest number that is read as one.
 _DIGITS = 20
 
 
 def read_body(data: bytes) -> Json:
-    """Read JSON in whatever encoding, and whatever media type it was sent as.
+    """Read JSON in whatever encoding, and whatever media type it was sent as; an event stream is joined.
 
     Raises:
-        FaultError: it is none, or nested too deeply.
+        FaultError: it is none, is nested too deeply, or is a stream that is not finished.
     """
     try:
         text = data.decode(json.detect_encoding(data), errors="replace")
-        body: Json = json.loads(text, parse_int=lambda digits: int(digits) if len(digits) <= _DIGITS else None)
-        return body
+        try:
+            body: Json = json.loads(text, parse_int=lambda digits: int(digits) if len(digits) <= _DIGITS else None)
+            return joined([body], is_done=False)
+        except ValueError as error:
+            alone = error
+        try:
+            return joined(*read_values(text))
+        except ValueError:
+            raise alone from None
     except RecursionError:
         said = "the body is nested too deeply"
     except ValueError as error:
@@ -41,10 +45,10 @@ def read_message(body: Json, delivery: Delivery) -> Completion:
     """Read an answer of the Messages API; the model is as the server named it, for a name may stand for a dated one.
 
     Raises:
-        FaultError: it holds no text.
+        FaultError: it holds no text, or says that it failed.
     """
     text = _text(body.get("content")) if isinstance(body, Mapping) else None
-    if text is None:
+    if text is None or error_in(body) is not None:
         raise FaultError(fault_of_body(body))
     usage = _mapping(body, "usage")
     fresh, (read, written) = token_count(usage.get("input_tokens")), _cached(usage)
@@ -54,7 +58,7 @@ def read_message(body: Json, delivery: Delivery) -> Completion:
     return Completion(
         text=text,
         model=_word(body, "model"),
-        stop_reason=_word(body, "stop_reason") or "end_turn",
+        stop_reason=stop_reason_of(_value(body, "stop_reason")),
         input_tokens=whole,
         output_tokens=token_count(usage.get("output_tokens")),
         delivery=delivery,
@@ -69,16 +73,21 @@ def read_chat(body: Json) -> Completion:
     Its message may lack a text, because it is a refusal, or the limit was reached before it; the reason tells.
 
     Raises:
-        FaultError: it holds neither a text nor a reason why there is none.
+        FaultError: it holds neither a text nor a reason why there is none, or says that it failed.
     """
     choices = body.get("choices") if isinstance(body, Mapping) else None
     choice = choices[0] if isinstance(choices, list) and choices else None
-    message, reason = _mapping(choice, "message"), _word(choice, "finish_reason")
+    message, reason = _mapping(choice, "message"), _value(choice, "finish_reason")
+    reason = reason if isinstance(reason, str | Mapping) else None
+    for part in (choice, message):
+        if (error := error_in(part)) is not None:
+            raise FaultError(fault_of_body({"error": error}))
     content = message.get("content")
     text = _text(content)
     refused = bool(message.get("refusal")) or (not text and _holds_refusal(content))
-    if text is None and (content is not None or not (message and (reason or refused))):
-        raise FaultError(fault_of_body(choice if _mapping(choice, "error") else body))
+    lacks_text = text is None and (content is not None or not (message and (reason or refused)))
+    if lacks_text or error_in(body) is not None:
+        raise FaultError(fault_of_body(body))
     usage = _mapping(body, "usage")
     whole, (read, written) = token_count(usage.get("prompt_tokens")), _cached(usage)
     if not whole or (read or 0) + (written or 0) > whole:
@@ -86,7 +95,7 @@ def read_chat(body: Json) -> Completion:
     return Completion(
         text=text or "",
         model=_word(body, "model"),
-        stop_reason="refusal" if refused else _STOP_REASONS.get(reason, reason) or "end_turn",
+        stop_reason="refusal" if refused else stop_reason_of(reason),
         input_tokens=whole,
         output_tokens=token_count(usage.get("completion_tokens")),
         cache_read=read,
@@ -101,7 +110,7 @@ def _text(content: Json, depth: int = 5) -> str | None:
     if isinstance(content, list):
         return "".join(_text(part, depth - 1) or "" for part in content)
     if isinstance(content, Mapping) and content:
-        is_text = content.get("type", "text") in _TEXTS
+        is_text = content.get("type", "text") in TEXTS
         return _text(content.get("text", content.get("value")), depth - 1) if is_text else ""
     return None
 
@@ -123,6 +132,10 @@ def _mapping(body: Json, name: str) -> Mapping[str, Json]:
     return value if isinstance(value, Mapping) else {}
 
 
+def _value(body: Json, name: str) -> Json:
+    return body.get(name) if isinstance(body, Mapping) else None
+
+
 def _word(body: Json, name: str) -> str:
-    value = body.get(name) if isinstance(body, Mapping) else None
+    value = _value(body, name)
     return value if isinstance(value, str) else ""

@@ -9,11 +9,15 @@ from tacevo.errors import ConfigError, TransportError
 from tacevo.llm.prices import PriceTable
 from tacevo.llm.recording import Choice, choice
 from tacevo.llm.retry import Fault, FaultKind, setting_to_drop
+from tacevo.llm.stops import UNKNOWN
 from tacevo.records import Completion, Delivery, Request
-from tacevo.redaction import without_secrets
+from tacevo.redaction import repeats_secret, without_secrets
 from tacevo.text import listed
 
 _LOG = logging.getLogger(__name__)
+
+#: The stop reason of an answer that repeats the key, in the place of its own.
+KEY_REPEATED = "key_repeated"
 
 #: How many models a message names of those that a server lists.
 _MOST_NAMES = 20
@@ -84,6 +88,7 @@ class Models:
         unknown = {
             "which model they are of": not completion.model,
             "how many tokens they took, so what they cost is unknown": completion.tokens is None,
+            "by a known word why they ended, so they count as possibly cut off": completion.stop_reason == UNKNOWN,
         }
         for what, is_so in unknown.items():
             if is_so:
@@ -91,6 +96,16 @@ class Models:
         self.heard = True
         self._answers[choice(request)] = True
         self._answered[request.model] = max(self._answered.get(request.model, begun), begun)
+
+    def without_key(self, completion: Completion, secrets: tuple[str, ...]) -> Completion:
+        """Return an answer as it came; where it repeats the key, one that says so, without a text.
+
+        Stores are published, and to black the key out would make another text of the answer.
+        """
+        if not repeats_secret(f"{completion.text}\n{completion.model}", secrets):
+            return completion
+        self._warn_once("key", "an answer repeats the API key, so it is rejected and its text is not recorded")
+        return replace(completion, text="", model=without_secrets(completion.model, secrets), stop_reason=KEY_REPEATED)
 
     def answers(self, request: Request) -> bool:
         """Return whether such a request was ever answered, in this run or in one that recorded it."""
@@ -194,13 +209,3 @@ def check_key(key: str, variable: str) -> None:
     if not key.isascii() or not key.isprintable() or " " in key:
         got, remedy = "a blank, a line break or another character that keys do not have", "set it again"
         raise ConfigError(got, place=variable, expected="an API key", remedy=remedy)
-
-
-def scrubbed(completion: Completion, secrets: tuple[str, ...]) -> Completion:
-    """Black secrets out of an answer: a server, or a proxy before it, may echo what it was sent."""
-    return replace(
-        completion,
-        text=without_secrets(completion.text, secrets),
-        model=without_secrets(completion.model, secrets),
-        stop_reason=without_secrets(completion.stop_reason, secrets),
-    )

@@ -2,8 +2,8 @@
 
 What it promises: an answer is stored the moment it arrives, in the loop that asked for it, and then yielded; neither a
 failure nor an interruption loses another answer that is in flight, and nothing is waited for that was never sent; no
-message and no answer holds the key, even where a server echoes it. What it does not: an answer that the server finished
-and could not deliver is asked for again.
+message and no recorded answer holds the key, even where a server echoes it. What it does not: an answer that the server
+finished and could not deliver is asked for again.
 """
 
 import asyncio
@@ -21,10 +21,10 @@ from typing import Any, Protocol, TypeVar
 
 import httpx2
 
-from tacevo.llm.failures import Failures, Models, scrubbed
+from tacevo.llm.failures import Failures, Models
 from tacevo.llm.recording import Keep, unkept
 from tacevo.llm.retry import Fault, FaultError, FaultKind, Patience
-from tacevo.llm.wire import HOOKS, SENDING, Sending, check_proxies
+from tacevo.llm.wire import HOOKS, SENDING, Sending, certificates, check_proxies
 from tacevo.records import Completion, Request
 from tacevo.redaction import without_secrets
 
@@ -219,7 +219,7 @@ class _Asking:
                 del self.asking[task]
             else:
                 self.models.note_answer(request, completion, begun)
-                return scrubbed(replace(completion, dropped=dropped), secrets)
+                return self.models.without_key(replace(completion, dropped=dropped), secrets)
             if self.models.learn(request, wanted - {*dropped}, fault):
                 continue
             wait = self.patience.wait(tried, fault, jitter=random.random(), heard=self.models.heard)
@@ -286,10 +286,10 @@ def clients_for(
     `tacevo.llm.retry` says why. Their bodies have a limit, and what they sent is known (`tacevo.llm.wire`).
 
     Raises:
-        ConfigError: the environment names a proxy that cannot be used.
+        ConfigError: the environment names a proxy, a host without one or certificates that cannot be used.
     """
-    context = httpx2.create_ssl_context()  # one for all: it holds every certificate authority
-    check_proxies(context)
+    context = certificates()  # one for all: it holds every certificate authority
+    check_proxies(context, http)
     limits = httpx2.Limits(max_connections=None, max_keepalive_connections=min(concurrency, 2 * SHARE))
     settings = {"limits": limits, "timeout": timeout, "verify": context, "event_hooks": HOOKS}
     return [sdk(max_retries=0, timeout=timeout, http_client=http(**settings)) for _ in range(-(-concurrency // SHARE))]

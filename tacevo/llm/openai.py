@@ -83,7 +83,7 @@ class OpenAIServer(SDKServer):
         body = body_of(request, dropped, limit_name=limit)
         try:
             chat = await next(self.turns).chat.completions.with_raw_response.create(
-                model=body.pop("model"), messages=body.pop("messages"), extra_body=body
+                model=body.pop("model"), messages=body.pop("messages"), stream=False, extra_body=body
             )
         except _FAILURES as error:
             raise FaultError(fault_of(error)) from error

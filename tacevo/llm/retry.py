@@ -1,16 +1,19 @@
 """What may go wrong between a request and its answer, and what follows from it; the same for every provider.
 
-    passing    rate limit, overload, time-out, server error, lost connection, unreadable body: asked again
+    passing    rate limit, overload, time-out, server error, lost connection, unreadable or failed answer: asked again
     request    this request can never be answered (too long, filtered): recorded as an answer without text
     doubtful   refused, for this request or for every one: `tacevo.llm.failures` decides
     unknown    the server has no such model: the run stops, and names the models that it has
     refused    key, permission, address or payment: no retry and no other request can help, so the run stops
+
+What a server says decides, in words, codes and statuses (`tacevo.llm.words`), whatever status it says it with.
 
 The providers' SDKs retry too, but neither asks again after a malformed body, none tells when it does, and one waits for
 as many days as a server names. So theirs are switched off, and this is the one rule.
 """
 
 import contextlib
+import json
 import math
 import os
 import re
@@ -25,28 +28,23 @@ from typing import Any
 
 import httpx2
 
-from tacevo.llm.wire import by_proxy
+from tacevo.llm.wire import by_certificates, by_proxy
+from tacevo.llm.words import (
+    PASSING,
+    decisive_status,
+    is_about_request,
+    is_filtered,
+    lacks_money,
+    wants_no_system_prompt,
+    words_of,
+)
 from tacevo.records import Json
 
 #: What a provider draws its tokens by, and a model may refuse; the last one named goes first.
 SAMPLING = ("temperature", "top_p", "top_k", "seed")
 
-#: Statuses below 500 that pass: time-out, conflict of locks, rate limit.
-_PASSING = {408, 409, 429}
-
-#: How servers say that there is no money or no account, some with a status that would otherwise blame the request.
-_PAYMENT = re.compile(
-    r"credit balance|billing[ _](details|error)|insufficient_quota|(spend|spending|usage) limit"
-    r"|organization has been disabled",
-    re.IGNORECASE,
-)
-
-#: How servers say that a request does not fit into a model, and that they will not answer it.
-_TOO_LONG = re.compile(r"too (long|large)\b|context (length|window|size)|maximum context", re.IGNORECASE)
-_FILTERED = re.compile(r"content[ _](filter|policy|management policy)", re.IGNORECASE)
-
-#: How servers say that a model has no system prompt.
-_NO_SYSTEM = re.compile(r"\bsystem\b|roles? must alternate|\bonly user\b|developer instruction", re.IGNORECASE)
+#: Characters of a server's words that a message has.
+_LONGEST = 500
 
 #: Raised before anything of a request is sent.
 _UNSENT = (
@@ -93,16 +91,16 @@ class Fault:
     @property
     def stop_reason(self) -> str:
         """The stop reason of a completion in place of an answer."""
-        return "refusal" if _FILTERED.search(self.message) else "invalid_request"
+        return "refusal" if is_filtered(self.message) else "invalid_request"
 
     @property
     def remedy(self) -> str:
         """What the user can do about a refusal."""
         if self.status in {401, 403}:
             return "check the API key, and what it may be used for"
-        if self.status == 402 or _PAYMENT.search(self.message):
+        if lacks_money(self.status, self.message):
             return "check the account: it has no money left, or is closed"
-        if _NO_SYSTEM.search(self.message):
+        if wants_no_system_prompt(self.message):
             return "set llm.system=user, which joins the system prompt to the first turn"
         return "check llm.base_url, llm.model, llm.max_tokens and the other settings of llm"
 
@@ -149,26 +147,27 @@ class Patience:
 
 
 def fault_of_status(status: int, headers: Mapping[str, str], body: Json, *, path: str | None = None) -> Fault:
-    """Read a server's refusal.
+    """Read a server's refusal; a code in its body decides as a status would (`tacevo.llm.words.decisive_status`).
 
     Args:
-        status: the HTTP status, at least 400.
+        status: the HTTP status; 200 for an error that stands where an answer should.
         headers: with names in lower case, or in a mapping that does not mind.
         body: the parsed JSON, or the text where it is none.
         path: what was asked for at the server, which need not say what it does not know; None where it knew the path.
     """
-    said = f"{status}: {_words(body)}"
-    kind = _kind(status, said)
-    if status == 404 and (path is None or re.search(r"\bmodel", said, re.IGNORECASE)):
+    decisive, words = decisive_status(status, body), words_of(body)
+    kind = _kind(decisive, words)
+    said = f"{'the body is not an answer' if decisive < 400 else decisive}: {words[:_LONGEST]}"
+    if decisive == 404 and (path is None or re.search(r"\bmodel", words, re.IGNORECASE)):
         kind = FaultKind.unknown
-    elif status == 404:
+    elif decisive == 404:
         said += f"; {path} was asked for: check llm.base_url, from which that path follows"
-    return Fault(kind=kind, message=said, status=status, retry_after=_retry_after(headers))
+    return Fault(kind=kind, message=said, status=decisive, retry_after=_retry_after(headers))
 
 
 def fault_of_body(body: Json) -> Fault:
     """Read a body of status 200 that holds no answer: an error that its server reports so, or what is no answer."""
-    return Fault(kind=FaultKind.passing, message=f"the body is not an answer: {_words(body)}")
+    return fault_of_status(200, {}, body)
 
 
 def fault_of(error: Exception) -> Fault:
@@ -176,8 +175,10 @@ def fault_of(error: Exception) -> Fault:
     if getattr(error, "status_code", 0) < 400:
         return fault_of_connection(error)
     refusal: Any = error
-    path = refusal.request.url.path
-    return fault_of_status(refusal.status_code, refusal.response.headers, refusal.body, path=path)
+    body = refusal.body
+    with contextlib.suppress(ValueError, RecursionError, httpx2.StreamError):  # an SDK may keep a part of it only
+        body = json.JSONDecoder().raw_decode(refusal.response.text.strip().removeprefix("data:").lstrip())[0]
+    return fault_of_status(refusal.status_code, refusal.response.headers, body, path=refusal.request.url.path)
 
 
 def fault_of_connection(error: Exception) -> Fault:
@@ -186,7 +187,7 @@ def fault_of_connection(error: Exception) -> Fault:
     sent = not any(isinstance(cause, _UNSENT) for cause in causes)
     silent = any(isinstance(cause, httpx2.TransportError) for cause in causes)
     address = getattr(error, "request", None) and error.request.url  # type: ignore[attr-defined]
-    said = _because(causes)
+    said = f"{_because(causes)}{''.join(map(by_certificates, causes))}"
     if address is not None:
         where = f"{address.scheme}://{address.netloc.decode()}"
         said = f"{where}: {said}" if sent else f"no connection to {where}{by_proxy(address)}: {said}"
@@ -222,32 +223,13 @@ def setting_to_drop(fault: Fault, sent: Set[str]) -> str | None:
 
 
 def _kind(status: int, said: str) -> FaultKind:
-    if status == 402 or "insufficient_quota" in said or (status not in _PASSING and _PAYMENT.search(said)):
+    if lacks_money(status, said):
         return FaultKind.refused
-    if status in _PASSING or status >= 500:
-        return FaultKind.passing
-    if status == 413 or (status in {400, 422} and (_TOO_LONG.search(said) or _FILTERED.search(said))):
+    if is_about_request(status, said):
         return FaultKind.request
+    if status in PASSING or status < 400 or status >= 500:
+        return FaultKind.passing
     return FaultKind.doubtful if status in {400, 422} else FaultKind.refused
-
-
-def _words(body: Json) -> str:
-    """Return a server's own words, or what stands for them, in one line."""
-    return " ".join(_texts(body).split())[:500] or "no explanation"
-
-
-def _texts(value: Json, depth: int = 6) -> str:
-    """Join the texts of an error: `{"error": {"message": ...}}`, FastAPI's `detail` with its place, a text.
-
-    What a server repeats of a request is left out: a setting that stands there is not refused.
-    """
-    if isinstance(value, str) or depth == 0:
-        return value if isinstance(value, str) else ""
-    if isinstance(value, Mapping):
-        value = [value.get(name) for name in ("loc", "message", "msg", "detail", "error", "errors", "code", "type")]
-    if not isinstance(value, list):
-        return ""
-    return " ".join(filter(None, (_texts(part, depth - 1) for part in value)))
 
 
 def _retry_after(headers: Mapping[str, str]) -> float | None:

@@ -1,12 +1,14 @@
 """What is probably wrong with a data set, or with a task for it; a doubt is said, and does not stop a search."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from tacevo.choices import DataSource, SensorTask
 from tacevo.config.schema import RunConfig, TaskConfig
 from tacevo.config.task_texts import left_of_others
 from tacevo.data.dataset import Dataset
 from tacevo.data.exposure import doubtful_images
+from tacevo.data.listing import doubtful_files
 from tacevo.data.source import Catalogue, listed
 from tacevo.records import Kind, Task
 from tacevo.runs.datasets import source_of
@@ -35,7 +37,9 @@ def doubts_of(config: RunConfig, task: Task, dataset: Dataset, catalogue: Catalo
         table = table_of(config)
         doubts += [f"{table.path} is made up: no network was trained for it"] if table.header.made_up else []
     elif config.data.source is not DataSource.simulated:
-        doubts += doubtful_images(source_of(config).catalogue() if catalogue is None else catalogue, dataset)
+        listed_now = source_of(config).catalogue() if catalogue is None else catalogue
+        doubts += doubtful_files(listed_now, Path(config.data.root or ""))
+        doubts += doubtful_images(listed_now, dataset)
     return doubts
 
 

@@ -77,6 +77,26 @@ def test_search_warns_and_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert "warning: " not in capsys.readouterr().err
 
 
+def test_what_is_passed_over_or_lies_elsewhere_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """By a check, once each; the search says the same. Without them both are silent."""
+    overrides = save(noise(255, np.uint8))
+    assert checked(overrides, capsys)["warnings"] == []
+    table = Path("recording/labels.csv")
+    table.write_text(f"sep=,\n{table.read_text()},,,\n")
+    Path("elsewhere.png").write_bytes(Path("recording/07.png").read_bytes())
+    Path("recording/07.png").unlink()
+    Path("recording/07.png").symlink_to(Path("elsewhere.png").absolute())
+    told = checked(overrides, capsys)
+    assert told["images"]["all"] == 20
+    assert len(told["warnings"]) == 2
+    assert "1 empty row of the table, line 23" in told["warnings"][0]
+    assert "outside recording, where links lead: 1 image, line 10 '07.png'" in told["warnings"][1]
+    small = ["experiment=published_force", *ARCHIVES, UNTRACKED, "training.epochs=1", "search.generations=0"]
+    assert main(["search", *small, "search.initial=1", *overrides]) == 0
+    said = capsys.readouterr().err
+    assert [said.count(f"warning: {words}\n") for words in told["warnings"]] == [1, 1]
+
+
 @pytest.mark.slow
 def test_check_says_what_the_prompt_tells_the_model(capsys: pytest.CaptureFixture[str]) -> None:
     """The names are those of the data, and what they are said to be is the task's; a mismatch is a warning."""

@@ -42,6 +42,7 @@ def test_request_is_sent_whole() -> None:
         "messages": [{"role": role, "content": content} for role, content in turns],
         "temperature": 0.65,
         "max_tokens": 50_000,
+        "stream": False,
         "stop_sequences": ["END"],
         "thinking": {"type": "enabled", "budget_tokens": 2048},
         "top_k": 40,

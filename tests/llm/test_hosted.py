@@ -18,7 +18,7 @@ from refusals import refused
 from waiting import eventually
 
 from tacevo.errors import ConfigError, StoreError, TransportError
-from tacevo.llm.failures import Models
+from tacevo.llm.failures import KEY_REPEATED, Models
 from tacevo.llm.hosted import SHARE, HostedLLM
 from tacevo.llm.recording import RecordingLLM
 from tacevo.llm.retry import Fault, FaultError, FaultKind
@@ -163,7 +163,7 @@ def test_key_is_seen_nowhere(provider: str, caplog: pytest.LogCaptureFixture) ->
     """Neither answers nor errors nor logs hold the key, even where the server says it."""
     with caplog.at_level(logging.DEBUG), serving() as server:
         ((_, completion),) = hosted(server.url, provider).complete([request("a [fault echo]")])
-        assert completion.text == "you are ***"
+        assert (completion.text, completion.stop_reason, completion.output_tokens) == ("", KEY_REPEATED, 7)
         with refused(TransportError, got="no, ***") as caught:
             texts(hosted(server.url, provider, patience=QUICK), "b [fault 500]")
         with refused(ConfigError, got="no, ***") as denied:

@@ -31,6 +31,7 @@ def test_request_is_sent_whole() -> None:
         "temperature": 0.65,
         "seed": 42,
         "max_tokens": 77,
+        "stream": False,
         "stop": ["END"],
         "top_k": 40,
         "top_p": 0.9,

@@ -9,9 +9,10 @@ import os
 import re
 import signal
 import socket
+import ssl
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import httpx2
@@ -22,9 +23,10 @@ from raw_server import CUT, Reply, replying
 from refusals import refused
 
 from tacevo.errors import ConfigError, TransportError
+from tacevo.llm import anthropic
 from tacevo.llm.recording import RecordingLLM
 from tacevo.llm.retry import Fault, FaultKind, Patience
-from tacevo.llm.wire import MOST_BYTES, bound
+from tacevo.llm.wire import MOST_BYTES, bound, by_certificates, certificates
 from tacevo.storage.store import Store
 
 pytestmark = pytest.mark.usefixtures("keys", "direct")
@@ -253,3 +255,75 @@ def test_results_of_a_batch_are_one_body_with_a_limit() -> None:
     bound(response, most=2**16)
     with pytest.raises(httpx2.DecodingError, match=r"larger than 0\.0625 MiB"):
         response.read()
+
+
+CONNECTS = [*(connect for connect, _ in PROVIDERS.values()), lambda url, _: anthropic.connect_batches(url)]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("NO_PROXY", "localhost,[::1]"),
+        ("NO_PROXY", "[::1]:8000,localhost"),
+        ("NO_PROXY", "localhost,http://[::1"),
+        ("NO_PROXY", "a:b:c"),
+        ("NO_PROXY", "localhost,fe80::/10"),
+        ("HTTP_PROXY", "http://proxy:port"),
+        ("HTTPS_PROXY", ":::"),
+        ("HTTPS_PROXY", "http://me:hunter2@[::1"),
+        ("ALL_PROXY", "socks5://localhost:1"),
+        ("SSL_CERT_FILE", "/nowhere/cacert.pem"),
+        ("SSL_CERT_FILE", __file__),
+        ("SSL_CERT_DIR", "/nowhere/certificates"),
+        ("SSL_CERT_DIR", "/nowhere/one:/nowhere/two"),
+    ],
+)
+@pytest.mark.parametrize("connect", CONNECTS)
+def test_variable_that_cannot_be_used_is_named_with_its_value(
+    connect: Callable[[str | None, int], object], name: str, value: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It works, as some clients read `[::1]`, or the variable is blamed: not the address, and not the key."""
+    for other in ("SSL_CERT_FILE", "SSL_CERT_DIR"):
+        monkeypatch.delenv(other, raising=False)
+    monkeypatch.setenv(name, value)
+    if connect is CONNECTS[1] and name == "NO_PROXY":  # its client leaves out what it cannot read
+        connect("http://127.0.0.1:1", 1)
+        return
+    with refused(ConfigError, place=name) as caught:
+        connect("http://127.0.0.1:1", 1)
+    shown = [value, *value.split(","), "a login that cannot be read", "socks"]
+    assert any(part in caught.value.got for part in shown)
+    assert "hunter2" not in str(caught.value)
+    assert "key" not in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    "hosts", ["localhost,127.0.0.1,::1", "*", "example.com,.example.org", "10.0.0.0/8, fe80::1", ""]
+)
+@pytest.mark.parametrize("connect", CONNECTS)
+def test_hosts_without_a_proxy_are_read(
+    connect: Callable[[str | None, int], object], hosts: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Names, networks and addresses as people write them; also beside a proxy."""
+    monkeypatch.setenv("NO_PROXY", hosts)
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:1")
+    connect("http://127.0.0.1:1", 1)
+
+
+def test_directories_of_certificates_may_be_several(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As OpenSSL reads them, of which one that is there is enough."""
+    monkeypatch.delenv("SSL_CERT_FILE", raising=False)
+    monkeypatch.setenv("SSL_CERT_DIR", f"/nowhere/one{os.pathsep}{tmp_path}")
+    certificates()
+
+
+def test_certificates_that_are_not_accepted_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error of a handshake says nothing of the variable that is at fault."""
+    refusal = ssl.SSLCertVerificationError("unable to get local issuer certificate")
+    monkeypatch.delenv("SSL_CERT_FILE", raising=False)
+    monkeypatch.delenv("SSL_CERT_DIR", raising=False)
+    assert "by SSL_CERT_FILE" in by_certificates(refusal)
+    monkeypatch.setenv("SSL_CERT_FILE", "/some/cacert.pem")
+    assert "SSL_CERT_FILE" in by_certificates(refusal)
+    assert "/some/cacert.pem" in by_certificates(refusal)
+    assert by_certificates(OSError("refused")) == ""

@@ -7,6 +7,7 @@ A command stands in the last turn of a request: `[fault NAME]`, or `[fault NAME 
     slow reset malformed shapeless      late; cut off in mid-answer; no JSON; JSON of another shape
     too_long filtered invalid credit    status 400 with the words that the real servers use
     refusal max_tokens empty            answers of those kinds
+    stopped                             an answer that is marked as failed
     wrong_model echo                    an answer by another model; an answer, or a refusal, that repeats the key
     errored expired canceled            of one request in a batch
     unknown                             status 404: there is no such model
@@ -117,13 +118,14 @@ def text_of(body: Body) -> str:
 
 
 def key_of(body: Body) -> str:
-    """Name a request by all that was sent."""
-    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+    """Name a request by all that was asked; how the answer is to come is no part of it."""
+    asked = {name: value for name, value in body.items() if name != "stream"}
+    return hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()
 
 
 def message(body: Body, text: str, fault: str) -> Body:
     """Write an answer of the Messages API."""
-    reason = fault if fault in {"refusal", "max_tokens"} else "end_turn"
+    reason = {"refusal": fault, "max_tokens": fault, "stopped": "error"}.get(fault, "end_turn")
     return {
         "id": f"msg_{key_of(body)[:24]}",
         "type": "message",
@@ -138,7 +140,7 @@ def message(body: Body, text: str, fault: str) -> Body:
 
 def chat(body: Body, text: str, fault: str) -> Body:
     """Write an answer of the chat-completions API."""
-    reason = {"refusal": "content_filter", "max_tokens": "length"}.get(fault, "stop")
+    reason = {"refusal": "content_filter", "max_tokens": "length", "stopped": "error"}.get(fault, "stop")
     return {
         "id": f"chatcmpl-{key_of(body)[:24]}",
         "object": "chat.completion",

@@ -16,8 +16,16 @@ SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff"})
 #: Endings of images that a table may name.
 _ENDINGS = SUFFIXES | {".bmp", ".gif", ".webp", ".pgm", ".ppm"}
 
-#: What systems leave beside a user's files, as hidden files that are not called so.
-_LITTER = frozenset({"__macosx", "thumbs.db", "desktop.ini"})
+#: What systems, network drives and programs leave beside a user's files: hidden files that are not called so.
+_LITTER = frozenset(
+    {
+        *("__macosx", "icon\r", "network trash folder", "temporary items", "thevolumesettingsfolder"),
+        *("thumbs.db", "ehthumbs.db", "ehthumbs_vista.db", "desktop.ini", "system volume information"),
+        *("$recycle.bin", "lost+found", "__pycache__", "ipod photo cache"),
+        *("@eadir", "@synoresource", "@tmp", "@trash", "#recycle", "#snapshot"),
+        *("@recycle", "@recently-snapshot", "@__thumb"),
+    }
+)
 
 #: Entries of a directory that are looked through for a name: a root may be a whole disk.
 _MOST = 100_000
@@ -26,10 +34,15 @@ _MOST = 100_000
 def is_passed_over(path: PurePath) -> bool:
     """Answer whether a relative path is hidden, or lies in what is.
 
-    Editors and systems put copies and stubs there, such as `.ipynb_checkpoints/1-checkpoint.png`, `._1.png` and all of
-    `__MACOSX`.
+    Editors and systems put copies, previews and stubs there, such as `.ipynb_checkpoints/1-checkpoint.png`, `._1.png`
+    and all of `__MACOSX` and `@eaDir`.
     """
-    return any(part.startswith(".") or part.casefold() in _LITTER for part in path.parts)
+    return hidden_part(path) is not None
+
+
+def hidden_part(path: PurePath) -> str | None:
+    """Return the first part of a relative path for which it is passed over; None where it is not."""
+    return next((part for part in path.parts if part.startswith(".") or part.casefold() in _LITTER), None)
 
 
 def folded(name: str) -> str:

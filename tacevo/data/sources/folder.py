@@ -11,7 +11,7 @@ import numpy as np
 
 from tacevo.data.source import Catalogue, check_no_faults, listed, repeats
 from tacevo.data.sources.filenames import SUFFIXES, check_directory, content, directories, folded
-from tacevo.data.sources.image_files import FileSource, image_files, other_files
+from tacevo.data.sources.image_files import FileSource, image_files, images_passed_over, other_files
 from tacevo.data.sources.table import number_in
 from tacevo.errors import DataError
 from tacevo.records import Json, Kind
@@ -45,6 +45,7 @@ class Folder(FileSource):
             names=tuple(classes),
             labels=np.repeat(np.arange(len(classes), dtype=np.int64), list(map(len, classes.values()))),
             ignored=other_files(self.root, "**/*", images),
+            passed_over=images_passed_over(self.root, "**/*"),
         )
 
     def _read(self) -> tuple[dict[str, list[Path]], list[Path], list[str]]:

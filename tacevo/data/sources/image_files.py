@@ -1,6 +1,7 @@
 """Image files as every loader reads them: decoded, upright, RGB, square, uint8; and hashed by content."""
 
 import hashlib
+import os
 import re
 import warnings
 from collections import Counter
@@ -8,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,21 @@ def other_files(directory: Path, pattern: str, used: Iterable[Path]) -> list[Pat
     """Find the files of a directory that are not hidden and not used, sorted by path."""
     known = set(used)
     return [path for path in _files(directory, pattern) if path not in known]
+
+
+def images_passed_over(directory: Path, pattern: str) -> list[PurePath]:
+    """Find the images of a directory that `image_files` leaves out, sorted by path, relative to the directory."""
+    images = (path for path in directory.glob(pattern) if path.suffix.lower() in SUFFIXES)
+    relative = {path.relative_to(directory): path for path in images}
+    return sorted(name for name, path in relative.items() if is_passed_over(name) and path.is_file())
+
+
+def _linked_out(root: Path, files: Sequence[Path], places: Sequence[str]) -> list[str]:
+    """Name the files that lie outside a directory, because they or directories above them are links."""
+    own = os.path.realpath(root)
+    directories = {directory: os.path.realpath(directory) for directory in {file.parent for file in files}}
+    lie_in = (os.path.realpath(file) if file.is_symlink() else directories[file.parent] for file in files)
+    return [place for place, lies in zip(places, lie_in, strict=True) if not PurePath(lies).is_relative_to(own)]
 
 
 def _files(directory: Path, pattern: str) -> list[Path]:
@@ -95,6 +111,7 @@ class FileSource:
             files=files,
             places=places,
             depths=depths,
+            linked=_linked_out(self.root, files, places),
             extents=tuple(partial(_extent, path, self.white_point) for path in files),
             **fields,
         )

@@ -1,17 +1,17 @@
 """Regression from a CSV table: one row per image, with columns of measured values; every fault is named by its line."""
 
-import csv
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tacevo.data.source import Catalogue, check_no_faults, chosen, listed, repeats, shortened
+from tacevo.data.sources.csv_lines import Lines, in_words
 from tacevo.data.sources.filenames import check_directory, check_file, folded, own_names
 from tacevo.data.sources.image_files import FileSource, files_hash, image_files, numbered
 from tacevo.errors import DataError
@@ -32,6 +32,8 @@ class Row:
     #: The directory that the image was found in, as it is written: not where a link leads.
     directory: Path
     is_there: bool
+    #: Whether the name leads out of every directory that it may be relative to, by `..` or as an absolute path.
+    is_outside: bool
     #: The text of each target column, in their order.
     texts: tuple[str, ...]
     #: That of the column that names the groups; empty where none does.
@@ -46,6 +48,17 @@ class Row:
     def labels(self) -> tuple[float, ...]:
         """The values of the target columns, which `read_rows` has checked."""
         return tuple(map(float, self.texts))
+
+
+class ReadTable(NamedTuple):
+    """A table that was read and checked."""
+
+    #: In its order; of each the image exists and every label is finite.
+    rows: list[Row]
+    #: How many rows were left out, because their image is missing.
+    skipped: int
+    #: The lines that have separators and no value, as spreadsheets write them at the end.
+    blank: list[int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +78,7 @@ class TableSource(FileSource):
 
     def describe(self) -> Json:
         """Name the bytes of the table and of every image."""
-        rows, _ = self._read()
+        rows = self._read().rows
         return {
             **self.described(row.path for row in rows),
             **chosen(self, "group_column"),
@@ -78,7 +91,7 @@ class TableSource(FileSource):
 
     def catalogue(self) -> Catalogue:
         """List labels and images in the order of the table."""
-        rows, skipped = self._read()
+        rows, skipped, blank = self._read()
         groups: dict[str, Any] = {}
         if self.group_column is not None:
             groups = {"groups": numbered([row.group for row in rows]), "groups_chosen_by": "data.group_column"}
@@ -90,11 +103,12 @@ class TableSource(FileSource):
             names=self.target_columns,
             labels=np.array([row.labels for row in rows], dtype=np.float64),
             skipped=skipped,
+            blank=blank,
             ignored=unnamed_images(rows),
             **groups,
         )
 
-    def _read(self) -> tuple[list[Row], int]:
+    def _read(self) -> ReadTable:
         check_directory(self.root, "data.root", f"the directory of the table {self.table}")
         table = self.root / self.table
         check_file(table, "data.table", "a table in data.root")
@@ -130,29 +144,35 @@ def read_rows(
     directories: Sequence[Path],
     skip_missing: bool,
     group_column: str | None = None,
-) -> tuple[list[Row], int]:
+) -> ReadTable:
     """Read and check a whole table.
 
     It is a CSV table in UTF-8 with a header. Outer spaces of column names do not matter, nor does their case where no
     column has exactly the asked name. The image column holds each image's path, relative to one of the directories,
-    which are looked through in order. The group column, where one is asked for, holds what images of one press share.
-    `remedy` says what the user can do where a column is absent. With `skip_missing`, rows without their image are left
-    out.
+    which are looked through in order; it does not lead out of these. The group column, where one is asked for, holds
+    what images of one press share. `remedy` says what the user can do where a column is absent. With `skip_missing`,
+    rows without their image are left out.
 
-    Returns:
-        The rows in the order of the table, of which every image exists and every label is finite; and how many were
-        left out.
+    A first line `sep=;`, by which spreadsheets name what stands between columns, is obeyed. Numbers may then have a
+    decimal comma, if no label of the table has a point.
 
     Raises:
         DataError: the table cannot be used, or a row is faulty: all rows with the same fault are named at once.
     """
     asked = [image_column, *target_columns, *([] if group_column is None else [group_column])]
-    rows = list(_rows(table, asked, remedy, directories, len(target_columns)))
+    lines = Lines(table)
+    rows = _rows(table, asked, remedy, lines=lines, directories=directories, targets=len(target_columns))
     if not rows:
         raise DataError("a header without rows", place=table.name, expected="a row for each image")
     present = [row for row in rows if row.is_there]
     if not (present and skip_missing):
         _check_images_exist(table, rows, directories, skippable=bool(present))
+    check_no_faults(
+        f"{table.name} names images outside {directories[0]}",
+        [row.place for row in present if row.is_outside],
+        f"set data.root to a directory that holds all images (data.table may be below it), or copy them into "
+        f"{directories[0]}, or put a link to them there",
+    )
     # An image listed twice could stand in two parts of the split.
     twice = repeats((row.place, folded(str(row.path))) for row in present)
     check_no_faults(
@@ -175,7 +195,7 @@ def read_rows(
         empty = [row.place for row in present if not row.group]
         remedy = "write there what the images of one press share"
         check_no_faults(f"{table.name} has rows without a value in {group_column}", empty, remedy)
-    return present, len(rows) - len(present)
+    return ReadTable(present, len(rows) - len(present), lines.blank)
 
 
 def _check_images_exist(table: Path, rows: Sequence[Row], directories: Sequence[Path], *, skippable: bool) -> None:
@@ -188,34 +208,61 @@ def _check_images_exist(table: Path, rows: Sequence[Row], directories: Sequence[
     check_no_faults(f"{table.name} names images that are not in {directories[0]}", faults, remedy)
 
 
-def _rows(table: Path, asked: Sequence[str], remedy: str, directories: Sequence[Path], targets: int) -> Iterator[Row]:
+def _rows(
+    table: Path, asked: Sequence[str], remedy: str, *, lines: Lines, directories: Sequence[Path], targets: int
+) -> list[Row]:
     """Read the rows of a table, with the asked columns only: the image's, so many targets, and perhaps the group's."""
-    lines = _lines(table)
-    _, header = next(lines, (1, []))
-    numbers = _columns(table, header, asked, remedy)
-    long = []
-    for line, values in lines:
+    _, header = next(lines.values, (1, []))
+    numbers = _columns(table, header, asked, remedy, lines.separator)
+    picked, long = [], []
+    for line, values in lines.values:
         if len(values) > len(header):  # a decimal comma would shift every label behind it
             long.append(f"line {line}")
-            continue
-        name, *texts = (values[number] if number < len(values) else "" for number in numbers)
-        places = [directory / name.strip() for directory in directories]
-        place = next((place for place in places if os.path.isfile(place)), None)
-        yield Row(
-            line=line,
-            name=name.strip(),
-            path=places[0] if place is None else place.resolve(),
-            directory=(place or places[0]).parent,
-            is_there=place is not None,
-            texts=tuple(texts[:targets]),
-            group="".join(texts[targets:]).strip(),
-        )
-    check_no_faults(
-        f"{table.name} has lines with more values than its {len(header)} columns", long, "quote or correct them"
+        else:
+            picked.append((line, [values[number] if number < len(values) else "" for number in numbers]))
+    problem = f"{table.name} has lines with more values than its {len(header)} columns"
+    check_no_faults(problem, long, "quote or correct them")
+    has_commas = lines.separator != "," and not any(
+        "." in text for _, texts in picked for text in texts[1 : targets + 1]
+    )
+    return [_row(line, texts, directories, targets, has_commas=has_commas) for line, texts in picked]
+
+
+def _row(line: int, texts: Sequence[str], directories: Sequence[Path], targets: int, *, has_commas: bool) -> Row:
+    """Find the image of a row; one within the directories goes before one that its name leads to elsewhere."""
+    name, labels = texts[0].strip(), texts[1 : targets + 1]
+    places = [directory / name for directory in directories]
+    there = [place for place in places if os.path.isfile(place)]
+    inside = [place for place in there if _stays(place, name, directories)]
+    place = next(iter(inside or there), None)
+    return Row(
+        line=line,
+        name=name,
+        path=places[0] if place is None else place.resolve(),
+        directory=(place or places[0]).parent,
+        is_there=place is not None,
+        is_outside=bool(there) and not inside,
+        texts=tuple(_pointed(text) if has_commas else text for text in labels),
+        group="".join(texts[targets + 1 :]).strip(),
     )
 
 
-def _columns(table: Path, header: Sequence[str], asked: Sequence[str], remedy: str) -> list[int]:
+def _stays(place: Path, name: str, directories: Sequence[Path]) -> bool:
+    """Answer whether a name stays within the directories; links count only where the name itself turns back."""
+    path, parts = PurePath(name), place.absolute().parts
+    if not path.is_absolute() and ".." not in path.parts:
+        return True
+    behind = next((number for number in range(len(parts), 0, -1) if parts[number - 1] == ".."), 0)
+    reached = Path(os.path.realpath(Path(*parts[:behind])) if behind else "/", *parts[behind:])
+    return any(reached.is_relative_to(root) for one in directories for root in (os.path.realpath(one), one.absolute()))
+
+
+def _pointed(text: str) -> str:
+    """Write a number with a decimal comma as one with a point."""
+    return text.replace(",", ".") if text.count(",") == 1 else text
+
+
+def _columns(table: Path, header: Sequence[str], asked: Sequence[str], remedy: str, separator: str) -> list[int]:
     """Find the position of each asked column."""
     columns = [name.strip() for name in header]
     if not columns:
@@ -232,38 +279,9 @@ def _columns(table: Path, header: Sequence[str], asked: Sequence[str], remedy: s
             listed(list(map(shortened, columns))),
             place=f"the columns of {table.name}",
             expected=listed(absent),
-            remedy=f"{remedy}; the first line names the columns, with commas between them",
+            remedy=f"{remedy}; the first line names the columns, with {in_words(columns, separator)}",
         )
     return [position[name] for name in asked]
-
-
-def _lines(table: Path) -> Iterator[tuple[int, list[str]]]:
-    """Read the lines of a table that are not blank, with their numbers."""
-    line = 0
-    try:
-        with table.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file, skipinitialspace=True, strict=True)
-            for values in reader:
-                line += 1
-                if reader.line_num != line:  # a stray quote would swallow the rows up to the next one
-                    raise _open_quote(table, line)
-                if values:
-                    yield line, values
-    except csv.Error as error:
-        raise _open_quote(table, line + 1) from error
-    except UnicodeDecodeError as error:
-        byte = error.object[error.start]
-        raise DataError(f"byte 0x{byte:02x}", place=table.name, expected="a CSV table in UTF-8") from error
-    except OSError as error:
-        raise DataError(f"a file that cannot be read ({error.strerror})", place=str(table)) from error
-
-
-def _open_quote(table: Path, line: int) -> DataError:
-    return DataError(
-        'a quote (") that does not end one value within the line',
-        place=f"{table.name}, line {line}",
-        remedy="remove it, or write the whole value in one line and double the quotes inside it",
-    )
 
 
 def number_in(text: str) -> float | None:

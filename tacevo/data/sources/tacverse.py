@@ -71,8 +71,15 @@ class _Image(NamedTuple):
     name: str = ""
 
 
-#: What directories hold: images, how many rows of tables were left out, and files that are not used.
-_Listing = tuple[list[_Image], int, list[Path]]
+class _Listing(NamedTuple):
+    """What directories hold."""
+
+    images: list[_Image]
+    #: Files that are not used.
+    ignored: list[Path]
+    #: How many rows of tables were left out, and the lines of tables that hold no value.
+    skipped: int = 0
+    blank: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,8 +125,7 @@ class TacVerse(FileSource):
 
     def describe(self) -> Json:
         """Name the labels, and the bytes of every image."""
-        everything, _, _ = self._listing()
-        images, release = self._taken(everything)
+        images, release = self._taken(self._listing().images)
         described = {**self.described(image.path for image in images), "source": "tacverse", "task": self.task}
         described |= {"selected": list(self.selected)} if self.selected else {}
         if release is not None and (self.images is not None or self.test_sensor is not None):
@@ -135,8 +141,8 @@ class TacVerse(FileSource):
 
     def catalogue(self) -> Catalogue:
         """List labels and images: by sensor and pattern, then by number, or by class, press and frame."""
-        everything, skipped, ignored = self._listing()
-        images, release = self._taken(everything)
+        listing = self._listing()
+        images, release = self._taken(listing.images)
         names, labels = self._labels(images)
         return self.catalogue_of(
             [image.path for image in images],
@@ -146,8 +152,9 @@ class TacVerse(FileSource):
             names=names,
             labels=labels,
             release=release,
-            skipped=skipped,
-            ignored=ignored,
+            skipped=listing.skipped,
+            ignored=listing.ignored,
+            blank=listing.blank,
             selected=self.selected,
             **self._groups(images),
         )
@@ -251,8 +258,8 @@ class TacVerse(FileSource):
         if self.test_sensor is not None:
             sensors[self.test_sensor] = "data.test_sensor"
         find: Callable[[str, str], _Listing] = self._rows if self.task in COLUMNS else self._presses
-        images, skipped, ignored = zip(*(find(sensor, setting) for sensor, setting in sensors.items()), strict=True)
-        return list(chain(*images)), sum(skipped), list(chain(*ignored))
+        images, ignored, skipped, blank = zip(*(find(*sensor) for sensor in sensors.items()), strict=True)
+        return _Listing(list(chain(*images)), list(chain(*ignored)), sum(skipped), tuple(chain(*blank)))
 
     def _rows(self, sensor: str, setting: str) -> _Listing:
         """Read the table of a sensor in the order of the image numbers, which is that of time."""
@@ -262,7 +269,7 @@ class TacVerse(FileSource):
         directory = _enter(self.root, {"data.root": DIRECTORIES[self.task], setting: sensor})
         table = directory / f"{sensor}.csv"
         check_file(table, "data.root", "a table beside the images, named after the sensor")
-        rows, skipped = read_rows(
+        rows, skipped, blank = read_rows(
             table,
             image_column=IMAGE_COLUMN,
             target_columns=COLUMNS[self.task],
@@ -280,7 +287,7 @@ class TacVerse(FileSource):
             _Image(sensor, "", "", number, 0, row.path, row.place, row.labels, f"{sensor}/{row.name}")
             for number, row in enumerate(ordered)
         ]
-        return images, skipped, unnamed_images(rows)
+        return _Listing(images, unnamed_images(rows), skipped, tuple(blank))
 
     def _presses(self, sensor: str, setting: str) -> _Listing:
         """Find the images of all gratings or shapes of a sensor."""
@@ -297,7 +304,7 @@ class TacVerse(FileSource):
             own = _gratings(directory, sensor, pattern)
             images += own
             ignored += other_files(directory, "*", [image.path for image in own])
-        return images, 0, ignored
+        return _Listing(images, ignored)
 
 
 def _check_named(setting: str, names: Sequence[str]) -> None:
@@ -349,7 +356,7 @@ def _shapes(directory: Path, sensor: str) -> _Listing:
         raise DataError(str(directory), place="data.sensor", expected=expected, remedy=content(directory))
     check_no_faults(f"{directory} has shapes without images", empty, "remove these directories", expected=expected)
     check_no_faults(f"{directory} has images without a number", unnumbered, "put one into each name, as ball_12.jpg")
-    return images, 0, other_files(directory, "**/*", [image.path for image in images])
+    return _Listing(images, other_files(directory, "**/*", [image.path for image in images]))
 
 
 def _released(images: Iterable[_Image]) -> list[str]:
@@ -375,6 +382,8 @@ def _enter(directory: Path, names: dict[str, str]) -> Path:
     """Enter nested directories, each of which a setting names."""
     check_directory(directory, next(iter(names)), f"the directory that holds {next(iter(names.values()))}")
     for key, name in names.items():
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            raise DataError(name, place=key, expected=f"the name of a directory below {directory}")
         check_directory(directory / name, key, "a directory")
         directory = directory / name
     return directory

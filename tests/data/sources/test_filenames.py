@@ -2,7 +2,7 @@
 
 import unicodedata
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 import pytest
@@ -10,6 +10,8 @@ from checkout import SHARED
 from refusals import refused
 from small_recordings import save_arrays, save_folder, save_image, save_table
 
+from tacevo.data.listing import doubtful_files
+from tacevo.data.sources.filenames import hidden_part
 from tacevo.data.sources.folder import Folder
 from tacevo.data.sources.table import TableSource
 from tacevo.errors import DataError
@@ -70,19 +72,52 @@ def test_cases_of_users_are_told(case: str, asked: str, own: str) -> None:
         source.describe()
 
 
-@pytest.mark.parametrize(
-    "litter", ["__MACOSX/a/._1.png", "__MACOSX/2.png", "a/Thumbs.db", ".DS_Store", "a/desktop.ini"]
+#: What systems, network drives and editors leave; the images among them are named.
+LITTER = (
+    *("__MACOSX/a/._1.png", "__MACOSX/2.png", "a/Thumbs.db", ".DS_Store", "a/desktop.ini", "a/._1.png", "a/.1.png"),
+    *("@eaDir/1.png", "a/@eaDir/1.png/SYNOPHOTO_THUMB_M.jpg", "b/@EADIR/1.jpg", "#recycle/a/1.png", "@Recycle/1.png"),
+    *("lost+found/1.png", "a/.thumbnails/1.png", "a/.ipynb_checkpoints/1-checkpoint.png", ".@__thumb/default1.png"),
+    *("$RECYCLE.BIN/1.png", "System Volume Information/1.png", ".Trash-1000/files/1.png", "#snapshot/a/1.png"),
+    *("@Recently-Snapshot/a/1.png", ".AppleDouble/1.png", "Network Trash Folder/1.png", "ehthumbs.db"),
 )
-def test_what_a_system_leaves_is_passed_over(tmp_path: Path, litter: str) -> None:
-    """An archive that was packed on a Mac has a second tree of stubs, which is no class and is not told."""
+
+
+@pytest.mark.parametrize("litter", LITTER)
+def test_what_a_system_leaves_is_passed_over_and_its_images_are_named(tmp_path: Path, litter: str) -> None:
+    """No copy, preview or stub is an image or a class; nor does it change which data set this is."""
     source = save_folder(tmp_path, "a/1.png", "b/1.png")
     before = source.describe()
     (tmp_path / litter).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / litter).write_text("no image")
     assert source.describe() == before
-    assert source.catalogue().ignored == []
+    catalogue = source.catalogue()
+    assert catalogue.ignored == []
+    said = " ".join(doubtful_files(catalogue, tmp_path))
+    if litter.endswith(("png", "jpg")):
+        assert len(catalogue.passed_over) == 1
+        assert (str(hidden_part(PurePath(litter))) in said) or "._*" in said
+    else:
+        assert said == ""
     archive = save_arrays(tmp_path / "a.npz", **{litter: np.zeros(3)})
     assert len(archive.catalogue().labels) == 12
+
+
+def test_honest_names_are_not_litter(tmp_path: Path) -> None:
+    """A class may have a sign before its name, or be called like a part of what systems leave."""
+    names = ("@home", "#1", "recycle", "thumbs", "lost", "system", "found", "_a", "eaDir", "recycled", "tmp")
+    assert set(save_folder(tmp_path, *(f"{name}/1.png" for name in names)).catalogue().names) == set(names)
+
+
+THUMBS = SHARED / "cases" / "round4" / "data" / "nas_thumbs"
+
+
+@pytest.mark.skipif(not THUMBS.is_dir(), reason="the cases are not beside this checkout")
+def test_thumbnails_of_a_drive_are_no_images() -> None:
+    """36 images of three classes, and what is passed over is told."""
+    catalogue = Folder(root=THUMBS, image_size=16).catalogue()
+    assert (len(catalogue.labels), catalogue.names) == (36, ("cork", "felt", "slate"))
+    (said,) = doubtful_files(catalogue, THUMBS)
+    assert "@eaDir (3)" in said
 
 
 def test_names_that_differ_in_unicode_form_alone_are_one(tmp_path: Path) -> None:
