@@ -21,11 +21,11 @@ pytestmark = pytest.mark.usefixtures("torch_settings")
 LIMITS = {"parameters": 10_000_000, "flops": 10**10, "modules": 100}
 
 
-def probe(source: str, task: Contract, *, shown: NDArray[np.uint8] | None = None, **limits: int) -> Profile | Rejection:
+def probe(source: str, task: Contract, shown: NDArray[np.uint8] | None = None, **limits: int) -> Profile | Rejection:
     """Run the probe, on images of a data set as well where some are given, and read its one frame."""
     frames: list[Json] = []
-    header: Json = {"source": source, "contract": to_json(task), "limits": {**LIMITS, **limits}}
-    payload, arrays = b"", {}
+    header: dict[str, Json] = {"source": source, "contract": to_json(task), "limits": {**LIMITS, **limits}}
+    payload, arrays = b"", dict[str, NDArray[np.uint8]]()
     if shown is not None:
         header |= {"mean": [127.0] * 3, "deviation": [60.0] * 3}
         payload, arrays = np.arange(16).tobytes(), {"images": shown}
@@ -36,14 +36,14 @@ def probe(source: str, task: Contract, *, shown: NDArray[np.uint8] | None = None
 
 def profile_of(source: str, task: Contract | None = None, **limits: int) -> Profile:
     """Probe and insist on a profile."""
-    verdict = probe(source, task or contract(), **limits)
+    verdict = probe(source, task or contract(), None, **limits)
     assert isinstance(verdict, Profile), verdict
     return verdict
 
 
 def rejection_of(source: str, **limits: int) -> Rejection:
     """Probe and insist on a rejection at this stage."""
-    verdict = probe(source, contract(), **limits)
+    verdict = probe(source, contract(), None, **limits)
     assert isinstance(verdict, Rejection)
     assert verdict.stage is Stage.probe
     return verdict
@@ -297,7 +297,7 @@ def test_content_of_an_image_does_not_tell_the_probe_from_the_training(forward: 
     init = "self.wide = nn.Conv2d(in_channels, 64, 3)\nself.register_buffer('kept', torch.zeros(1))"
     source = candidate(forward.format("return self.head(F.relu(y).mean((2, 3)))"), init)
     assert isinstance(probe(source, contract()), Profile)
-    verdict = probe(source, contract(), shown=smooth_images())
+    verdict = probe(source, contract(), smooth_images())
     if isinstance(verdict, Profile):
         assert verdict.learnt_outside == 1
     else:
@@ -307,7 +307,7 @@ def test_content_of_an_image_does_not_tell_the_probe_from_the_training(forward: 
 def test_images_of_the_data_change_no_honest_profile() -> None:
     """A network has one profile, whichever data set it is probed for."""
     for source in (VALID, features("self.n(self.conv(x))", "self.n = nn.BatchNorm2d(4)")):
-        assert probe(source, contract(), shown=smooth_images()) == profile_of(source)
+        assert probe(source, contract(), smooth_images()) == profile_of(source)
 
 
 #: A number of 0 to 15 that the address of a new object gives.
