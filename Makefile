@@ -16,7 +16,7 @@ test test-slow test-all test-cluster test-cluster-all coverage: export OMP_NUM_T
 test test-slow test-all test-cluster test-cluster-all coverage: export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-slow test-all test-portable aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
+.PHONY: help setup demo test test-slow test-all test-portable bits aarch64 test-gpu test-cluster test-cluster-all coverage check format bench bench-quick replay paper docs lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):.*## /  \1\t/' | expand -t 20
@@ -57,6 +57,9 @@ test-all: $(DEV) ## run brute force, too (hours); all but test-portable and test
 
 test-portable: $(DEV) ## compare bits with those of emulated CPUs (qemu-user; ten minutes)
 	$(BIN)/pytest -m portable
+
+bits: $(DEV) ## find the functions whose bits MKL's vector library chooses by the CPU (minutes)
+	$(BIN)/python tests/support/portable/vector_library.py
 
 aarch64: $(DEV) ## fetch a Python for aarch64, whose bytes test-portable then compares, too (on Debian; 0.9 GB, minutes)
 	tests/support/portable/aarch64.sh build/aarch64
