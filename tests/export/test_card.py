@@ -21,7 +21,7 @@ from tacevo.data.source import Catalogue
 from tacevo.data.sources.image_files import decode
 from tacevo.export.card import agreement, card
 from tacevo.export.contents import Exported, config_of, run_of
-from tacevo.export.conversion import FORMS, Converted
+from tacevo.export.conversion import Built, Converted
 from tacevo.export.trainings import ExportSettings, Like, Trained, design
 from tacevo.records import Kind, Training
 from tacevo.runs.datasets import load_same, source_of
@@ -50,7 +50,7 @@ def exported(run: tacevo.Run, data: Dataset, catalogue: Catalogue, **settings: A
     given = ExportSettings(**settings)
     predictions = np.random.default_rng(0).normal(size=(len(data.test), data.facts.outputs)).astype(np.float32)
     times = {"1": [1.0, 2.0], "32": [3.0, 4.0]}
-    made = Converted(file=b"", arguments=("in_channels",), difference=1e-7, milliseconds=times)
+    made = Converted(file=b"", difference=1e-7, milliseconds=times)
     return Exported(
         run=recorded,
         line=line,
@@ -61,7 +61,8 @@ def exported(run: tacevo.Run, data: Dataset, catalogue: Catalogue, **settings: A
         doubts=(),
         settings=given,
         bundle=None,
-        files=dict.fromkeys(FORMS, made),
+        built=Built(arguments=("in_channels",), difference=1e-7),
+        onnx=made,
     )
 
 
@@ -200,7 +201,7 @@ def test_program_makes_the_input_as_the_data_did(
     told: Any = config_of(model)["input"]
     assert (told["white_point"], told["bits"], told["recorded_size"]) == (white, [bits], [50, 90])
     (place / "config.json").write_text(json.dumps(config_of(model)))
-    program = re.findall(r"```python\n(.*?)```", card(model), re.DOTALL)[1].partition("[output]")[0]
+    program = re.findall(r"```python\n(.*?)```", card(model), re.DOTALL)[0].partition("[output]")[0]
     names: dict[str, Any] = {}
     exec(compile(program, "README.md", "exec"), names)
     assert names["pixels"].dtype == np.float32
