@@ -14,7 +14,7 @@ _PARSER = threading.Lock()
 
 #: The marks of punctuation that Markdown (CommonMark, GitHub's tables, notes, formulas and addresses) gives a meaning
 #: where they stand; a match ends in one. Where a mark can mean nothing, as in `val_loss`, `0.35 mm` and `(N)`, it is
-#: none of them, so that honest text stays as it is. Every word may come to begin a line.
+#: none of them, so that honest text stays as it is.
 _MEANING = re.compile(
     r"""
     [\\`*\[\]{}|~$^@\#]                       # code, emphasis, links, notes, cells, formulas, headings, anywhere
@@ -22,7 +22,7 @@ _MEANING = re.compile(
     | <(?![\s\d=.]) | &(?=[#A-Za-z]|$)         # HTML, addresses, entities
     | !(?=\[|$)                                # an image
     | :(?![\s\d]|$) | (?<=\b[Ww]{3})\.         # addresses
-    | (?<!\S)(?: [-+](?=[-+:\s]|$) | [=>:]     # lists, rules, underlines of headings, quotations, terms
+    | ^(?: [-+](?=[-+:\s]|$) | [=>:]     # lists, rules, underlines of headings, quotations, terms
         | [0-9]{1,9}[.)](?=\s|$) )
     """,
     re.VERBOSE,
@@ -91,7 +91,7 @@ def on_a_line(text: str) -> str:
 def in_markdown(text: str) -> str:
     r"""Write a text so that Markdown shows it on one line and obeys none of it: `*a*` becomes `\*a\*`.
 
-    It may stand anywhere in a line, in a cell of a table or in a heading, and its line may be broken between words.
+    It may stand anywhere in a line, in a cell of a table or in a heading; the line must not be broken within it.
     """
     return _MEANING.sub(lambda match: f"{match[0][:-1]}\\{match[0][-1]}", on_a_line(text))
 

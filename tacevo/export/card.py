@@ -218,9 +218,9 @@ def _tested(model: Exported) -> dict[str, object]:
 
 def _studied(model: Exported) -> str:
     """Say what the study of this network found with all of its seeds, if that can be computed again."""
-    if model.plan.uncited:
-        why = in_markdown(model.plan.uncited)
-        return f"What the run's study found is not cited, because it could not be checked: {why}."
+    differ = any(one.was_recorded and one.differing for one in model.trained)
+    if why := model.plan.uncited or ("the trainings above did not go as it recorded them" if differ else ""):
+        return f"What the run's study found is not cited, because it could not be checked: {in_markdown(why)}."
     if len(model.plan.scores) < 2:
         return "No study of the run trained this network so with several seeds: another seed may give other figures."
     told = []

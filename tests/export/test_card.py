@@ -13,6 +13,7 @@ import pytest
 import yaml
 from checkout import ROOT
 from PIL import Image
+from rendered import HOSTILE, meant, skeleton
 from rich.console import Console
 
 import tacevo
@@ -127,6 +128,55 @@ def test_names_break_no_line_and_no_cell_of_the_card(of_forces: Exported) -> Non
     assert {len(re.findall(r"(?<!\\)\|", row)) for row in table[1:]} == {4}
     assert not [line for line in body.splitlines() if line.startswith(("- e:", "<d>"))]
     assert "<d>" not in re.sub(r"\\<", "", body)
+
+
+def said_by(model: Exported, text: str) -> Exported:
+    """Return a network of which a stranger said this, wherever the card cites one: without an ONNX file, too."""
+    config = model.run.config
+    run = replace(model.run, config=replace(config, llm=replace(config.llm, model=text)))
+    run.__dict__["name"] = text
+    line = replace(model.line, request="0" * 64)
+    names = (text, *model.data.facts.names[1:])
+    data = replace(model.data, facts=replace(model.data.facts, names=names))
+    catalogue = replace(model.catalogue, names=names, units=(text, "N", "N"))
+    differing = replace(model.trained[0], differing=("weights_sha256",))
+    return replace(
+        model,
+        run=run,
+        line=line,
+        data=data,
+        catalogue=catalogue,
+        trained=[differing],
+        doubts=(f"torch {text}",),
+        plan=replace(model.plan, uncited=f"the stores lack {text}"),
+        onnx=None,
+        without_onnx=f"crashed: {text}",
+    )
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_a_stranger_is_text_in_the_card(text: str, of_forces: Exported) -> None:
+    """Names, units, the model, versions and reasons; and none of it changes what Hugging Face reads above it."""
+    (calm_head, calm), (head, body) = (
+        card(said_by(of_forces, said)).removeprefix("---\n").split("\n---\n", 1) for said in ("word", f"x {text} y")
+    )
+    assert skeleton(body) == skeleton(calm)
+    assert meant(body) == meant(calm)
+    read, expected = yaml.safe_load(head), yaml.safe_load(calm_head)
+    assert read.keys() == expected.keys()
+    assert (read["license"], read["tags"]) == (expected["license"], expected["tags"])
+
+
+def test_study_that_could_not_be_checked_is_not_cited(of_forces: Exported) -> None:
+    """Nor one whose trainings went otherwise now; the card says so, and names no figure of it."""
+    assert len(of_forces.plan.scores) > 1
+    median = re.compile("run's study found, as median")
+    assert median.search(card(of_forces))
+    unchecked = replace(of_forces, plan=replace(of_forces.plan, uncited="the stores lack one"))
+    other = replace(of_forces, trained=[replace(of_forces.trained[0], differing=("test_predictions",))])
+    for model in (unchecked, other):
+        assert not median.search(card(model))
+        assert "is not cited" in card(model)
 
 
 def test_command_of_the_card_has_every_setting(of_forces: Exported) -> None:
