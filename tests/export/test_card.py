@@ -1,5 +1,6 @@
 """Promise: the card and config.json say what the files are, in YAML, Markdown and programs that hold for any name."""
 
+import io
 import json
 import re
 import shutil
@@ -13,6 +14,7 @@ import pytest
 import yaml
 from checkout import ROOT
 from PIL import Image
+from refusals import refused
 from rendered import HOSTILE, meant, skeleton
 from rich.console import Console
 
@@ -20,13 +22,16 @@ import tacevo
 from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.image_files import decode
+from tacevo.errors import RunError
+from tacevo.export import directory
 from tacevo.export.card import agreement, card
 from tacevo.export.contents import Exported, config_of, run_of
 from tacevo.export.conversion import Built, Converted
 from tacevo.export.trainings import ExportSettings, Like, Trained, design
-from tacevo.records import Kind, Training
+from tacevo.records import Kind, Reason, Training
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
+from tacevo.sandbox.client import Died, Finished, Frame
 from tacevo.training.weights import Weighed
 
 #: Of a run, a task and an output.
@@ -165,6 +170,61 @@ def test_text_of_a_stranger_is_text_in_the_card(text: str, of_forces: Exported) 
     read, expected = yaml.safe_load(head), yaml.safe_load(calm_head)
     assert read.keys() == expected.keys()
     assert (read["license"], read["tags"]) == (expected["license"], expected["tags"])
+
+
+def test_what_onnx_cannot_hold_is_said_and_the_rest_is_written(of_forces: Exported) -> None:
+    """The class with its weights is checked all the same; card, config.json and the printed line say why."""
+    said = io.StringIO()
+    view = Progress(Console(file=said, width=200))
+
+    def run(entry: str, header: Any, payload: bytes, limits: Any, score: Any = None, /) -> Finished | Died:
+        if entry == "predict":
+            outputs = of_forces.outputs.astype(np.float32).tobytes()
+            return Finished((Frame({"arguments": ["in_channels"]}, outputs),))
+        return Died(Reason.crashed, "No ONNX function for aten.kthvalue [a](b)")
+
+    model = directory._checked(run, replace(of_forces, built=None, onnx=None), "SOURCE", view)
+    files = directory._contents(model, "SOURCE")
+    assert files.keys() == {"README.md", "config.json", "run.json", "model.py", "weights.safetensors"}
+    assert (files["model.py"], json.loads(files["config.json"])["onnx"]) == (b"SOURCE", None)
+    text = files["README.md"].decode()
+    assert r"no `model.onnx`: expected a network that can be written so; got crashed: No ONNX function" in text
+    assert r"aten.kthvalue \[a\](b)" in text
+    assert len(re.findall("```python", text)) == 1
+    assert "onnxruntime" not in text
+    assert "no model.onnx" in said.getvalue()
+    assert "aten.kthvalue" in said.getvalue()
+
+
+def test_class_that_says_something_else_is_not_exported(of_forces: Exported) -> None:
+    """Its weights would not be what was trained."""
+
+    def run(entry: str, header: Any, payload: bytes, limits: Any, score: Any = None, /) -> Finished:
+        return Finished((Frame({"arguments": []}, (1.01 * of_forces.outputs).astype(np.float32).tobytes()),))
+
+    with refused(RunError, place="model.py with its weights", got="a difference of"):
+        directory._checked(run, of_forces, "SOURCE", Progress(Console(quiet=True)))
+
+
+def test_weights_are_numbers_alone(of_forces: Exported) -> None:
+    """Names, types, shapes and values; a weight that is called as the format calls its notes is refused."""
+    weights = {"a.weight": np.ones((2, 3), np.float32), "a.number": np.array(7)}
+    file = directory._as_safetensors(weights)
+    header = json.loads(file[8 : 8 + int.from_bytes(file[:8], "little")])
+    assert header.keys() == weights.keys()
+    assert all(sorted(value) == ["data_offsets", "dtype", "shape"] for value in header.values())
+    with refused(RunError, got="__metadata__"):
+        directory._as_safetensors({"__metadata__": np.ones(1, np.float32)})
+
+
+@pytest.mark.parametrize("name", ["Net; import os", "class", "Net\nimport os", ""])
+def test_class_must_have_a_name_that_a_program_can_have(name: str, of_forces: Exported, place: Path) -> None:
+    """It stands in the programs of the card, which a reader runs; before anything is trained."""
+    record, line = of_forces.run.record, of_forces.line
+    task = replace(record.task, contract=replace(record.task.contract, class_name=name))
+    run, view = replace(of_forces.run, record=replace(record, task=task)), Progress(Console(quiet=True))
+    with refused(RunError, place="class_name", expected="a name that Python allows"):
+        directory.export(run, line, place / "never", ExportSettings(), bundle=None, retrained=False, view=view)
 
 
 def test_study_that_could_not_be_checked_is_not_cited(of_forces: Exported) -> None:

@@ -24,7 +24,7 @@ from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
 from tacevo.export.conversion import ENTRIES, EQUIP, Networks, check_class, convert
 from tacevo.records import Contract, DataFacts, Kind, Loss
-from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.client import Finished, Frame, Sandbox
 from tacevo.sandbox.processes import descendants
 from tacevo.training.numerics import environment
 from tacevo.training.weights import Weights
@@ -156,6 +156,48 @@ def test_weights_of_another_class_are_refused(sandbox: Sandbox, data: Dataset) -
     for change in ({"more": weights[name]}, {name: weights[name][:1]}, {name: weights[name].astype(np.float64)}):
         with refused(RunError, place="model.py with its weights", got="crashed: ValueError: expected"):
             check_class(sandbox.run, networks(data, [{**weights, **change}], expected))
+
+
+#: It stands before a class, and changes what torch gives to whoever writes ONNX: notes everywhere, or a function.
+MEDDLING = """
+import types
+real = torch.onnx.export
+def export(*given, **named):
+    model = real(*given, **named).model_proto
+    {change}
+    return types.SimpleNamespace(model_proto=model)
+torch.onnx.export = export
+"""
+
+#: What a program puts there.
+TEXT = "__import__('os').system('id')"
+
+
+@pytest.mark.slow
+def test_program_of_a_candidate_leaves_no_text_in_the_file(sandbox: Sandbox, data: Dataset) -> None:
+    """It reaches the process that converts, whatever doors the gate has: what it adds is left out, or refused."""
+    weights, expected = example(data)
+    notes = f"model.doc_string = model.producer_name = model.graph.node[0].name = {TEXT!r}"
+    source = MEDDLING.format(change=notes) + SOURCE
+    assert TEXT.encode() not in convert(sandbox.run, networks(data, [weights], expected, source)).file
+    for change in (f"model.graph.node[0].domain = {TEXT!r}", f"model.graph.initializer[0].name = {TEXT!r}"):
+        source = MEDDLING.format(change=change) + SOURCE
+        with refused(RunError, place="model.onnx", got="expected"):
+            convert(sandbox.run, networks(data, [weights], expected, source))
+
+
+@pytest.mark.parametrize("answer", [b"", b"PK\x03\x04", b"\x80\x04c__builtin__\neval\n.", TEXT.encode()])
+def test_what_is_no_network_is_no_file(answer: bytes, data: Dataset) -> None:
+    """Whatever the process that converts sends, it is not even checked, and the error names the file."""
+    asked: list[str] = []
+
+    def run(entry: str, header: Any, payload: bytes, limits: Any, score: Any = None, /) -> Finished:
+        asked.append(entry)
+        return Finished((Frame({}, answer),))
+
+    with refused(RunError, place="model.onnx", expected="what a network sends"):
+        convert(run, networks(data, [{}], np.zeros((7, OUTPUTS))))
+    assert asked == ["convert"]
 
 
 PROGRAMS = shared("hostile")

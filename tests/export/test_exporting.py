@@ -33,12 +33,15 @@ from tacevo.data.source import Catalogue
 from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
 from tacevo.export import directory
 from tacevo.export.trainings import ExportSettings, Like, design, train
+from tacevo.results.study_directory import plain_study, studies_of
 from tacevo.results.study_lines import ScoreLine
 from tacevo.rules import STUDY, TRAININGS_OF_STUDIES
 from tacevo.runs.datasets import load_same
 from tacevo.runs.progress import Progress
 from tacevo.sandbox.client import Sandbox
 from tacevo.storage.array_store import ArrayStore
+from tacevo.storage.canonical import readable
+from tacevo.storage.ledger import sealed_text
 from tacevo.storage.store import Entry, Store
 from tacevo.training.full import read_kept
 from tacevo.training.weights import weights_digest
@@ -204,6 +207,57 @@ def test_other_record_is_an_error_if_nothing_is_believed(folder: Path) -> None:
     with refused(DivergenceError, got="other weights_sha256"):
         run.export(line.id, "model", like="search", retrained=True, quiet=True)
     assert not Path("model").exists()
+
+
+def test_forged_study_is_not_repeated(folder: Path) -> None:
+    """Its metrics do not follow from its test predictions; like the search, the network is exported without it."""
+    (directory,) = [one for one in studies_of(Path("run")) if one.read().terms is not None]
+    scores, record = directory.read_scores(), directory.read()
+    rows = [
+        replace(row, metrics=dict.fromkeys(row.metrics, 0.991)) for row in scores.rows if isinstance(row, ScoreLine)
+    ]
+    text, digest = sealed_text([scores.header, *rows])
+    directory.scores.write_text(text)
+    (directory.path / "study.json").write_text(readable(plain_study(replace(record, digest=digest))))
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    name = record.networks[1].id
+    for retrained in (False, True):
+        with refused(DivergenceError, place="metrics", expected="0.991"):
+            run.export(name, "model", retrained=retrained, quiet=True)
+    line = next(line for line in run.recorded.candidates if line.id == name)
+    assert design(run.recorded, line, ExportSettings(like=Like.search)).scores == ()
+
+
+def test_study_whose_predictions_are_gone_is_not_cited(folder: Path) -> None:
+    """Nor one whose stores have none; its trainings are repeated all the same, and are no record."""
+    run = tacevo.open("run")
+    assert isinstance(run, tacevo.Run)
+    name, recorded = str(run.studies[0].networks["id"].iloc[1]), run.recorded
+    line = next(line for line in recorded.candidates if line.id == name)
+    whole = design(recorded, line, ExportSettings())
+    assert (len(whole.scores) > 1, whole.uncited) == (True, "")
+    without = design(replace(recorded, has_predictions=False), line, ExportSettings())
+    assert (without.scores, without.uncited) == ((), "the bundle of a sweep holds no test predictions")
+    assert without.recorded.keys() == whole.recorded.keys()
+    shutil.rmtree("cache/arrays")
+    plan = design(recorded, line, ExportSettings())
+    assert (plan.study, plan.seeds, plan.scores) == (whole.study, whole.seeds, ())
+    assert "the stores lack" in plan.uncited
+    assert not {row.evaluation for row in whole.scores} & plan.recorded.keys()
+
+
+def test_forged_line_of_the_ledger_is_another_record(published: Path) -> None:
+    """Though the store agrees with the training: the ledger is what a reader was shown."""
+    run, name = studied(published)
+    recorded, view = run.recorded, Progress(Console(quiet=True))
+    line = next(line for line in recorded.candidates if line.id == name)
+    plan = design(recorded, line, ExportSettings(like=Like.search))
+    forged = {key: replace(one, validation_losses=(0.0,)) for key, one in plan.recorded.items()}
+    source = recorded.directory.read_source(name, str(line.source))
+    data = load_same(recorded.config, recorded.facts, view)
+    with refused(DivergenceError, got="other validation_losses"):
+        train(recorded, replace(plan, recorded=forged), source, data, view, retrained=True)
 
 
 def test_what_no_record_names_is_no_record(folder: Path) -> None:
