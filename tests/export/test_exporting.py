@@ -31,6 +31,7 @@ from tacevo.cli.app import main
 from tacevo.data.simulator.tasks import Simulated
 from tacevo.data.source import Catalogue
 from tacevo.errors import BundleError, ConfigError, DivergenceError, RunError
+from tacevo.evolution.lines import TrainedLine
 from tacevo.export import directory
 from tacevo.export.trainings import ExportSettings, Like, design, train
 from tacevo.results.study_directory import plain_study, studies_of
@@ -253,7 +254,8 @@ def test_forged_line_of_the_ledger_is_another_record(published: Path) -> None:
     recorded, view = run.recorded, Progress(Console(quiet=True))
     line = next(line for line in recorded.candidates if line.id == name)
     plan = design(recorded, line, ExportSettings(like=Like.search))
-    forged = {key: replace(one, validation_losses=(0.0,)) for key, one in plan.recorded.items()}
+    lines = {key: one for key, one in plan.recorded.items() if isinstance(one, TrainedLine)}
+    forged = {key: replace(one, validation_losses=(0.0,)) for key, one in lines.items()}
     source = recorded.directory.read_source(name, str(line.source))
     data = load_same(recorded.config, recorded.facts, view)
     with refused(DivergenceError, got="other validation_losses"):

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import onnx
 import pytest
-from google.protobuf.message import Message
 from onnx import TensorProto, helper
 from training_jobs import CONTRACT
 
@@ -15,7 +14,7 @@ from tacevo.export.onnx_file import INPUT, OPSET, OUTPUT, rewritten
 #: What must not come out, wherever it was.
 TEXT = "__import__('os').system('id')"
 
-SHAPE = ["n", CONTRACT.in_channels, CONTRACT.image_size, CONTRACT.image_size]
+SHAPE: list[str | int | None] = ["n", CONTRACT.in_channels, CONTRACT.image_size, CONTRACT.image_size]
 
 
 def network() -> Any:
@@ -52,7 +51,7 @@ def messages(message: Any) -> Iterator[Any]:
     yield message
     for field, value in message.ListFields():
         if field.message_type is not None:
-            for part in [value] if isinstance(value, Message) else value:
+            for part in [value] if hasattr(value, "ListFields") else value:
                 yield from messages(part)
 
 
@@ -133,7 +132,7 @@ CHANGES: dict[str, Callable[[Any], object]] = {
     "training": lambda model: model.training_info.add(),
     "sparse weights": lambda model: model.graph.sparse_initializer.add(),
     "a tensor of texts": lambda model: model.graph.initializer.append(
-        helper.make_tensor("t", TensorProto.STRING, [1], [b"x"])
+        TensorProto(name="t", data_type=TensorProto.STRING, dims=[1], string_data=[b"x"])
     ),
     "a tensor larger than its bytes": lambda model: model.graph.initializer[0].dims.append(2**40),
     "a tensor of a negative size": lambda model: model.graph.initializer[0].dims.__setitem__(0, -CONTRACT.outputs),
