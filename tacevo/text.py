@@ -12,18 +12,18 @@ from collections.abc import Collection, Iterable, Sequence
 #: issue 106905): two threads that parse at once can end in a SystemError.
 _PARSER = threading.Lock()
 
-#: The marks of punctuation that Markdown (CommonMark, GitHub's tables, notes, formulas and addresses) gives a meaning
-#: where they stand; a match ends in one. Where a mark can mean nothing, as in `val_loss`, `0.35 mm` and `(N)`, it is
-#: none of them, so that honest text stays as it is.
+#: The marks of punctuation to which Markdown (CommonMark, and GitHub's tables, footnotes, formulas and addresses) gives
+#: a meaning where they stand; each match ends in one. A mark that can mean nothing there, as in `val_loss`, `0.35 mm`
+#: and `(N)`, is not among them, so that honest text stays as it is.
 _MEANING = re.compile(
     r"""
-    [\\`*\[\]{}|~$^@\#]                       # code, emphasis, links, notes, cells, formulas, headings, anywhere
-    | (?<![A-Za-z0-9])_ | _(?![A-Za-z0-9])     # emphasis, but not within a word
-    | <(?![\s\d=.]) | &(?=[#A-Za-z]|$)         # HTML, addresses, entities
-    | !(?=\[|$)                                # an image
-    | :(?![\s\d]|$) | (?<=\b[Ww]{3})\.         # addresses
-    | ^(?: [-+](?=[-+:\s]|$) | [=>:]     # lists, rules, underlines of headings, quotations, terms
-        | [0-9]{1,9}[.)](?=\s|$) )
+      [\\`*\[\]{}|~$^@\#]                     # code, emphasis, links, footnotes, cells, formulas, headings
+    | (?<![A-Za-z0-9])_ | _(?![A-Za-z0-9])    # emphasis, which does not begin or end within a word
+    | <(?![\s\d=.]) | &(?=[\#A-Za-z]|$)       # HTML, addresses, entities
+    | !(?=\[|$)                               # an image
+    | :(?![\s\d]|$) | (?<=\b[Ww]{3})\.        # addresses
+    | ^(?: [-+](?=[-+:\s]|$) | [=>:]          # lists, rules, underlines of headings, quotations, terms
+         | [0-9]{1,9}[.)](?=\s|$) )
     """,
     re.VERBOSE,
 )

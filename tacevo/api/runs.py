@@ -182,7 +182,8 @@ class Run:
         Raises:
             ConfigError: a setting is wrong, the directory exists, or packages are missing; or as `source`.
             DataError: the data set of the run is missing.
-            DivergenceError: with `retrained`, a training is not as recorded.
+            DivergenceError: with `retrained`, a training is not as recorded; or a study of it does not follow from the
+                stores.
             RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so; or with
                 `register`, MLflow fails, before anything is trained or after the directory is whole.
         """

@@ -56,7 +56,8 @@ def export(
     Raises:
         ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
         DataError: the data set is missing, or is another one.
-        DivergenceError: with `retrained`, a training is not as recorded.
+        DivergenceError: with `retrained`, a training is not as recorded; or a study of it does not follow from the
+            stores.
         RunError: with `retrained`, one is not recorded; or the source was edited, the network is too large, does not
             train to the end, or says something else with its weights alone. What ONNX cannot hold is no error.
         SandboxError: the sandbox is broken.

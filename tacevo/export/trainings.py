@@ -34,7 +34,7 @@ from tacevo.training.weights import Weighed
 _Evaluator = Evaluator | FullEvaluator
 
 #: Seconds of an export beside its trainings, roughly: the libraries of ONNX take most of it to start.
-CONVERTING = 12.0
+CONVERTING = 15.0
 
 
 class Like(StrEnum):
