@@ -174,8 +174,10 @@ def _missing(run: RecordedRun, study: FinishedStudy) -> str:
     """Compare a study with what the stores give; say what they lack."""
     try:
         replay_study(run, study)
-    except CacheMissError as error:
-        return f"the stores lack {error.place}"
+    except CacheMissError:  # which names directories of this machine
+        return "the stores lack a training of it, or its test predictions"
+    except RunError as error:  # what it rests on is gone, such as the noise run that chose its networks
+        return f"expected {error.expected}; got {error.got}"
     except DivergenceError as error:
         remedy = "the study was edited, or is damaged; like=search exports the network without any study"
         error.remedy = f"{error.remedy}; {remedy}" if error.remedy else remedy
