@@ -1,4 +1,4 @@
-"""Text: counted nouns, lists and tables for a person, control characters made harmless, Python source parsed."""
+"""Text: counted nouns, lists and tables for a person, text made harmless for terminal and Markdown, Python parsed."""
 
 import ast
 import difflib
@@ -11,6 +11,22 @@ from collections.abc import Collection, Iterable, Sequence
 #: Filters of warnings belong to all threads; and so does, in CPython up to 3.11, the depth that its parser counts (its
 #: issue 106905): two threads that parse at once can end in a SystemError.
 _PARSER = threading.Lock()
+
+#: The marks of punctuation to which Markdown (CommonMark, and GitHub's tables, footnotes, formulas and addresses) gives
+#: a meaning where they stand; each match ends in one. A mark that can mean nothing there, as in `val_loss`, `0.35 mm`
+#: and `(N)`, is not among them, so that honest text stays as it is.
+_MEANING = re.compile(
+    r"""
+      [\\`*\[\]{}|~$^@\#]                     # code, emphasis, links, footnotes, cells, formulas, headings
+    | (?<![A-Za-z0-9])_ | _(?![A-Za-z0-9])    # emphasis, which does not begin or end within a word
+    | <(?![\s\d=.]) | &(?=[\#A-Za-z]|$)       # HTML, addresses, entities
+    | !(?=\[|$)                               # an image
+    | :(?![\s\d]|$) | (?<=\b[Ww]{3})\.        # addresses
+    | ^(?: [-+](?=[-+:\s]|$) | [=>:]          # lists, rules, underlines of headings, quotations, terms
+         | [0-9]{1,9}[.)](?=\s|$) )
+    """,
+    re.VERBOSE,
+)
 
 #: Words that Hydra does not read as texts.
 _NOT_TEXTS = frozenset({"null", "true", "false", "nan", "inf"})
@@ -65,6 +81,30 @@ def printable(text: str) -> str:
         letter if letter.isprintable() or letter in "\n\t" else letter.encode("unicode_escape").decode("ascii")
         for letter in text
     )
+
+
+def on_a_line(text: str) -> str:
+    """Write a text on one line, with single spaces, and control characters as escapes (`printable`)."""
+    return printable(" ".join(text.split()))
+
+
+def in_markdown(text: str) -> str:
+    r"""Write a text so that Markdown shows it on one line and obeys none of it: `*a*` becomes `\*a\*`.
+
+    It may stand anywhere in a line, in a cell of a table or in a heading; the line must not be broken within it.
+    """
+    return _MEANING.sub(lambda match: f"{match[0][:-1]}\\{match[0][-1]}", on_a_line(text))
+
+
+def as_code(text: str) -> str:
+    """Write a text as code within a line of Markdown: on one line, between more backticks than it has in a row.
+
+    Within a cell of a table, `|` would end the cell.
+    """
+    line = on_a_line(text)
+    marks = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
+    space = " " if line.startswith("`") or line.endswith("`") or not line else ""
+    return f"{marks}{space}{line}{space}{marks}"
 
 
 def as_override(key: str, value: str) -> str:

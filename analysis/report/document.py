@@ -1,5 +1,6 @@
 """The pages that hold all tables and figures of runs: a LaTeX document, and its PDF where LaTeX is installed."""
 
+import re
 import subprocess
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -17,6 +18,9 @@ ENGINES: tuple[tuple[tuple[str, ...], int], ...] = (
     (("tectonic",), 1),
     (("pdflatex", "-interaction=nonstopmode", "-halt-on-error"), 2),
 )
+
+#: What LaTeX reads as it is.
+_PLACE = re.compile(r"[A-Za-z0-9._/-]+")
 
 _HEAD = r"""\documentclass[10pt]{article}
 \usepackage[letterpaper,textwidth=7.16in,textheight=9.6in]{geometry}
@@ -70,9 +74,14 @@ def write_chapter(
         What the document has of it; labels begin with the name of the directory.
 
     Raises:
+        RunError: the name of a study is none that LaTeX reads as a name of a file.
         StoreError: a file cannot be written.
     """
     name = directory.name
+    for place in [*map(place_of, tables), *(picture.name for picture in pictures)]:
+        if not _PLACE.fullmatch(place):
+            remedy = "rename the directory of that study"
+            raise RunError(place, expected="a name of letters, digits, '.', '_' and '-'", remedy=remedy)
     write_tables(tables, directory, prefix=f"{name}:")
     write_pictures(pictures, directory, (".pdf",), on_drawn)
     figures = [

@@ -10,7 +10,7 @@ from analysis.table import Table
 from analysis.tables.rendering import ALL, Shown, table_texts
 from tacevo.results.study_directory import NAME
 from tacevo.storage.files import write_durably
-from tacevo.text import counted
+from tacevo.text import counted, in_markdown
 
 #: The tables that a paper needs, by kind, with the question that each answers.
 PAPER = {
@@ -93,17 +93,15 @@ def index_of(tables: Iterable[Table], runs: Iterable[str] = ()) -> str:
     """
     known = list(tables)
     more = [table for table in known if table.kind not in PAPER]
-    parts = ["# Tables", "", *(f"- [{_text(name)}]({quote(name)}/{INDEX}): all tables of this one" for name in runs)]
+    places = [f"- [{in_markdown(name)}]({quote(name, safe='')}/{INDEX}): all tables of this one" for name in runs]
+    parts = ["# Tables", "", *places]
     parts += [*map(_line, for_paper(known)), *(["", "## More", ""] if more else []), *map(_line, more)]
     return "\n".join([*parts, "", "Each is there as .md, .tex and .csv; .csv is unrounded.", ""])
 
 
 def _line(table: Table) -> str:
-    return f"- [{table.name}]({place_of(table)}.md): {(PAPER | FURTHER).get(table.kind, table.caption)}"
-
-
-def _text(name: str) -> str:
-    return re.sub(r"([\\`*_\[\]<>])", r"\\\1", name)
+    question = (PAPER | FURTHER).get(table.kind, table.caption)
+    return f"- [{in_markdown(table.name)}]({quote(place_of(table))}.md): {in_markdown(question)}"
 
 
 def write_tables(

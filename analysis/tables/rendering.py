@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from analysis.rounding import shown
-from analysis.table import Table
-from tacevo.text import listed
+from analysis.table import Cell, Table
+from tacevo.text import in_markdown, listed, on_a_line
 from tacevo.text import table as markdown
 
 #: Characters of a row that fit one and two columns of a paper in LaTeX's \\footnotesize.
@@ -23,8 +23,6 @@ LONG = 40
 #: What the space between two columns takes, in characters.
 GAP = 2
 
-_MARKDOWN = str.maketrans({"\\": "\\\\", "|": "\\|", "*": "\\*", "`": "\\`", "\n": " "})
-
 _LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}",
@@ -34,7 +32,6 @@ _LATEX = str.maketrans(
         ">": "$>$",
         "|": "$|$",
         '"': "''",
-        "\n": " ",
         "\N{MINUS SIGN}": "$-$",
         "\N{EN DASH}": "--",
         "±": r"$\pm$",
@@ -83,10 +80,15 @@ def taking(table: Table, places: Sequence[int]) -> Table:
 
 def as_markdown(table: Table) -> str:
     """Write a table as GitHub's Markdown: caption, aligned columns, notes."""
-    header, *rows = ([_in_markdown(shown(cell)) for cell in line] for line in (table.columns, *table.rows))
+    header, *rows = ([_in_cell(cell) for cell in line] for line in (table.columns, *table.rows))
     right = [place for place, number in enumerate(numeric_columns(table)) if number]
     body = markdown(header, rows, right=right)
-    return "\n\n".join([f"**{_in_markdown(table.caption)}**", body, *map(_in_markdown, table.notes)]) + "\n"
+    return "\n\n".join([f"**{in_markdown(table.caption)}**", body, *map(in_markdown, table.notes)]) + "\n"
+
+
+def _in_cell(cell: Cell) -> str:
+    """Write a cell for Markdown; a number, such as `0.8 [0.6, 0.9]`, means nothing else there."""
+    return in_markdown(cell) if isinstance(cell, str) else shown(cell)
 
 
 def as_latex(table: Table, *, prefix: str = "") -> str:
@@ -106,13 +108,23 @@ def as_latex(table: Table, *, prefix: str = "") -> str:
     packages = ["booktabs", *(["array"] if any(column.how.startswith(">") for column in columns) else [])]
     head = [rf"% \usepackage{{{name}}}" for name in packages]
     head += [rf"\begin{{{floating}}}[htbp]", r"\centering", rf"\caption{{{in_latex(table.caption)}}}"]
-    label = rf"\label{{tab:{prefix}{table.name}}}"
+    label = rf"\label{{tab:{re.sub(r'[^A-Za-z0-9:/._-]', '-', prefix + table.name)}}}"
     return "\n".join([*head, label, r"\footnotesize", tabulars, *notes, rf"\end{{{floating}}}"]) + "\n"
 
 
 def as_csv(table: Table) -> str:
-    """Write a table as CSV (RFC 4180), unrounded: fractions as such, and an interval as three columns."""
-    return str(table.frame.to_csv(index=False, lineterminator="\r\n"))
+    """Write a table as CSV (RFC 4180), unrounded: fractions as such, and an interval as three columns.
+
+    A text that a spreadsheet would compute as a formula has `'` before it.
+    """
+    rows = tuple(tuple(_inert(cell) if isinstance(cell, str) else cell for cell in row) for row in table.rows)
+    safe = replace(table, columns=tuple(map(_inert, table.columns)), rows=rows)
+    return str(safe.frame.to_csv(index=False, lineterminator="\r\n"))
+
+
+def _inert(text: str) -> str:
+    """Keep a text from being a formula; a mark alone, such as `-` for nothing, is none."""
+    return f"'{text}" if re.match(r"\s*[=+@-].", text, re.DOTALL) else text
 
 
 def numeric_columns(table: Table) -> list[bool]:
@@ -121,8 +133,8 @@ def numeric_columns(table: Table) -> list[bool]:
 
 
 def in_latex(text: str) -> str:
-    """Escape text, so that LaTeX sets it and obeys none of it."""
-    return text.translate(_LATEX)
+    """Escape text, so that LaTeX sets it on one line and obeys none of it."""
+    return on_a_line(text).translate(_LATEX)
 
 
 #: All of a table.
@@ -222,7 +234,3 @@ def _tabular(columns: Sequence[_Column]) -> str:
 def _begun(line: str) -> str:
     r"""Keep the `\\` of the line before from taking a bracket or a star for its option."""
     return f"{{}}{line}" if line.startswith(("[", "*")) else line
-
-
-def _in_markdown(text: str) -> str:
-    return re.sub(r"<(?=[A-Za-z/!?])", r"\<", text.translate(_MARKDOWN))  # `<0.001` begins no tag

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tacevo.choices import Tracking
+from tacevo.errors import RunError
 from tacevo.export.contents import Exported
 from tacevo.redaction import check_address
 from tacevo.results.run import RecordedRun
@@ -40,8 +41,12 @@ class Registry:
         """Register an export; return in a line as what.
 
         Raises:
-            RunError: MLflow fails; the export stands.
+            RunError: MLflow fails, or ONNX cannot hold the network; the export stands.
         """
+        if model.onnx is None:
+            place, expected = f"the model {self._name}", "a model.onnx, which is what is registered"
+            remedy = f"{directory} is whole without it"
+            raise RunError(f"none: {model.without_onnx}", place=place, expected=expected, remedy=remedy)
         remedy = f"{directory} is whole; the same export into another -o registers it, from recorded trainings"
         with told(f"the model {self._name}", self._uri, remedy):
             from tacevo.tracking.models import register

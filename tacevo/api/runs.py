@@ -29,7 +29,7 @@ from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.results.summary import summarise
 from tacevo.runs.profiles import recall_profiles
-from tacevo.runs.progress import Progress
+from tacevo.runs.progress import SILENCE, Progress
 from tacevo.text import listed, nearest
 from tacevo.typed import convert
 
@@ -182,7 +182,8 @@ class Run:
         Raises:
             ConfigError: a setting is wrong, the directory exists, or packages are missing; or as `source`.
             DataError: the data set of the run is missing.
-            DivergenceError: with `retrained`, a training is not as recorded.
+            DivergenceError: with `retrained`, a training is not as recorded; or a study of it does not follow from the
+                stores.
             RunError: with `retrained`, one is not recorded; or the network cannot be trained or written so; or with
                 `register`, MLflow fails, before anything is trained or after the directory is whole.
         """
@@ -198,7 +199,7 @@ class Run:
             remedy = "give --register NAME, too"
             raise ConfigError(uri, place="--uri", expected="no address where nothing is registered", remedy=remedy)
         registry = None if register is None else Registry(self.recorded, register, uri)
-        with progress(quiet) as view:
+        with progress(quiet, silence=5.0) as view:
             bundle = self.place.digest
             model = write_export(
                 self.recorded, line, Path(directory), given, bundle=bundle, retrained=retrained, view=view
@@ -385,8 +386,8 @@ def _outcome(line: CandidateLine) -> str:
     return {"new": "new", "improved": "improved", "rejected": "not_kept"}[line.status.value]
 
 
-def progress(quiet: bool) -> Progress:
-    """Return what shows how far work is, on standard error, or nothing."""
+def progress(quiet: bool, silence: float = SILENCE) -> Progress:
+    """Return what shows how far work is, on standard error, or nothing; a log gets a line after so many seconds."""
     from rich.console import Console
 
-    return Progress(Console(quiet=True) if quiet else None)
+    return Progress(Console(quiet=True) if quiet else None, silence)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from string import Template
-from textwrap import fill
 
 import yaml
 from packaging.licenses import InvalidLicenseExpression, canonicalize_license_expression
@@ -19,7 +18,7 @@ from tacevo.errors import ConfigError
 from tacevo.results.run import RecordedRun
 from tacevo.storage.notes import HEADING
 from tacevo.storage.sweep_directory import Job, sweep_digest
-from tacevo.text import counted
+from tacevo.text import as_code, counted, in_markdown, on_a_line
 
 #: One licence that may stand in https://spdx.org/licenses, where no LicenseRef- does.
 _SPDX = re.compile(r"(?!LicenseRef-)[A-Za-z0-9][A-Za-z0-9.+-]*")
@@ -154,15 +153,18 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
     record, config = run.record, run.config
     train, validation, test = record.data.counts
     template = Template((Path(__file__).parent / "readme.template.md").read_text(encoding="utf-8"))
+    versions, machine = (
+        {name: in_markdown(str(value)) for name, value in of.items()} for of in (record.versions, record.machine)
+    )
     values = {
-        **record.versions,
-        **record.machine,
-        "title": subject.title,
-        "description": replace(subject, note=()).description,
-        "note": "\n\n".join(["", HEADING, *subject.note]) if subject.note else "",
+        **versions,
+        **machine,
+        "title": in_markdown(subject.title),
+        "description": in_markdown(replace(subject, note=()).description),
+        "note": "\n\n".join(["", HEADING, *map(in_markdown, subject.note)]) if subject.note else "",
         "which": "every" if is_sweep else "the",
         "digests": "\n".join(_digests(subject)),
-        "fingerprint": record.data.fingerprint,
+        "fingerprint": in_markdown(record.data.fingerprint),
         "train": train,
         "validation": validation,
         "test": test,
@@ -175,8 +177,7 @@ def readme(subject: Subject, *, has_lock: bool) -> str:
         "lock": "requirements.lock pins every package." if has_lock else "No lock file of these versions was at hand.",
         "contents": _OF_SWEEP if is_sweep else _OF_RUN,
     }
-    text = template.substitute(values)
-    return "\n\n".join(fill(part, 110) if part[0].isalnum() else part for part in text.split("\n\n"))
+    return template.substitute(values)
 
 
 _OF_RUN = """\
@@ -192,11 +193,11 @@ _OF_SWEEP = """\
 
 def _digests(subject: Subject) -> list[str]:
     """List the digests of ledgers and studies, and of a sweep as a whole."""
-    names = [f"run of job `{job.name}`" for job in subject.jobs] or ["ledger"]
+    names = [f"run of job {as_code(job.name)}" for job in subject.jobs] or ["ledger"]
     lines = [f"- sweep `{subject.digest}`"] if subject.jobs else []
     for name, run, studies in zip(names, subject.runs, subject.studies, strict=True):
         lines.append(f"- {name} `{run.ledger.digest}`")
-        lines += [f"- study `{study}`, digest `{digest}`" for study, digest in sorted(studies.items())]
+        lines += [f"- study {as_code(study)}, digest {as_code(digest)}" for study, digest in sorted(studies.items())]
     return lines
 
 
@@ -210,14 +211,16 @@ def _origin(run: RecordedRun, folder: str) -> str:
         settings = [f"task={run.record.task.name}", *given]
         return (
             "They are made, equal in every byte, when they are needed; as files by\n\n"
-            f"    tacevo data simulate {shlex.join(settings)} out=DIR"
+            f"    tacevo data simulate {on_a_line(shlex.join(settings))} out=DIR"
         )
     if data.source is DataSource.table:
         return (
-            f"None are needed: evaluations were looked up in a table. To retrain, lay it as `{data.root}` (data.root)."
+            f"None are needed: evaluations were looked up in a table. To retrain, lay it as {as_code(str(data.root))} "
+            "(data.root)."
         )
     return (
-        f"They are not part of this bundle: ask those who recorded them. To retrain, lay them as `{data.root}` "
+        "They are not part of this bundle: ask those who recorded them. To retrain, lay them as "
+        f"{as_code(str(data.root))} "
         "(data.root) into the working directory; tacevo refuses any with another fingerprint. "
         f"{folder}/run.json says in `config.data` how they are read."
     )

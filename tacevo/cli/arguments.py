@@ -283,7 +283,7 @@ def add_export(parser: Parser) -> None:
     """Describe `tacevo export`."""
     parser.description = (
         "Train a candidate again in the sandbox, and write it as a directory that needs no tacevo: the class, its "
-        "weights, ONNX, torch.export, a model card. Needs `pip install -e '.[export]'`."
+        "weights, ONNX where it can hold the network, a model card. Needs `pip install -e '.[export]'`."
     )
     parser.add_argument("run", metavar="RUN", type=named, help=RUN)
     parser.add_argument("candidate", metavar="CANDIDATE", help="its id, e.g. g02s03")

@@ -29,7 +29,7 @@ from tacevo.storage.run_directory import RunDirectory, RunRecord
 from tacevo.storage.sweep_directory import UNSTATED, SweepDirectory
 from tacevo.sweeps.status import describe_jobs, status_of
 from tacevo.sweeps.terms import describe_terms
-from tacevo.text import printable, table
+from tacevo.text import in_markdown, printable, table
 
 
 def run_show(options: argparse.Namespace) -> int:
@@ -115,7 +115,7 @@ def _studied(run: RecordedRun) -> str:
     if not studies_of(run.path):
         return ""
     studies = read_studies(run)
-    parts = [f"## {name}\n\n{as_markdown(table)}" for name, table in outcomes(run, studies).items()]
+    parts = [f"## {in_markdown(name)}\n\n{as_markdown(table)}" for name, table in outcomes(run, studies).items()]
     return "".join(
         f"{part}\n" for part in [*parts, *(f"left out: {why}\n" for why in studies.left_out + studies.remarks)]
     )

@@ -25,7 +25,7 @@ from tacevo.api.sweeps import Sweep
 from tacevo.cli.common import DIFFERENT, DONE, existing_store, output_directory, places_of
 from tacevo.errors import ConfigError
 from tacevo.runs.progress import Progress
-from tacevo.text import nearest, printable
+from tacevo.text import in_markdown, nearest, printable
 
 _INDEXED = "index.md says which question each answers"
 
@@ -67,7 +67,7 @@ def _write(
         _check_columns(show, tables)
         write_tables(tables, directory, prefix=prefix, show=show)
     say(remarks)
-    print(f"# {one.name}\n")
+    print(f"# {in_markdown(one.name)}\n")
     _print(tables, show, latex, prefix)
     say([*missing, *left_of_studies(directory, set(map(place_of, tables)), WRITERS)])
     print(f"tables: {directory} ({_INDEXED})")

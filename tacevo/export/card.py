@@ -1,6 +1,7 @@
 """The model card of an exported network, README.md as Hugging Face reads it; pure."""
 
 import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,10 +12,11 @@ import yaml
 from tacevo.choices import DataSource
 from tacevo.data.labels import plain_name
 from tacevo.environment import machine, versions
-from tacevo.export.contents import RUNTIMES, Exported, spread_of
-from tacevo.export.conversion import BOUND, OPSET
+from tacevo.export.contents import Exported, spread_of
+from tacevo.export.conversion import BOUND, Converted
+from tacevo.export.onnx_file import INPUT, OPSET
 from tacevo.export.trainings import Like, Trained
-from tacevo.text import counted, listed, printable
+from tacevo.text import as_code, counted, in_markdown, listed, printable
 
 #: As `tacevo.data.sources.image_files` does it; the second where files have more than 8 bits, or a white point is set.
 _TO_RGB = 'image = image.convert("RGB")'
@@ -24,6 +26,19 @@ white = config["input"]["white_point"] or (255 if values.dtype == np.uint8 else 
 values = np.floor(values.astype(float) * 255 / white + 0.5)  # the white point becomes 255
 image = Image.fromarray(values.clip(0, 255).astype(np.uint8)).convert("RGB")"""
 
+_PIXELS = """\
+image = ImageOps.exif_transpose(Image.open("image.png"))
+{to_rgb}
+image = image.resize((config["input"]["size"],) * 2, Image.Resampling.BILINEAR)
+pixels = np.asarray(image, np.float32).transpose(2, 0, 1)[None]  # 1 x 3 x size x size, 0 to 255"""
+
+#: From what the networks give to what `model.onnx` gives.
+_FINISH_VALUES = """\
+scale, offset = (torch.tensor(config["outputs"][name]) for name in ("scale", "offset"))
+output = (torch.stack(outputs).mean(dim=0) * scale + offset).numpy()"""
+
+_FINISH_CLASS = "output = torch.softmax(torch.stack(outputs), dim=1).mean(dim=0).numpy()"
+
 _SHOW_VALUES = """\
 for name, unit, value in zip(config["outputs"]["names"], config["outputs"]["units"], output):
     print(f"{name} {value:.4g} {unit}")"""
@@ -32,16 +47,32 @@ _SHOW_CLASS = 'print(config["outputs"]["names"][output.argmax()], f"{output.max(
 
 
 def card(model: Exported) -> str:
-    """Write the card from its template, `card.template.md`."""
-    template = Template((Path(__file__).parent / "card.template.md").read_text(encoding="utf-8"))
+    """Write the card from its templates, `card.template.md` and what stands in it of an ONNX file.
+
+    Whatever a stranger may have written goes through `in_markdown` or `as_code` here.
+    """
     facts = _facts(model) | _tested(model) | _trained(model)
-    body = template.substitute(facts, head=_head(model), **_tables(model), **_examples(model))
+    examples = _examples(model)
+    body = _template("card").substitute(
+        facts,
+        head=_head(model),
+        **examples,
+        onnx=_onnx(model, examples),
+        metrics=_metrics(model),
+        latency=_latency(model.onnx),
+    )
     return printable(re.sub(r" +$", "", body, flags=re.MULTILINE))
 
 
-def _plain(text: str) -> str:
-    """Return a text as one line that begins no HTML, link, cell or code of Markdown."""
-    return re.sub(r"([<|\[])", r"\\\1", " ".join(text.replace("`", "'").split()))
+def _template(name: str) -> Template:
+    return Template((Path(__file__).parent / f"{name}.template.md").read_text(encoding="utf-8"))
+
+
+def _onnx(model: Exported, examples: dict[str, str]) -> str:
+    """Say how the ONNX file is used, or why there is none."""
+    if model.onnx is None:
+        return f"There is no `model.onnx`: {in_markdown(model.without_onnx)}."
+    return _template("card_onnx").substitute(examples, input=INPUT, opset=OPSET).rstrip()
 
 
 def _shown(model: Exported) -> dict[str, str]:
@@ -79,10 +110,11 @@ def _facts(model: Exported) -> dict[str, object]:
     """Return what the run, the data and the contract say."""
     run, facts, source = model.run, model.data.facts, model.plan.config.data.source
     train, validation, tests = facts.counts
-    units = list(map(_plain, model.units)) or [""] * facts.outputs
-    names = [_plain(plain_name(name, unit)) for name, unit in zip(facts.names, units, strict=True)]
+    units = list(model.units) or [""] * facts.outputs
+    names = [in_markdown(plain_name(name, unit)) for name, unit in zip(facts.names, units, strict=True)]
     if model.is_regression:
-        told = listed([f"{name} ({unit or 'unit not recorded'})" for name, unit in zip(names, units, strict=True)])
+        of_names = [in_markdown(unit) or "unit not recorded" for unit in units]
+        told = listed([f"{name} ({unit})" for name, unit in zip(names, of_names, strict=True)])
         purpose, output = f"reads {told} from an image", f"{told}, as recorded"
         given, unsure = "values that scale and offset turn into these", "does not say how sure it is"
         scales = (
@@ -93,28 +125,28 @@ def _facts(model: Exported) -> dict[str, object]:
         output, scales = f"the probability of each class: {listed(names)}", ""
         given, unsure = "logits", "its probabilities were not calibrated"
     return {
-        "licence": model.settings.licence,
-        "name": _plain(_name(model)),
+        "licence": in_markdown(model.settings.licence),
+        "name": in_markdown(_name(model)),
         "purpose": purpose,
-        "candidate": model.line.id,
-        "run": _plain(run.name),
+        "candidate": as_code(model.line.id),
+        "run": in_markdown(run.name),
         "size": facts.image_size,
         "outputs": facts.outputs,
         "output": output,
         "given": given,
         "unsure": unsure,
         "scales": scales,
-        "author": "people wrote it" if model.line.request is None else f"{_plain(run.model)} wrote it",
+        "author": "people wrote it" if model.line.request is None else f"{in_markdown(run.model)} wrote it",
         "recorded": _recorded(model),
         "source": f"data={source.value}",
         "train": train,
         "validation": validation,
         "tests": tests,
-        "fingerprint": facts.fingerprint,
+        "fingerprint": as_code(facts.fingerprint),
         "sensor": "of a simulated sensor, not of a real one" if source is DataSource.simulated else "recorded",
         "digest": run.digest,
         "bundle": f"bundle `{model.bundle}`" if model.bundle else "not from a bundle",
-        "source_sha256": model.line.source,
+        "source_sha256": as_code(str(model.line.source)),
         "rules": listed([f"{part} {number}" for part, number in asdict(run.rules).items()]),
         "version": versions()["tacevo"],
     }
@@ -133,27 +165,35 @@ def _examples(model: Exported) -> dict[str, str]:
     """Return what the programs that read one image have of this network."""
     is_wide = model.plan.config.data.white_point is not None or max(model.catalogue.depths, default=8) > 8
     return {
-        "to_rgb": _TO_RGB_OF_WIDE if is_wide else _TO_RGB,
+        "pixels": _PIXELS.format(to_rgb=_TO_RGB_OF_WIDE if is_wide else _TO_RGB),
+        "finish": _FINISH_VALUES if model.is_regression else _FINISH_CLASS,
         "show": _SHOW_VALUES if model.is_regression else _SHOW_CLASS,
         "class_name": model.contract.class_name,
     }
 
 
-def _tables(model: Exported) -> dict[str, str]:
-    """Return the rows of metrics and of times."""
-    times = [model.files[form].milliseconds for form in RUNTIMES]
+def _metrics(model: Exported) -> str:
+    """Return the rows of the test metrics."""
     rows = []
     for name, unit in _shown(model).items():
         value, low, high = model.metrics[name]
-        rows.append(f"| {_plain(name)} | {value:.4g}{unit and f' {_plain(unit)}'} | {low:.4g} to {high:.4g} |")
-    return {
-        "metrics": "\n".join(rows),
-        "runtimes": " | ".join(f"{runtime} (model.{form})" for form, runtime in RUNTIMES.items()),
-        "latency": "\n".join(
-            f"| {size} | {' | '.join(_quartiles(each[size], 3) for each in times)} |" for size in times[0]
-        ),
-        "passes": str(min(len(passes) for each in times for passes in each.values())),
-    }
+        shown = f"{value:.4g} {in_markdown(unit)}".rstrip()
+        rows.append(f"| {in_markdown(name)} | {shown} | {low:.4g} to {high:.4g} |")
+    return "\n".join(rows)
+
+
+def _latency(onnx: Converted | None) -> str:
+    """Return the table of times of an ONNX file; nothing without one."""
+    if onnx is None:
+        return ""
+    times = onnx.milliseconds
+    rows = [f"| {size} | {_quartiles(passes, 3)} |" for size, passes in times.items()]
+    passes = min(map(len, times.values()))
+    said = (
+        f"Milliseconds with one thread on {in_markdown(str(machine()['cpu']))}, as median (quartiles) of {passes} "
+        "passes; other work on the machine counts, too:"
+    )
+    return "\n".join(["", said, "", "| images at once | onnxruntime (model.onnx) |", "|---|---|", *rows])
 
 
 def _quartiles(values: Sequence[float], digits: int) -> str:
@@ -163,33 +203,40 @@ def _quartiles(values: Sequence[float], digits: int) -> str:
 
 
 def _tested(model: Exported) -> dict[str, object]:
-    """Return differences, and what was tested on which machine."""
-    count = len(model.trained)
+    """Return differences, and what was tested."""
+    count, built = len(model.trained), model.built
+    assert built is not None  # it was tried
+    differences = [f"{built.difference:.1g} (the class)"]
+    differences += [] if model.onnx is None else [f"{model.onnx.difference:.1g} (model.onnx)"]
     return {
-        "differences": listed([f"{made.difference:.1g} (model.{form})" for form, made in model.files.items()]),
+        "differences": listed(differences),
         "bound": f"{BOUND:g}",
-        "opset": str(OPSET),
         "tested": "one training" if count == 1 else f"an ensemble of {count} trainings",
         "study": _studied(model),
-        "cpu": machine()["cpu"],
     }
 
 
 def _studied(model: Exported) -> str:
-    """Say what the study of this network found with all of its seeds."""
+    """Say what the study of this network found with all of its seeds, if that can be computed again."""
+    differ = any(one.was_recorded and one.differing for one in model.trained)
+    if why := model.plan.uncited or ("the trainings above did not go as it recorded them" if differ else ""):
+        return f"What the run's study found is not cited, because it could not be checked: {in_markdown(why)}."
     if len(model.plan.scores) < 2:
         return "No study of the run trained this network so with several seeds: another seed may give other figures."
     told = []
     for name in ("mse", "r2") if model.is_regression else ("accuracy", "macro_f1"):
         told.append(f"{name} {_quartiles([score.metrics[name] for score in model.plan.scores], 4)}")
-    return f"Over {len(model.plan.scores)} seeds the run's study found, as median and quartiles: {listed(told)}."
+    return (
+        f"Over {len(model.plan.scores)} seeds the run's study found, as median and quartiles: {listed(told)}. This was "
+        "computed again from its recorded test predictions; trained again were only the seeds named above."
+    )
 
 
 def _trained(model: Exported) -> dict[str, object]:
     """Return how it was trained, and whether it went as recorded."""
     plan, training, trained = model.plan, model.plan.config.training, model.trained
     like = "the run's study" if plan.study is not None else f"a {plan.like.value} of TacEvo"
-    settings = asdict(model.settings) | {"epochs": training.epochs}
+    given = [f"{name}={value}" for name, value in (asdict(model.settings) | {"epochs": training.epochs}).items()]
     which = "last" if plan.like is Like.search else "best validation"
     return {
         "like": like,
@@ -200,7 +247,7 @@ def _trained(model: Exported) -> dict[str, object]:
         "seeds": listed([str(one.seed) for one in trained]),
         "numerics": f"{model.numerics.value}, {training.device.value}",
         "agreement": agreement(model),
-        "command": " ".join(f"{name}={value}" for name, value in settings.items()),
+        "command": as_code(f"tacevo export RUN {shlex.quote(model.line.id)} -o DIR {' '.join(given)}"),
     }
 
 
@@ -219,7 +266,7 @@ def agreement(model: Exported) -> str:
     if rest := [one for one in others if one.differing is None]:
         told.append(_counted(rest, model, "not recorded before, so there is nothing to compare with"))
     is_other = any(one.differing for one in model.trained)
-    return "; ".join([*told, *(model.doubts if is_other else ())])
+    return "; ".join([*told, *(map(in_markdown, model.doubts) if is_other else ())])
 
 
 def _differing(trained: Sequence[Trained], what: str) -> str:

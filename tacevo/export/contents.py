@@ -1,7 +1,7 @@
 """What the files of an exported network say: its outputs, its metrics, and what config.json and others hold."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from statistics import quantiles
@@ -15,20 +15,19 @@ from tacevo.data.labels import units_of
 from tacevo.data.source import Catalogue
 from tacevo.environment import checked_out, machine, versions
 from tacevo.evolution.lines import CandidateLine
-from tacevo.export.conversion import BOUND, OPSET, Converted
+from tacevo.export.conversion import BOUND, Built, Converted
+from tacevo.export.onnx_file import INPUT, OPSET, OUTPUT
 from tacevo.export.trainings import ExportSettings, Trained, TrainingPlan
 from tacevo.randomness import stream
 from tacevo.records import Contract, Json, Kind, to_json, written
 from tacevo.results.run import RecordedRun
 from tacevo.runs.wiring import recipe_of
+from tacevo.text import printable
 from tacevo.training.full import score
 from tacevo.training.weights import Weights, weights_digest
 
 #: Of `tacevo[export]`.
 PACKAGES = ("onnx", "onnxruntime", "onnxscript", "safetensors")
-
-#: What the two forms are timed with.
-RUNTIMES = {"onnx": "onnxruntime", "pt2": "torch"}
 
 #: Resamples of the test images for an interval, and the level of it.
 _RESAMPLES, _LEVEL = 1000, 0.95
@@ -51,8 +50,12 @@ class Exported:
     catalogue: Catalogue
     #: Digest of its bundle, if it is in one.
     bundle: str | None
-    #: By form; filled as they are made.
-    files: dict[str, Converted] = field(default_factory=dict)
+    #: What its class was found to say; None as long as it was not tried.
+    built: Built | None = None
+    #: None where ONNX cannot hold it, or as long as it was not tried.
+    onnx: Converted | None = None
+    #: Why there is no ONNX file; empty where there is one.
+    without_onnx: str = ""
 
     @property
     def contract(self) -> Contract:
@@ -123,12 +126,14 @@ class Exported:
 
 def config_of(model: Exported) -> dict[str, Json]:
     """Return all that a program needs to use the files, and to make their input as `tacevo.data` does."""
-    data, contract, onnx = model.data, model.contract, model.files["onnx"]
+    data, contract, built, onnx = model.data, model.contract, model.built, model.onnx
+    assert built is not None  # it was tried
     catalogue, white = model.catalogue, model.plan.config.data.white_point
-    arguments = {name: contract.offered[name] for name in onnx.arguments}
-    outputs: dict[str, Json] = {"kind": contract.kind.value, "names": list(data.facts.names)}
+    arguments = {name: contract.offered[name] for name in built.arguments}
+    outputs: dict[str, Json] = {"kind": contract.kind.value, "names": [*map(printable, data.facts.names)]}
     if model.is_regression:
-        outputs |= {"units": list(model.units), "scale": list(data.scale), "offset": list(data.offset)}
+        outputs |= {"units": [*map(printable, model.units)], "scale": list(data.scale), "offset": list(data.offset)}
+    differences = {"class": built.difference} | ({} if onnx is None else {"onnx": onnx.difference})
     return {
         "class": contract.class_name,
         "arguments": arguments,
@@ -147,24 +152,21 @@ def config_of(model: Exported) -> dict[str, Json]:
             "deviation": list(data.deviation),
         },
         "outputs": outputs,
-        "onnx": {"opset": OPSET, "input": "images", "output": "outputs"},
-        "largest_difference": {form: converted.difference for form, converted in model.files.items()},
+        "onnx": None if onnx is None else {"opset": OPSET, "input": INPUT, "output": OUTPUT},
+        "largest_difference": differences,
         "largest_difference_allowed": BOUND,
         "contract": to_json(contract),
     }
 
 
-def latency_of(model: Exported) -> dict[str, Json]:
-    """Return how long a pass takes on this machine, with one thread."""
-    times = {RUNTIMES[form]: made.milliseconds for form, made in model.files.items()}
+def latency_of(model: Exported, onnx: Converted) -> dict[str, Json]:
+    """Return how long a pass of the ONNX file takes on this machine, with one thread."""
     return {
         "machine": machine(),
-        "versions": {name: version(name) for name in RUNTIMES.values()},
+        "versions": {"onnxruntime": version("onnxruntime")},
         "threads": 1,
         "numerics": model.numerics.value,
-        "milliseconds": {
-            runtime: {size: spread_of(passes) for size, passes in by_size.items()} for runtime, by_size in times.items()
-        },
+        "milliseconds": {"onnxruntime": {size: spread_of(passes) for size, passes in onnx.milliseconds.items()}},
     }
 
 

@@ -1,13 +1,14 @@
-"""Makes and tries the files of a network, inside the sandbox: the entries `convert` and `check`, and `equip`.
+"""Makes and tries the files of a network, inside the sandbox: the entries `predict`, `convert`, `check`, and `equip`.
 
-`convert` runs the candidate's class. `check` does not: it gets a finished file and runs that, so the one that made it
-cannot speak for it. What libraries read of files when they are first used, they read before a process is confined.
+`predict` and `convert` run the candidate's class. `check` does not: it gets a finished file and runs that, so the one
+that made it cannot speak for it. What libraries read of files when they are first used, they read before a process is
+confined.
 """
 
 import functools
 import gc
 import importlib
-import io
+import sys
 import timeit
 from collections.abc import Callable
 from typing import Any
@@ -18,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from tacevo.export.inert import parts
+from tacevo.export.onnx_file import INPUT, OPSET, OUTPUT
 from tacevo.records import Contract, Kind
 from tacevo.sandbox.candidate import build
 from tacevo.sandbox.child import Arrays, Send
@@ -33,6 +34,11 @@ _BATCH = 32
 
 #: How often a batch is timed, after as many passes that are not as are a tenth of it.
 _REPEATS = 40
+
+# Torch looks for these for every model, and does without them; a candidate's process would have to run again below a
+# zygote that has imported more, which takes as long as all else.
+for _absent in ("torchvision", "tabulate"):
+    sys.modules[_absent] = None  # type: ignore[assignment]  # an import of it fails at once
 
 # It reads the sources of its own functions for every model, and no candidate's process can.
 onnxscript_sources.get_src_and_ast = functools.cache(onnxscript_sources.get_src_and_ast)
@@ -67,22 +73,68 @@ class _Whole(nn.Module):
 
 def equip(header: Header, payload: bytes, arrays: Arrays) -> Arrays:
     """Import onnxruntime where a file of it is checked: it starts a thread, and a zygote may have only one."""
-    if header.get("check") == "onnx":
+    if header.get("runs_onnx"):
         importlib.import_module("onnxruntime")
     return arrays
 
 
-def convert(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
-    """Write networks with their weights as one file; send it, with the arguments that the constructor took.
+def predict(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Build networks with their weights, and run them on images of the data set.
 
     Args:
-        header: `format`, `onnx` or `pt2`; `opset`, of the ONNX operators; `source`; `contract`; `weights`, for each
-            network a list of name, type as torch names it, and shape; `mean` and `deviation` per channel, in units of
-            the stored values; `scale` and `offset` per output, empty for classification.
+        header: as of `convert`; and `rows`, the number of images that are predicted.
+        payload: int64 rows of these images, then the bytes of all weights.
+        arrays: `images`, uint8 of shape (N, C, S, S).
+        send: takes `{"arguments": [...]}`, those that the constructor took, and the outputs, float32 of shape
+            (rows, K).
+    """
+    rows = np.frombuffer(payload, np.int64, header["rows"])
+    whole, arguments = _build(header, payload[rows.nbytes :])
+
+    def run(images: NDArray[np.float32]) -> NDArray[Any]:
+        with torch.no_grad():
+            return np.asarray(whole(torch.from_numpy(images)))
+
+    send({"arguments": arguments}, _predicted(run, arrays, rows).tobytes())
+    return whole
+
+
+def convert(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Write networks with their weights as one ONNX file; send it.
+
+    Args:
+        header: `source`; `contract`; `weights`, for each network a list of name, type as torch names it, and shape;
+            `mean` and `deviation` per channel, in units of the stored values; `scale` and `offset` per output, empty
+            for classification.
         payload: the bytes of all weights.
         arrays: not used.
-        send: takes `{"arguments": [...]}` and the file.
+        send: takes `{}` and the file.
     """
+    whole, _ = _build(header, payload)
+    send({}, _write(whole, Contract.from_json(header["contract"])))
+    return whole
+
+
+def check(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
+    """Run an ONNX file on images of the data set, then time it.
+
+    Args:
+        header: `rows`, the number of images that are predicted; `runs_onnx`.
+        payload: int64 rows of these images, then the file.
+        arrays: `images`, uint8 of shape (N, C, S, S).
+        send: takes `{"milliseconds": {"1": [...], "32": [...]}}`, by the number of images at once, and the outputs,
+            float32 of shape (rows, K).
+    """
+    rows = np.frombuffer(payload, np.int64, header["rows"])
+    model = _onnx(payload[rows.nbytes :])
+    outputs = _predicted(model, arrays, rows)
+    timed = {str(size): _times(model, _pixels(arrays, np.resize(rows, size))) for size in (1, _BATCH)}
+    send({"milliseconds": timed}, outputs.tobytes())
+    return model
+
+
+def _build(header: Header, payload: bytes) -> tuple[nn.Module, list[str]]:
+    """Build the whole model of a header, in evaluation; return it with the arguments that the constructor took."""
     contract = Contract.from_json(header["contract"])
     networks: list[nn.Module] = []
     at = 0
@@ -91,27 +143,7 @@ def convert(header: Header, payload: bytes, arrays: Arrays, send: Send) -> objec
         at = _load(networks[-1], described, payload, at)
     whole = _Whole(networks, header)
     switch(whole, training=False)
-    arguments = contract.arguments(type(networks[0]))
-    send({"arguments": list(arguments)}, _write(whole, contract, header["format"], header["opset"]))
-    return whole
-
-
-def check(header: Header, payload: bytes, arrays: Arrays, send: Send) -> object:
-    """Run a file on images of the data set, then time it.
-
-    Args:
-        header: `check`, `onnx` or `pt2`; `rows`, the number of images that are predicted.
-        payload: int64 rows of these images, then the file.
-        arrays: `images`, uint8 of shape (N, C, S, S).
-        send: takes `{"milliseconds": {"1": [...], "32": [...]}}`, by the number of images at once, and the outputs,
-            float32 of shape (rows, K).
-    """
-    rows = np.frombuffer(payload, np.int64, header["rows"])
-    model = (_onnx if header["check"] == "onnx" else _pt2)(payload[rows.nbytes :])
-    parts = [model(_pixels(arrays, rows[i : i + _BATCH])) for i in range(0, len(rows), _BATCH)]
-    timed = {str(size): _times(model, _pixels(arrays, np.resize(rows, size))) for size in (1, _BATCH)}
-    send({"milliseconds": timed}, np.concatenate(parts).astype(np.float32).tobytes())
-    return model
+    return whole, list(contract.arguments(type(networks[0])))
 
 
 def _load(network: nn.Module, described: list[Any], payload: bytes, at: int) -> int:
@@ -133,34 +165,22 @@ def _load(network: nn.Module, described: list[Any], payload: bytes, at: int) -> 
     return at
 
 
-def _write(whole: nn.Module, contract: Contract, form: str, opset: int) -> bytes:
-    """Export a model for any number of images."""
+def _write(whole: nn.Module, contract: Contract) -> bytes:
+    """Write a model for any number of images as ONNX."""
     size = contract.image_size
     images = torch.zeros(2, contract.in_channels, size, size)
     program = torch.export.export(whole, (images,), dynamic_shapes=({0: torch.export.Dim("batch")},))
-    graphs = [module.graph for module in program.graph_module.modules() if isinstance(module, torch.fx.GraphModule)]
-    for node in (node for graph in graphs for node in graph.nodes):
-        node.meta.pop("stack_trace", None)  # it names directories of this machine
-    if form == "pt2":
-        program._example_inputs = None  # they would be pickled
-        file = io.BytesIO()
-        torch.export.save(program, file)
-        return file.getvalue()
     program = program.run_decompositions({torch.ops.aten.adaptive_max_pool2d.default: _adaptive_max_pool2d})
     try:
         made: Any = torch.onnx.export(
-            program, dynamo=True, opset_version=opset, input_names=["images"], output_names=["outputs"], verbose=False
+            program, dynamo=True, opset_version=OPSET, input_names=[INPUT], output_names=[OUTPUT], verbose=False
         )
     except torch.onnx.errors.OnnxExporterError as error:
         cause: BaseException = error
         while cause.__cause__ is not None:  # the first names the operator, the last gives advice for torch's authors
             cause = cause.__cause__
         raise ValueError(str(cause)) from None
-    model = made.model_proto
-    for part in list(parts(model)):
-        for name in {"metadata_props", "doc_string"}.intersection(part.DESCRIPTOR.fields_by_name):
-            part.ClearField(name)
-    data: bytes = model.SerializeToString(deterministic=True)
+    data: bytes = made.model_proto.SerializeToString(deterministic=True)
     return data
 
 
@@ -178,17 +198,15 @@ def _onnx(file: bytes) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
     options = runtime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = runtime.InferenceSession(file, options, providers=["CPUExecutionProvider"])
-    return lambda images: session.run(None, {"images": images})[0]
+    return lambda images: session.run(None, {INPUT: images})[0]
 
 
-def _pt2(file: bytes) -> Callable[[NDArray[np.float32]], NDArray[Any]]:
-    model = torch.export.load(io.BytesIO(file)).module()
-
-    def run(images: NDArray[np.float32]) -> NDArray[Any]:
-        with torch.no_grad():
-            return np.asarray(model(torch.from_numpy(images)))
-
-    return run
+def _predicted(
+    model: Callable[[NDArray[np.float32]], NDArray[Any]], arrays: Arrays, rows: NDArray[np.int64]
+) -> NDArray[np.float32]:
+    """Run a model on images, some at once."""
+    parts = [model(_pixels(arrays, rows[i : i + _BATCH])) for i in range(0, len(rows), _BATCH)]
+    return np.concatenate(parts).astype(np.float32)
 
 
 def _pixels(arrays: Arrays, rows: NDArray[np.int64]) -> NDArray[np.float32]:
@@ -203,15 +221,14 @@ def _times(model: Callable[[NDArray[np.float32]], NDArray[Any]], images: NDArray
 
 
 def _warm_up() -> None:
-    """Export a small network in both forms, and run one: much is imported or read only then."""
+    """Export a small network: much is imported or read only then."""
     network = nn.Sequential(nn.Conv2d(3, 4, 3), nn.BatchNorm2d(4), nn.ReLU(), nn.AdaptiveMaxPool2d(4))
     network.extend([nn.Flatten(), nn.Linear(64, 2)])
     kind = {"kind": Kind.classification.value}
     whole = _Whole([network], {"contract": kind, "mean": [0.0] * 3, "deviation": [1.0] * 3, "scale": [], "offset": []})
     switch(whole, training=False)
     contract: Any = type("Small", (), {"in_channels": 3, "image_size": 8})
-    _write(whole, contract, "onnx", 18)
-    _pt2(_write(whole, contract, "pt2", 18))(np.zeros((3, 3, 8, 8), np.float32))
+    _write(whole, contract)
 
 
 _warm_up()

@@ -3,8 +3,10 @@
 What it promises: this process never runs the class; the directory is whole or absent; no weight is pickled.
 """
 
+import keyword
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,18 +17,22 @@ from tacevo.errors import ConfigError, RunError
 from tacevo.evolution.lines import CandidateLine
 from tacevo.export.card import card
 from tacevo.export.contents import PACKAGES, Exported, config_of, latency_of, run_of
-from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, convert
+from tacevo.export.conversion import ENTRIES, EQUIP, Networks, check_class, convert
 from tacevo.export.trainings import ExportSettings, design, train
 from tacevo.gate.imports import with_imports
 from tacevo.results.run import RecordedRun
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import check_means
-from tacevo.sandbox.client import Sandbox
+from tacevo.sandbox.client import RunJob, Sandbox
 from tacevo.sandbox.protocol import CHILD
 from tacevo.storage.canonical import readable
 from tacevo.text import listed
 from tacevo.training.numerics import environment
+from tacevo.training.weights import Weights
+
+#: What safetensors keeps notes under.
+_METADATA = "__metadata__"
 
 #: Bytes of all weights of an ensemble; twice as many may come as a file.
 LARGEST = 512 * 2**20
@@ -50,14 +56,16 @@ def export(
     Raises:
         ConfigError: the target exists; or packages of the extra are missing; or this machine cannot train so.
         DataError: the data set is missing, or is another one.
-        DivergenceError: with `retrained`, a training is not as recorded.
+        DivergenceError: with `retrained`, a training is not as recorded; or a study of it does not follow from the
+            stores.
         RunError: with `retrained`, one is not recorded; or the source was edited, the network is too large, does not
-            train to the end, or cannot be written in these forms.
+            train to the end, or says something else with its weights alone. What ONNX cannot hold is no error.
         SandboxError: the sandbox is broken.
     """
     _check_packages()
     _check_absent(target)
     _check_size(line, settings.seeds)
+    _check_class(run)
     plan = design(run, line, settings)
     check_means(plan.config)
     source = run.directory.read_source(line.id, str(line.source))
@@ -83,13 +91,26 @@ def export(
         equip=EQUIP,
         answer_bytes=2 * LARGEST,
     ) as sandbox:
-        for form in FORMS:
-            view.say(f"model.{form}: checking {len(data.test)} test images")
-            model.files[form] = convert(
-                sandbox, form, source, data=data, contract=model.contract, weights=model.weights, expected=model.outputs
-            )
+        model = _checked(sandbox.run, model, source, view)
     _write(target, _contents(model, with_imports(source)))
     return model
+
+
+def _checked(run: RunJob, model: Exported, source: str, view: Progress) -> Exported:
+    """Try the class with its weights, and the ONNX file if there can be one; return what was found."""
+    networks = Networks(
+        source=source, contract=model.contract, data=model.data, weights=model.weights, expected=model.outputs
+    )
+    images = f"{len(model.data.test)} test images"
+    view.say(f"model.py with its weights: checking {images}")
+    model = replace(model, built=check_class(run, networks))
+    view.say(f"model.onnx: writing it, and checking {images}")
+    try:
+        return replace(model, onnx=convert(run, networks))
+    except RunError as error:  # the class with its weights is there all the same
+        why = f"expected {error.expected}; got {error.got}"
+        view.say(f"no model.onnx: {why}")
+        return replace(model, without_onnx=why)
 
 
 def _contents(model: Exported, source: str) -> dict[str, bytes]:
@@ -97,14 +118,37 @@ def _contents(model: Exported, source: str) -> dict[str, bytes]:
     texts = {
         "model.py": source,
         "config.json": readable(config_of(model)),
-        "latency.json": readable(latency_of(model)),
         "run.json": readable(run_of(model)),
         "README.md": card(model),
     }
-    as_safetensors = import_module("safetensors.numpy").save  # of the extra
-    weights = {name: as_safetensors(dict(one)) for name, one in zip(model.weight_files, model.weights, strict=True)}
-    files = {f"model.{form}": converted.file for form, converted in model.files.items()}
-    return {name: text.encode() for name, text in texts.items()} | weights | files
+    weights = {name: _as_safetensors(one) for name, one in zip(model.weight_files, model.weights, strict=True)}
+    if model.onnx is not None:
+        texts["latency.json"] = readable(latency_of(model, model.onnx))
+        weights["model.onnx"] = model.onnx.file
+    return {name: text.encode() for name, text in texts.items()} | weights
+
+
+def _as_safetensors(weights: Weights) -> bytes:
+    """Write weights: names, types, shapes and numbers, and no metadata.
+
+    Raises:
+        RunError: one has the name that the format has for metadata.
+    """
+    if _METADATA in weights:
+        raise RunError(_METADATA, place="weights", expected="other names of weights", remedy="choose another network")
+    written: bytes = import_module("safetensors.numpy").save(dict(weights))  # of the extra
+    return written
+
+
+def _check_class(run: RecordedRun) -> None:
+    """Check the name of the class, which stands in the programs of the card; a run may be a stranger's.
+
+    Raises:
+        RunError: it is no name.
+    """
+    name = run.record.task.contract.class_name
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise RunError(repr(name)[:100], place=f"{run.path}/run.json, class_name", expected="a name that Python allows")
 
 
 def _check_packages() -> None:

@@ -1,7 +1,7 @@
 """The trainings whose weights are exported: which they are, what is recorded of them, and how they went again."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import Annotated
@@ -12,24 +12,29 @@ from tacevo.config.compose import compose_study
 from tacevo.config.schema import OneToMillion, RunConfig, is_a
 from tacevo.data.dataset import Dataset
 from tacevo.environment import machine, versions
-from tacevo.errors import DivergenceError, RunError
-from tacevo.evolution.lines import CandidateLine, TrainedLine
+from tacevo.errors import CacheMissError, DivergenceError, RunError
+from tacevo.evolution.lines import CandidateLine, TrainedLine, of_training
 from tacevo.randomness import derived_seed
 from tacevo.records import Mode, Record, Rejection, Training
 from tacevo.reproduce.retrain import doubts_of
 from tacevo.results.run import RecordedRun
 from tacevo.results.study_directory import FinishedStudy, studies_of
-from tacevo.results.study_lines import ScoreLine
-from tacevo.rules import CHOSEN_SINCE, STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
+from tacevo.results.study_lines import Row, ScoreLine
+from tacevo.rules import CHOSEN_SINCE, KEPT_SINCE, STUDY, TRAININGS, TRAININGS_OF_STUDIES, check_known
 from tacevo.runs.progress import Progress
 from tacevo.runs.wiring import Workbench, trained_by, training_seed
+from tacevo.storage.array_store import digest_of
 from tacevo.storage.store import Stores
-from tacevo.text import counted, listed
+from tacevo.studies.study import replay_study
+from tacevo.text import counted, lasting, listed
 from tacevo.training.evaluation import Evaluator
 from tacevo.training.full import FullEvaluator, FullTraining
 from tacevo.training.weights import Weighed
 
 _Evaluator = Evaluator | FullEvaluator
+
+#: Seconds of an export beside its trainings, roughly: the libraries of ONNX take most of it to start.
+CONVERTING = 15.0
 
 
 class Like(StrEnum):
@@ -62,6 +67,7 @@ class ExportSettings(Record):
 class TrainingPlan:
     """How a candidate is trained."""
 
+    line: CandidateLine
     like: Like
     #: Of the run, with this training.
     config: RunConfig
@@ -71,10 +77,13 @@ class TrainingPlan:
     rules: int
     #: The study that tested this network so; None without one.
     study: FinishedStudy | None
-    #: What that study found, one for each of its seeds.
+    #: What that study found, one for each of its seeds; computed again from its test predictions.
     scores: tuple[ScoreLine, ...]
-    #: Keys of the trainings that the run, or a finished study of it, recorded. The store may have others of its own.
-    recorded: frozenset[str]
+    #: Why what it found cannot be computed again, and is not cited; empty where it can be.
+    uncited: str
+    #: The lines of the trainings that the run recorded, and those of its finished studies that follow from the stores,
+    #: by key. The store may have others of its own.
+    recorded: Mapping[str, TrainedLine | Row]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,15 +104,21 @@ class Trained:
 
 
 def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> TrainingPlan:
-    """Work out how a candidate is trained: as the run's first study of it, else as a study by default."""
-    config, like, studies = run.config, settings.like, _studies(run, line)
-    study = None
+    """Work out how a candidate is trained: as the run's first study of it, else as a study by default.
+
+    Raises:
+        DivergenceError: a study of it does not follow from the stores.
+    """
+    config, like = run.config, settings.like
+    studies = _studies(run, line) if like is Like.study else []
+    study, missing = None, ""
     if like is Like.search:
         seeds = tuple(training_seed(config.seed, number) for number in range(settings.seeds))
         rules = run.rules.training
     else:
         seeds = tuple(derived_seed(config.seed, "study", number) for number in range(settings.seeds))
-        study = next((one for one in studies if settings.epochs in {None, one.record.recipe.epochs}), None)
+        fitting = [pair for pair in studies if settings.epochs in {None, pair[0].record.recipe.epochs}]
+        study, missing = fitting[0] if fitting else (None, "")
         if study is None:
             given, rules = compose_study(["run=RUN"]), STUDY
             training = replace(config.training, epochs=given.epochs, seconds=given.seconds, memory_mib=given.memory_mib)
@@ -113,21 +128,33 @@ def design(run: RecordedRun, line: CandidateLine, settings: ExportSettings) -> T
             config = trained_by(config, record.recipe, record.numerics, record.device)
     training = replace(config.training, epochs=settings.epochs or config.training.epochs)
     rows = () if study is None else study.scores.rows
+    scores = tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine))
+    uncited = "" if study is None else missing or _without_predictions(run, study)
     searched = [one for of in run.ledger.lines if isinstance(of, TrainedLine) for one in of.by_seed()]
-    recorded = {one.evaluation for one in searched} | {row.evaluation for one in studies for row in one.scores.rows}
+    recorded: dict[str, TrainedLine | Row] = {one.evaluation: one for one in searched if one.evaluation is not None}
+    for one, lacking in studies:
+        recorded |= {} if lacking else {row.evaluation: row for row in one.scores.rows}
     return TrainingPlan(
+        line=line,
         like=like,
         config=replace(config, training=training),
         seeds=seeds,
         rules=rules,
         study=study,
-        scores=tuple(row for row in rows if row.id == line.id and isinstance(row, ScoreLine)),
-        recorded=frozenset(key for key in recorded if key is not None),
+        scores=() if uncited else scores,
+        uncited=uncited,
+        recorded=recorded,
     )
 
 
-def _studies(run: RecordedRun, line: CandidateLine) -> list[FinishedStudy]:
-    """List the finished studies of this network on the run's data and device; today's rules and its numerics first."""
+def _studies(run: RecordedRun, line: CandidateLine) -> list[tuple[FinishedStudy, str]]:
+    """List the finished studies of this network on the run's data and device; today's rules and its numerics first.
+
+    Each with what the stores lack of it; empty where all of its scores follow from them.
+
+    Raises:
+        DivergenceError: the scores of one do not.
+    """
     known = [(directory, directory.read()) for directory in studies_of(run.path)]
     fitting = [
         FinishedStudy(path=directory.path, record=record, scores=directory.read_scores())
@@ -139,7 +166,30 @@ def _studies(run: RecordedRun, line: CandidateLine) -> list[FinishedStudy]:
         and record.device is run.config.training.device  # so that no study of a bundle takes the walls down
         and line.id in {network.id for network in record.networks}
     ]
-    return sorted(fitting, key=lambda study: (-study.record.rules, bool(study.record.other_device)))
+    fitting.sort(key=lambda study: (-study.record.rules, bool(study.record.other_device)))
+    return [(study, _missing(run, study)) for study in fitting]
+
+
+def _missing(run: RecordedRun, study: FinishedStudy) -> str:
+    """Compare a study with what the stores give; say what they lack."""
+    try:
+        replay_study(run, study)
+    except CacheMissError:  # which names directories of this machine
+        return "the stores lack a training of it, or its test predictions"
+    except RunError as error:  # what it rests on is gone, such as the noise run that chose its networks
+        return f"expected {error.expected}; got {error.got}"
+    except DivergenceError as error:
+        remedy = "the study was edited, or is damaged; like=search exports the network without any study"
+        error.remedy = f"{error.remedy}; {remedy}" if error.remedy else remedy
+        raise
+    return ""
+
+
+def _without_predictions(run: RecordedRun, study: FinishedStudy) -> str:
+    """Say why the metrics of a study cannot be computed from test predictions; empty where they can be."""
+    if study.record.rules < KEPT_SINCE:
+        return f"studies under rules {study.record.rules} kept no test predictions"
+    return "" if run.has_predictions else "the bundle of a sweep holds no test predictions"
 
 
 def train(
@@ -175,7 +225,10 @@ def train(
         fresh = _evaluator(bench, run, plan, data, predictions=plan.rules == STUDY)
         for seed in plan.seeds if retrained else ():
             _check_recorded(known, plan, source, seed)
-        view.say(f"training {counted(len(plan.seeds), 'network')} for {counted(config.training.epochs, 'epoch')}")
+        are_known = all(known.is_recorded(source, seed) for seed in plan.seeds)
+        long = _lasts(run, plan, twice=plan.like is Like.study and not are_known)
+        what = f"training {counted(len(plan.seeds), 'network')} for {counted(config.training.epochs, 'epoch')}"
+        view.say(what if long is None else f"{what}; all of it takes {lasting(long)}, by the times of the run")
         for one in bench.executor.map(lambda seed: _train(bench, (known, fresh), plan, source, seed), plan.seeds):
             view.say(
                 f"trained ({len(trained) + 1} of {len(plan.seeds)}); the weights are those after epoch {one.epoch}"
@@ -184,6 +237,16 @@ def train(
     if retrained:
         _check_equal(trained, doubts)
     return trained, doubts
+
+
+def _lasts(run: RecordedRun, plan: TrainingPlan, *, twice: bool) -> float | None:
+    """Estimate the seconds of an export from the time that the network's trainings took in the run; None without it."""
+    took, was = run.cpu_seconds.get(plan.line.id), run.config.training
+    if took is None:
+        return None
+    one = took / was.seeds * plan.config.training.epochs / was.epochs * (2 if twice else 1)
+    rounds = -(-len(plan.seeds) // plan.config.executor.workers)
+    return one * rounds + CONVERTING
 
 
 def _train(
@@ -203,13 +266,13 @@ def _train(
     weighed = bench.weigh(source, seed, epoch, training)
     if isinstance(weighed, Rejection):
         raise _failed(weighed)
+    key = known.key(source, seed)
+    record = plan.recorded.get(key) if is_stored else None
+    differing = _differing(told, weighed, plan.rules)
+    if isinstance(record, TrainedLine) and differing is not None:
+        differing = tuple(dict.fromkeys([*differing, *_differing_from_line(record, weighed.training)]))
     return Trained(
-        weighed=weighed,
-        seed=seed,
-        epoch=epoch,
-        key=known.key(source, seed),
-        was_recorded=is_stored and known.key(source, seed) in plan.recorded,
-        differing=_differing(told, weighed, plan.rules),
+        weighed=weighed, seed=seed, epoch=epoch, key=key, was_recorded=record is not None, differing=differing
     )
 
 
@@ -250,7 +313,20 @@ def _differing(told: FullTraining | Training | None, weighed: Weighed, rules: in
     was, now = (told.training if isinstance(told, FullTraining) else told), weighed.training
     if isinstance(told, FullTraining) and rules < CHOSEN_SINCE:
         now = weighed.tested
-    return tuple(field.name for field in fields(Training) if getattr(was, field.name) != getattr(now, field.name))
+    names = [field.name for field in fields(Training) if getattr(was, field.name) != getattr(now, field.name)]
+    if isinstance(told, FullTraining) and told.kept and digest_of(weighed.predictions) != told.kept.predictions:
+        names.append("test_predictions")
+    return tuple(names)
+
+
+def _differing_from_line(line: TrainedLine, now: Training) -> list[str]:
+    """Name what the ledger says otherwise; a ledger of an earlier release does not say all of it."""
+    said = of_training(now)
+    return [
+        name
+        for name in ("train_losses", "validation_losses", "predictions", "weights")
+        if getattr(line, name) not in {None, said[name]}
+    ]
 
 
 def _failed(rejection: Rejection) -> RunError:

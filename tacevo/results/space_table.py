@@ -26,7 +26,7 @@ from tacevo.storage.canonical import canonical, content_hash, readable
 from tacevo.storage.entries import ReadBudget
 from tacevo.storage.files import write_durably
 from tacevo.storage.zipfiles import MOST_OF_A_MEMBER, names_in, packed, read_members
-from tacevo.text import counted
+from tacevo.text import as_code, counted, in_markdown
 from tacevo.training.full import FullTraining, Kept
 from tacevo.training.metrics import contradiction, metric_names
 from tacevo.typed import FreeJson, parse
@@ -412,14 +412,14 @@ def card(header: Header, networks: Sequence[TableNetwork]) -> str:
         else ""
     )
     return (
-        f"# {'MADE-UP table' if header.made_up else 'Table'} of a space: {header.task.name}\n\n{made}"
+        f"# {'MADE-UP table' if header.made_up else 'Table'} of a space: {in_markdown(header.task.name)}\n\n{made}"
         f"{len(networks)} networks, {refused} of them refused by the gate; the others trained for {training.epochs} "
         f"epochs with each of {seeds} (batches of {training.batch_size}, Adam, learning rate "
         f"{training.learning_rate:g}, numerics {config.numerics.kind}, {training.device}).\n\n"
         f"Data: {train} images train, {validation} validate, {test} test, {header.data.image_size} px; fingerprint "
-        f"{header.data.fingerprint}.\n\n    {canonical(kept)}\n\n"
+        f"{in_markdown(header.data.fingerprint)}.\n\n    {canonical(kept)}\n\n"
         f"Space (`llm.space`):\n\n    {canonical(None if config.llm.space is None else to_json(config.llm.space))}\n\n"
-        f"Versions: {canonical(header.versions)}\n\nMachine: {canonical(header.machine)}\n\n"
+        f"Versions: {as_code(canonical(header.versions))}\n\nMachine: {as_code(canonical(header.machine))}\n\n"
         "`table.json` holds the configuration, `networks.jsonl` a network a line (genome, source, profile), "
         "`trainings.jsonl` a training a line: losses of each epoch, the epoch of the lowest validation loss and its "
         "test metrics. `tacevo replay FILE --retrain N` trains N rows again, bit for bit.\n\n"

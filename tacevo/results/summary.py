@@ -1,7 +1,7 @@
 """What a run found, in words and tables, from its ledger alone: for summary.md, the end of a search and the page."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from tacevo.choices import ArchiveKind, FitnessRule
@@ -19,7 +19,7 @@ from tacevo.evolution.lines import (
 from tacevo.evolution.reevaluation import fitness_by_id
 from tacevo.results.run import RecordedRun
 from tacevo.rounding import significant
-from tacevo.text import counted, drawn, listed, table
+from tacevo.text import counted, drawn, in_markdown, listed, table
 
 #: What the trivial loss is.
 TRIVIAL = "the least that the same answer to every validation image can have"
@@ -33,17 +33,24 @@ def summarise(run: RecordedRun) -> str:
 
     The run may have been stopped anywhere; its elites are those of the last archive that was written.
     """
-    parts = [f"# {run.record.name}", in_short(run).rstrip(), data_in_words(run), *_unpromised(run.candidates)]
+    prose = [data_in_words(run), *_unpromised(run.candidates)]
+    parts = [f"# {in_markdown(run.record.name)}", *_short(run, in_markdown), *map(in_markdown, prose)]
     return "\n\n".join([*parts, *([_progress(run.generations, run.config)] if run.generations else [])]) + "\n"
 
 
 def in_short(run: RecordedRun) -> str:
-    """Return what fits one screen; where nothing was found it begins with that."""
+    """Return what fits one screen, for a terminal; where nothing was found it begins with that."""
+    return "\n\n".join(_short(run, str)) + "\n"
+
+
+def _short(run: RecordedRun, write: Callable[[str], str]) -> list[str]:
+    """Return paragraphs, each line of them written by `write`, and the table of elites."""
     fitness, elites = outcome_in_words(run)
-    parts = [searched(run), _not_sent(run)]
-    if fitness:
-        parts += [run.shortfall, fitness, elites, "\n".join(rates_in_words(run))]
-    return "\n\n".join(filter(None, parts)) + "\n"
+    prose = [searched(run), _not_sent(run)]
+    if not fitness:
+        return [write(words) for words in prose if words]
+    above = [write(words) for words in [*prose, run.shortfall, fitness] if words]
+    return [*above, elites, "\n".join(map(write, rates_in_words(run)))]
 
 
 #: What a fitness is of one training, and of several.
@@ -110,7 +117,7 @@ def outcome_in_words(run: RecordedRun) -> tuple[str, str]:
     baseline = candidates[run.baseline.id]
     first = min((_fitness(candidates[name]) for name in known if candidates[name].generation == 0), default=None)
     rows = [
-        [line.id, _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
+        [in_markdown(line.id), _number(line.fitness), f"{line.parameters:,}", f"{line.flops:,}",
          _number(line.arch_div), _number(line.eff_ratio), line.operator]
         for line in [*ranked[:TOP], *([] if baseline in ranked[:TOP] else [baseline])]
     ]  # fmt: skip

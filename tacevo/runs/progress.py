@@ -42,10 +42,10 @@ class Progress:
     """Lines and bars on standard error, or on another console.
 
     On a terminal a clock runs while no bar does. Logs and pipes get the lines, and one that says how far the work is
-    whenever nothing was said for `SILENCE` seconds. So a command that works is never still.
+    whenever nothing was said for `silence` seconds. So a command that works is never still.
     """
 
-    def __init__(self, console: Console | None = None) -> None:
+    def __init__(self, console: Console | None = None, silence: float = SILENCE) -> None:
         self._console = console or Console(stderr=True)
         self._bars = Bars(
             _Words(lambda task: task.description),
@@ -60,6 +60,7 @@ class Progress:
         self._tasks: dict[str, TaskID] = {}
         self._clock = self._bars.add_task("at work", total=None, note="", before=0)
         self._ended = threading.Event()
+        self._silence = silence
         self._last = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -90,8 +91,8 @@ class Progress:
 
     def _remind(self) -> None:
         """Write how far the work is after each silence, until it ends."""
-        while not self._ended.wait(max(0.0, self._last + SILENCE - time.monotonic())):
-            if time.monotonic() >= self._last + SILENCE:
+        while not self._ended.wait(max(0.0, self._last + self._silence - time.monotonic())):
+            if time.monotonic() >= self._last + self._silence:
                 self.say(self._standing())
 
     def _standing(self) -> str:

@@ -213,9 +213,19 @@ def replay_studies(run: RecordedRun, view: Progress, *, seen: Seen | None = None
         else:
             with doubting(recorded.versions):
                 scores = directory.read_scores()
-                studies[name] = FinishedStudy(path=directory.path, record=recorded, scores=scores)
-                _replay(run, studies[name], seen)
+            studies[name] = FinishedStudy(path=directory.path, record=recorded, scores=scores)
+            replay_study(run, studies[name], seen=seen)
     return studies
+
+
+def replay_study(run: RecordedRun, study: FinishedStudy, *, seen: Seen | None = None) -> None:
+    """Compute the scores of one finished study of a run again, from the store alone, and compare.
+
+    Raises:
+        DivergenceError, CacheMissError, RunError: as `replay_studies`.
+    """
+    with doubting(study.record.versions):
+        _replay(run, study, seen)
 
 
 def _replay(run: RecordedRun, study: FinishedStudy, seen: Seen | None) -> None:

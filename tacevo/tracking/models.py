@@ -87,7 +87,8 @@ def register(export: Path, name: str, *, search: str, uri: str, experiment: str,
             return str(known.data.tags[VERSION_TAG])
         client.delete_run(known.info.run_id)  # it was left unfinished
     config, recorded = (json.loads((export / file).read_text(encoding="utf-8")) for file in ("config.json", "run.json"))
-    card = (export / "README.md").read_text(encoding="utf-8").split("---\n", 2)[-1].lstrip()  # without YAML
+    # Without YAML, in which a name may have lines of its own: they are indented.
+    card = (export / "README.md").read_text(encoding="utf-8").partition("\n---\n")[2].lstrip()
     card = note(_USE.format(name=name) + card, "README.md")
     tags = {EXPORT_TAG: key, NOTE_TAG: card, "mlflow.source.name": "tacevo export", "mlflow.source.type": "LOCAL"}
     if (parent := next(tagged_runs(client, place, RUN_TAG, search), None)) is not None:

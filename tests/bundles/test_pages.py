@@ -7,6 +7,7 @@ from fakes import TASK
 from hand_runs import configured, of_lines
 from ledger_lines import FACTS, candidate, run_record
 from refusals import refused
+from rendered import HOSTILE, skeleton
 
 from tacevo.bundles.readme import Subject, Terms, citation, licence, readme
 from tacevo.errors import ConfigError
@@ -53,6 +54,29 @@ def test_page_says_what_answered_and_where_the_images_come_from() -> None:
         "No lock file of these versions was at hand.",
     ):
         assert words in text
+
+
+@pytest.mark.parametrize("source", ["simulated", "csv", "table"])
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_a_stranger_is_text_in_the_page(text: str, source: str) -> None:
+    """Of a note, names, versions, a machine and a place of images."""
+
+    def said(words: str) -> str:
+        whole = subject(provider="anthropic", source=source)
+        run, data = whole.first, replace(whole.first.config.data, root=words)
+        record = replace(
+            run.record,
+            name=words,
+            task=replace(run.record.task, name=words),
+            versions={**run.record.versions, "torch": words},
+            machine={**run.record.machine, "cpu": words},
+            data=replace(run.record.data, fingerprint=words),
+        )
+        told = replace(run, record=record, config=replace(run.config, data=data))
+        return readme(replace(whole, runs=(told,), studies=({words: "e" * 64},), note=(words, words)), has_lock=True)
+
+    calm, attacked = said("word"), said(f"x {text} y")
+    assert skeleton(attacked) == skeleton(calm)
 
 
 def test_given_networks_are_not_passed_off_as_found() -> None:

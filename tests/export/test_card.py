@@ -1,5 +1,6 @@
 """Promise: the card and config.json say what the files are, in YAML, Markdown and programs that hold for any name."""
 
+import io
 import json
 import re
 import shutil
@@ -13,19 +14,25 @@ import pytest
 import yaml
 from checkout import ROOT
 from PIL import Image
+from refusals import refused
+from rendered import HOSTILE, meant, skeleton
 from rich.console import Console
 
 import tacevo
+from tacevo.api.registry import Registry
 from tacevo.data.dataset import Dataset
 from tacevo.data.source import Catalogue
 from tacevo.data.sources.image_files import decode
+from tacevo.errors import RunError
+from tacevo.export import directory
 from tacevo.export.card import agreement, card
 from tacevo.export.contents import Exported, config_of, run_of
-from tacevo.export.conversion import FORMS, Converted
+from tacevo.export.conversion import Built, Converted
 from tacevo.export.trainings import ExportSettings, Like, Trained, design
-from tacevo.records import Kind, Training
+from tacevo.records import Kind, Reason, Training
 from tacevo.runs.datasets import load_same, source_of
 from tacevo.runs.progress import Progress
+from tacevo.sandbox.client import Died, Finished, Frame
 from tacevo.training.weights import Weighed
 
 #: Of a run, a task and an output.
@@ -50,7 +57,7 @@ def exported(run: tacevo.Run, data: Dataset, catalogue: Catalogue, **settings: A
     given = ExportSettings(**settings)
     predictions = np.random.default_rng(0).normal(size=(len(data.test), data.facts.outputs)).astype(np.float32)
     times = {"1": [1.0, 2.0], "32": [3.0, 4.0]}
-    made = Converted(file=b"", arguments=("in_channels",), difference=1e-7, milliseconds=times)
+    made = Converted(file=b"", difference=1e-7, milliseconds=times)
     return Exported(
         run=recorded,
         line=line,
@@ -61,7 +68,8 @@ def exported(run: tacevo.Run, data: Dataset, catalogue: Catalogue, **settings: A
         doubts=(),
         settings=given,
         bundle=None,
-        files=dict.fromkeys(FORMS, made),
+        built=Built(arguments=("in_channels",), difference=1e-7),
+        onnx=made,
     )
 
 
@@ -126,6 +134,118 @@ def test_names_break_no_line_and_no_cell_of_the_card(of_forces: Exported) -> Non
     assert {len(re.findall(r"(?<!\\)\|", row)) for row in table[1:]} == {4}
     assert not [line for line in body.splitlines() if line.startswith(("- e:", "<d>"))]
     assert "<d>" not in re.sub(r"\\<", "", body)
+
+
+def said_by(model: Exported, text: str) -> Exported:
+    """Return a network of which a stranger said this, wherever the card cites one: without an ONNX file, too."""
+    config = model.run.config
+    run = replace(model.run, config=replace(config, llm=replace(config.llm, model=text)))
+    run.__dict__["name"] = text
+    line = replace(model.line, request="0" * 64)
+    names = (text, *model.data.facts.names[1:])
+    data = replace(model.data, facts=replace(model.data.facts, names=names))
+    catalogue = replace(model.catalogue, names=names, units=(text, "N", "N"))
+    differing = replace(model.trained[0], differing=("weights_sha256",))
+    return replace(
+        model,
+        run=run,
+        line=line,
+        data=data,
+        catalogue=catalogue,
+        trained=[differing],
+        doubts=(f"torch {text}",),
+        plan=replace(model.plan, uncited=f"the stores lack {text}"),
+        onnx=None,
+        without_onnx=f"crashed: {text}",
+    )
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_a_stranger_is_text_in_the_card(text: str, of_forces: Exported) -> None:
+    """Names, units, the model, versions and reasons; and none of it changes what Hugging Face reads above it."""
+    (calm_head, calm), (head, body) = (
+        card(said_by(of_forces, said)).removeprefix("---\n").split("\n---\n", 1) for said in ("word", f"x {text} y")
+    )
+    assert skeleton(body) == skeleton(calm)
+    assert meant(body) == meant(calm)
+    read, expected = yaml.safe_load(head), yaml.safe_load(calm_head)
+    assert read.keys() == expected.keys()
+    assert (read["license"], read["tags"]) == (expected["license"], expected["tags"])
+
+
+def test_what_onnx_cannot_hold_is_said_and_the_rest_is_written(of_forces: Exported) -> None:
+    """The class with its weights is checked all the same; card, config.json and the printed line say why."""
+    said = io.StringIO()
+    view = Progress(Console(file=said, width=200))
+
+    def run(entry: str, header: Any, payload: bytes, limits: Any, score: Any = None, /) -> Finished | Died:
+        if entry == "predict":
+            outputs = of_forces.outputs.astype(np.float32).tobytes()
+            return Finished((Frame({"arguments": ["in_channels"]}, outputs),))
+        return Died(Reason.crashed, "No ONNX function for aten.kthvalue [a](b)")
+
+    model = directory._checked(run, replace(of_forces, built=None, onnx=None), "SOURCE", view)
+    files = directory._contents(model, "SOURCE")
+    assert files.keys() == {"README.md", "config.json", "run.json", "model.py", "weights.safetensors"}
+    assert (files["model.py"], json.loads(files["config.json"])["onnx"]) == (b"SOURCE", None)
+    text = files["README.md"].decode()
+    assert r"no `model.onnx`: expected a network that can be written so; got crashed: No ONNX function" in text
+    assert r"aten.kthvalue \[a\](b)" in text
+    assert len(re.findall("```python", text)) == 1
+    assert "onnxruntime" not in text
+    assert "no model.onnx" in said.getvalue()
+    assert "aten.kthvalue" in said.getvalue()
+
+
+@pytest.mark.slow
+def test_what_is_no_onnx_is_not_registered(of_forces: Exported, place: Path) -> None:
+    """The directory stands; the error says why there is no such file."""
+    registry = Registry(of_forces.run, "shear", f"sqlite:///{place}/mlflow.db")
+    with refused(RunError, got="aten.kthvalue", remedy="whole without it"):
+        registry.take(replace(of_forces, onnx=None, without_onnx="aten.kthvalue"), place / "model")
+
+
+def test_class_that_says_something_else_is_not_exported(of_forces: Exported) -> None:
+    """Its weights would not be what was trained."""
+
+    def run(entry: str, header: Any, payload: bytes, limits: Any, score: Any = None, /) -> Finished:
+        return Finished((Frame({"arguments": []}, (1.01 * of_forces.outputs).astype(np.float32).tobytes()),))
+
+    with refused(RunError, place="model.py with its weights", got="a difference of"):
+        directory._checked(run, of_forces, "SOURCE", Progress(Console(quiet=True)))
+
+
+def test_weights_are_numbers_alone(of_forces: Exported) -> None:
+    """Names, types, shapes and values; a weight that is called as the format calls its notes is refused."""
+    weights = {"a.weight": np.ones((2, 3), np.float32), "a.number": np.array(7)}
+    file = directory._as_safetensors(weights)
+    header = json.loads(file[8 : 8 + int.from_bytes(file[:8], "little")])
+    assert header.keys() == weights.keys()
+    assert all(sorted(value) == ["data_offsets", "dtype", "shape"] for value in header.values())
+    with refused(RunError, got="__metadata__"):
+        directory._as_safetensors({"__metadata__": np.ones(1, np.float32)})
+
+
+@pytest.mark.parametrize("name", ["Net; import os", "class", "Net\nimport os", ""])
+def test_class_must_have_a_name_that_a_program_can_have(name: str, of_forces: Exported, place: Path) -> None:
+    """It stands in the programs of the card, which a reader runs; before anything is trained."""
+    record, line = of_forces.run.record, of_forces.line
+    task = replace(record.task, contract=replace(record.task.contract, class_name=name))
+    run, view = replace(of_forces.run, record=replace(record, task=task)), Progress(Console(quiet=True))
+    with refused(RunError, place="class_name", expected="a name that Python allows"):
+        directory.export(run, line, place / "never", ExportSettings(), bundle=None, retrained=False, view=view)
+
+
+def test_study_that_could_not_be_checked_is_not_cited(of_forces: Exported) -> None:
+    """Nor one whose trainings went otherwise now; the card says so, and names no figure of it."""
+    assert len(of_forces.plan.scores) > 1
+    median = re.compile("run's study found, as median")
+    assert median.search(card(of_forces))
+    unchecked = replace(of_forces, plan=replace(of_forces.plan, uncited="the stores lack one"))
+    other = replace(of_forces, trained=[replace(of_forces.trained[0], differing=("test_predictions",))])
+    for model in (unchecked, other):
+        assert not median.search(card(model))
+        assert "is not cited" in card(model)
 
 
 def test_command_of_the_card_has_every_setting(of_forces: Exported) -> None:
@@ -200,7 +320,7 @@ def test_program_makes_the_input_as_the_data_did(
     told: Any = config_of(model)["input"]
     assert (told["white_point"], told["bits"], told["recorded_size"]) == (white, [bits], [50, 90])
     (place / "config.json").write_text(json.dumps(config_of(model)))
-    program = re.findall(r"```python\n(.*?)```", card(model), re.DOTALL)[1].partition("[output]")[0]
+    program = re.findall(r"```python\n(.*?)```", card(model), re.DOTALL)[0].partition("[output]")[0]
     names: dict[str, Any] = {}
     exec(compile(program, "README.md", "exec"), names)
     assert names["pixels"].dtype == np.float32

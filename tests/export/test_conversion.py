@@ -1,24 +1,19 @@
-"""Promise: a file of a network predicts as its training did, is no pickle, and is made where the class does no harm."""
+"""Promise: what is exported predicts as its training did, and is made where the class does no harm."""
 
-import io
-import json
 import os
-import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 import torch
 from canaries import SECRET, canaries
 from gate_cases import examples as shared
 from gate_cases import needs_shared
 from hostile_sources import ENDLESS_AFTERWARDS, FORGED_ANSWER, NO_PREDICTIONS, PATCHES, SEEDS
-from onnx import helper
 from refusals import refused
 from training_jobs import CONTRACT, SOURCE
 from waiting import eventually
@@ -27,10 +22,9 @@ from tacevo.api.trusted_network import build
 from tacevo.choices import Numerics
 from tacevo.data.dataset import Dataset
 from tacevo.errors import RunError
-from tacevo.export.conversion import ENTRIES, EQUIP, FORMS, Form, convert
-from tacevo.export.inert import check_onnx, check_pt2
-from tacevo.records import DataFacts, Kind, Loss
-from tacevo.sandbox.client import Sandbox
+from tacevo.export.conversion import ENTRIES, EQUIP, Networks, check_class, convert
+from tacevo.records import Contract, DataFacts, Kind, Loss
+from tacevo.sandbox.client import Finished, Frame, Sandbox
 from tacevo.sandbox.processes import descendants
 from tacevo.training.numerics import environment
 from tacevo.training.weights import Weights
@@ -94,17 +88,27 @@ def example(data: Dataset, source: str = SOURCE, seed: int = 1) -> tuple[Weights
     return weights, outputs.astype(np.float64) * data.scale + data.offset
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("form", FORMS)
-def test_file_is_the_mean_of_its_networks(form: Form, sandbox: Sandbox, data: Dataset) -> None:
-    """For one image and for many; twice the same bytes of ONNX."""
+def networks(
+    data: Dataset, weights: Any, expected: Any, source: str = SOURCE, contract: Contract = CONTRACT
+) -> Networks:
+    """Return networks as they are converted."""
+    return Networks(source=source, contract=contract, data=data, weights=weights, expected=expected)
+
+
+def test_class_and_file_are_the_mean_of_their_networks(sandbox: Sandbox, data: Dataset) -> None:
+    """For one image and for many; other weights are found in both, and the same ones give the same bytes."""
     (one, first), (other, second) = example(data), example(data, seed=2)
-    expected = (first + second) / 2
-    made = convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, other], expected=expected)
+    whole = networks(data, [one, other], (first + second) / 2)
+    assert check_class(sandbox.run, whole).difference < 1e-6
+    made = convert(sandbox.run, whole)
     assert made.difference < 1e-6
     assert {size: len(times) for size, times in made.milliseconds.items()} == {"1": 40, "32": 40}
-    with refused(RunError, place=f"model.{form}", got="a difference of"):
-        convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[one, one], expected=expected)
+    wrong = replace(whole, weights=[one, one])
+    with refused(RunError, place="model.py with its weights", got="a difference of"):
+        check_class(sandbox.run, wrong)
+    with refused(RunError, place="model.onnx", got="a difference of"):
+        convert(sandbox.run, wrong)
+    assert convert(sandbox.run, whole).file == made.file
 
 
 @pytest.mark.slow
@@ -119,27 +123,30 @@ def test_file_of_classes_gives_probabilities(sandbox: Sandbox, data: Dataset) ->
     powers = np.exp(20 * logits - (20 * logits).max(axis=2, keepdims=True))
     sharp = SOURCE.replace("return ", "return 20 * ")
     expected = (powers / powers.sum(axis=2, keepdims=True)).mean(axis=0)
-    made = convert(sandbox, "onnx", sharp, contract=contract, data=bare, weights=[one, other], expected=expected)
-    assert made.difference < 1e-5
+    whole = networks(bare, [one, other], expected, sharp, contract)
+    assert check_class(sandbox.run, whole).difference < 1e-5
+    assert convert(sandbox.run, whole).difference < 1e-5
 
 
 @pytest.mark.slow
 def test_largest_of_uneven_parts_are_written(sandbox: Sandbox, data: Dataset) -> None:
-    """Torch's export has no operator of ONNX for them; one that is not known is named."""
+    """Torch's export has no operator of ONNX for them; one that is not known is named, and its class is sound."""
     pooled = SOURCE.replace("self.body(x)", "self.body(F.interpolate(F.adaptive_max_pool2d(x, (3, 2)), (4, 4)))")
     weights, expected = example(data, pooled)
-    made = convert(sandbox, "onnx", pooled, contract=CONTRACT, data=data, weights=[weights], expected=expected)
-    assert made.difference < 1e-6
+    assert convert(sandbox.run, networks(data, [weights], expected, pooled)).difference < 1e-6
     other = SOURCE.replace("return ", "return x.flatten(1).kthvalue(1)[0][:, None] + ")
+    weights, expected = example(data, other)
+    lacking = networks(data, [weights], expected, other)
+    assert check_class(sandbox.run, lacking).difference < 1e-6
     with pytest.raises(RunError, match=r"aten\.kthvalue"):
-        convert(sandbox, "onnx", other, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+        convert(sandbox.run, lacking)
 
 
 def test_draws_beside_the_weights_are_refused(sandbox: Sandbox, data: Dataset) -> None:
     """What the files hold would not be what was trained."""
     weights, expected = example(data, DRAWS)
     with refused(RunError, got="a difference of"):
-        convert(sandbox, "onnx", DRAWS, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+        check_class(sandbox.run, networks(data, [weights], expected, DRAWS))
 
 
 def test_weights_of_another_class_are_refused(sandbox: Sandbox, data: Dataset) -> None:
@@ -147,9 +154,50 @@ def test_weights_of_another_class_are_refused(sandbox: Sandbox, data: Dataset) -
     weights, expected = example(data)
     name = next(iter(weights))
     for change in ({"more": weights[name]}, {name: weights[name][:1]}, {name: weights[name].astype(np.float64)}):
-        with refused(RunError, place="model.onnx", got="crashed: ValueError: expected"):
-            forged = {**weights, **change}
-            convert(sandbox, "onnx", SOURCE, contract=CONTRACT, data=data, weights=[forged], expected=expected)
+        with refused(RunError, place="model.py with its weights", got="crashed: ValueError: expected"):
+            check_class(sandbox.run, networks(data, [{**weights, **change}], expected))
+
+
+#: It stands before a class, and changes what torch gives to whoever writes ONNX: notes everywhere, or a function.
+MEDDLING = """
+import types
+real = torch.onnx.export
+def export(*given, **named):
+    model = real(*given, **named).model_proto
+    {change}
+    return types.SimpleNamespace(model_proto=model)
+torch.onnx.export = export
+"""
+
+#: What a program puts there.
+TEXT = "__import__('os').system('id')"
+
+
+@pytest.mark.slow
+def test_program_of_a_candidate_leaves_no_text_in_the_file(sandbox: Sandbox, data: Dataset) -> None:
+    """It reaches the process that converts, whatever doors the gate has: what it adds is left out, or refused."""
+    weights, expected = example(data)
+    notes = f"model.doc_string = model.producer_name = model.graph.node[0].name = {TEXT!r}"
+    source = MEDDLING.format(change=notes) + SOURCE
+    assert TEXT.encode() not in convert(sandbox.run, networks(data, [weights], expected, source)).file
+    for change in (f"model.graph.node[0].domain = {TEXT!r}", f"model.graph.initializer[0].name = {TEXT!r}"):
+        source = MEDDLING.format(change=change) + SOURCE
+        with refused(RunError, place="model.onnx", got="expected"):
+            convert(sandbox.run, networks(data, [weights], expected, source))
+
+
+@pytest.mark.parametrize("answer", [b"", b"PK\x03\x04", b"\x80\x04c__builtin__\neval\n.", TEXT.encode()])
+def test_what_is_no_network_is_no_file(answer: bytes, data: Dataset) -> None:
+    """Whatever the process that converts sends, it is not even checked, and the error names the file."""
+    asked: list[str] = []
+
+    def run(entry: str, header: Any, payload: bytes, limits: Any, score: Any = None, /) -> Finished:
+        asked.append(entry)
+        return Finished((Frame({}, answer),))
+
+    with refused(RunError, place="model.onnx", expected="what a network sends"):
+        convert(run, networks(data, [{}], np.zeros((7, OUTPUTS))))
+    assert asked == ["convert"]
 
 
 PROGRAMS = shared("hostile")
@@ -169,8 +217,7 @@ OWN = {
 def started(sandbox: Sandbox, data: Dataset) -> set[int]:
     """Return the processes of the sandbox once a candidate was in it."""
     weights, expected = example(data)
-    for form in FORMS:
-        convert(sandbox, form, SOURCE, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+    convert(sandbox.run, networks(data, [weights], expected))
     return set(descendants(os.getpid()))
 
 
@@ -183,8 +230,9 @@ def test_hostile_program_gets_no_file_out(
     """Whatever it does as it is built, no trap is sprung, and no file comes of weights that are not its own."""
     _, expected = example(data)
     with canaries() as traps:
-        with pytest.raises(RunError):
-            convert(sandbox, "pt2", program["source"], contract=CONTRACT, data=data, weights=[{}], expected=expected)
+        for act in (check_class, convert):
+            with pytest.raises(RunError):
+                act(sandbox.run, networks(data, [{}], expected, program["source"]))
         assert traps.sprung() == []
     assert eventually(lambda: started.issuperset(descendants(os.getpid())))
     assert not [*place.iterdir()]
@@ -198,121 +246,9 @@ def test_hostile_network_writes_what_was_trained_or_nothing(
     """Called as it is written, too; a file that comes predicts as the training did, for it was tried without it."""
     weights, expected = example(data)
     with canaries() as traps:
-        for form in FORMS:
+        for act in (check_class, convert):
             with suppress(RunError):
-                source = OWN[name]
-                convert(sandbox, form, source, contract=CONTRACT, data=data, weights=[weights], expected=expected)
+                act(sandbox.run, networks(data, [weights], expected, OWN[name]))
         assert traps.sprung() == []
     assert eventually(lambda: started.issuperset(descendants(os.getpid())))
     assert not [*place.iterdir()]
-
-
-WEIGHTS, CONSTANTS = "data/weights/model_weights_config.json", "data/constants/model_constants_config.json"
-
-
-def archive(**members: bytes) -> bytes:
-    """Make an archive as torch.export does."""
-    file = io.BytesIO()
-    plain = json.dumps({"config": {"a": {"use_pickle": False, "path_name": "weight_0"}}}).encode()
-    with zipfile.ZipFile(file, "w") as written:
-        for name, content in {WEIGHTS: plain, CONSTANTS: plain, **members}.items():
-            written.writestr(name if name.startswith("/") else f"archive/{name}", content)
-    return file.getvalue()
-
-
-def compressed(content: bytes) -> bytes:
-    """Make an archive whose weight unpacks to more than it takes."""
-    file = io.BytesIO(archive())
-    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as written:
-        written.writestr("archive/data/weights/weight_0", content)
-    return file.getvalue()
-
-
-@pytest.mark.parametrize(
-    "file",
-    [
-        b"",
-        b"PK",
-        archive(**{WEIGHTS: b'{"config": {"a": {"use_pickle": true, "path_name": "weight_0"}}}'}),
-        archive(**{CONSTANTS: b'{"config": {"a": {"use_pickle": false, "path_name": "opaque_obj_0"}}}'}),
-        archive(**{CONSTANTS: b'{"config": {"a": {"use_pickle": false, "path_name": "custom_obj_0"}}}'}),
-        archive(**{WEIGHTS: b'{"config": []}'}),
-        archive(**{WEIGHTS: b"["}),
-        archive(**{"data/constants/opaque_obj_0": b"\x80\x02."}),
-        archive(**{"data/aotinductor/model/a.so": b"\x7fELF"}),
-        archive(**{"more_config.json": b'{"config": {}}'}),
-        archive(**{"/serialized_state_dict.pt": b"\x80\x02."}),
-        archive(**{"data/sample_inputs/model.pt": b"\x80\x02."}),
-        compressed(b"0" * 2**20),
-    ],
-)
-def test_pickle_in_a_file_is_refused(file: bytes) -> None:
-    """Torch would run it as it loads the file."""
-    with pytest.raises(ValueError, match=r"expected|Expecting"):
-        check_pt2(file)
-
-
-def test_plain_file_is_accepted() -> None:
-    """Of sample inputs, too, where there are none."""
-    check_pt2(archive(**{"data/sample_inputs/model.pt": b""}))
-
-
-def in_another_file(name: str) -> onnx.TensorProto:
-    """Make a tensor whose values lie in another file."""
-    tensor = helper.make_tensor(name, onnx.TensorProto.FLOAT, [1], [0.0])
-    tensor.ClearField("float_data")
-    tensor.data_location = onnx.TensorProto.EXTERNAL
-    tensor.external_data.add(key="location", value="../../etc/passwd")
-    return tensor
-
-
-def nested(*nodes: onnx.NodeProto, initial: Sequence[onnx.TensorProto] = (), depth: int = 2) -> onnx.GraphProto:
-    """Make a graph whose nodes lie below so many others, in their branches."""
-    value = helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
-    graph = helper.make_graph(list(nodes), "inner", [], [value], initializer=list(initial))
-    for _ in range(depth):
-        graph = helper.make_graph([helper.make_node("If", ["c"], ["y"], then_branch=graph)], "outer", [], [value])
-    return graph
-
-
-def as_function(node: onnx.NodeProto) -> onnx.ModelProto:
-    """Make a model that has a node in the body of a function."""
-    function = helper.make_function("own", "f", ["x"], ["y"], [node], [helper.make_opsetid("", 18)])
-    model = helper.make_model(nested(helper.make_node("f", ["x"], ["y"], domain="own")))
-    model.functions.append(function)
-    return model
-
-
-FOREIGN, RELU = (
-    helper.make_node("EPContext", ["x"], ["y"], domain="com.microsoft"),
-    helper.make_node("Relu", ["x"], ["y"]),
-)
-CONSTANT = helper.make_node("Constant", [], ["y"], value=in_another_file("w"))
-
-
-@pytest.mark.parametrize(
-    "model",
-    [
-        helper.make_model(nested(initial=[in_another_file("w")], depth=0)),
-        helper.make_model(nested(initial=[in_another_file("w")])),
-        helper.make_model(nested(CONSTANT)),
-        helper.make_model(nested(FOREIGN)),
-        as_function(CONSTANT),
-        as_function(FOREIGN),
-    ],
-)
-def test_other_files_and_foreign_operators_are_refused_wherever_they_are(model: onnx.ModelProto) -> None:
-    """In branches, in attributes and in functions: whoever runs the file would read what they name."""
-    with pytest.raises(ValueError, match="expected"):
-        check_onnx(model.SerializeToString())
-
-
-def test_notes_are_found_wherever_they_are() -> None:
-    """They name directories of this machine; a model without them, with functions of its own, is accepted."""
-    model = as_function(RELU)
-    check_onnx(model.SerializeToString())
-    model.functions[0].node[0].metadata_props.add(key="stack_trace", value="/home/me/net.py")
-    with pytest.raises(ValueError, match="no notes"):
-        check_onnx(model.SerializeToString())
-    with pytest.raises(ValueError, match="expected an ONNX model"):
-        check_onnx(b"\xff")

@@ -9,6 +9,7 @@ from checkout import GOLDEN
 from fakes import TASK
 from hand_runs import of_lines
 from ledger_lines import ended, header, rejected, run_record, trained
+from rendered import HOSTILE, skeleton
 
 from tacevo.choices import ArchiveKind
 from tacevo.config.compose import compose
@@ -67,6 +68,30 @@ def test_summary_is_golden() -> None:
     """A whole summary; it calls each fitness one draw, and no improvement of one over another stands in it."""
     golden = (GOLDEN / "summary.md").read_text(encoding="utf-8")
     assert page_of(*LINES, elites=["g01s00", "g00s01"]) == golden
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_a_stranger_is_text_in_the_summary(text: str) -> None:
+    """Names of the run, of its task and model, of kernels, of data and of candidates."""
+
+    def said(words: str) -> str:
+        config = replace(CONFIG, llm=replace(CONFIG.llm, model=words))
+        lines = (
+            replace(trained("g00s00", 0.5, not_portable=(words,)), id=words),
+            trained("g00s01", 0.4, not_deterministic=(words,)),
+            generation(0, trained=2, candidates=2, best=0.4, median=0.45),
+        )
+        run = run_of(*lines, elites=[words, "g00s01"], config=config)
+        record = replace(
+            run.record,
+            name=words,
+            task=replace(run.record.task, name=words),
+            data=replace(run.record.data, fingerprint=words),
+            elsewhere=True,
+        )
+        return summarise(replace(run, record=record))
+
+    assert skeleton(said(f"x {text} y")) == skeleton(said("word"))
 
 
 def sent_back(*reasons: Reason) -> tuple[RepairedAnswer, ...]:

@@ -51,7 +51,7 @@ def export(tmp_path: Path) -> Path:
     trainings = {"trainings": [{"seed": 7, "epoch": 2}]}
     (folder / "config.json").write_text(json.dumps(config))
     (folder / "run.json").write_text(json.dumps(described | trainings))
-    (folder / "README.md").write_text("---\nlicense: cc-by-4.0\n---\n\n# run-g00s00\n")
+    (folder / "README.md").write_text("---\nname: 'a\n\n  ---\n\n  [b](c)'\n---\n\n# run-g00s00\n")
     return folder
 
 
@@ -113,6 +113,7 @@ def test_model_is_nested_in_its_search_with_its_card_and_no_pickle(
     )  # fmt: skip
     (version,) = versions(uri)
     assert version.description.endswith("# run-g00s00\n")
+    assert "[b](c)" not in version.description  # a name, which stands in the YAML above the card
     assert "models:/shear/VERSION" in version.description
     files = {path.name: path for path in (tmp_path / "mlartifacts").rglob("models/**/*") if path.is_file()}
     assert {"model.onnx", "MLmodel", "requirements.txt", "config.json", "run.json"} <= files.keys()

@@ -12,6 +12,7 @@ from refusals import refused
 from analysis.report.document import ENGINES, make_pdf, write_chapter, write_document
 from analysis.report.figure_list import Picture
 from analysis.table import Between, Percent, PValue, Table
+from analysis.tables.rendering import as_latex
 from tacevo.errors import RunError
 
 CHAPTER = "A chapter."
@@ -44,6 +45,15 @@ def test_document_holds_everything_and_no_label_twice(tmp_path: Path) -> None:
     assert sorted(labels) == ["fig:run1:lineage", "fig:run2:lineage", "tab:run1:gate", "tab:run2:gate"]
     for word in ("begin", "end"):
         assert sorted(re.findall(rf"\\{word}\{{(.*?)\}}", text)) == ["document", "figure", "figure"]
+
+
+def test_name_that_latex_would_obey_is_refused(tmp_path: Path) -> None:
+    """A study bears the name of its directory, which may be a stranger's; a label has no such mark, either."""
+    table = Table(name=r"x}\input{secret}/gate", caption="c", columns=("x",), rows=((1,),))
+    with refused(RunError, got="secret", remedy="rename"):
+        write_chapter("one", [table], [], tmp_path / "run1")
+    assert not (tmp_path / "run1").exists()
+    assert r"\input" not in as_latex(table)
 
 
 @pytest.mark.skipif(not any(shutil.which(command[0]) for command, _ in ENGINES), reason="no LaTeX is installed")

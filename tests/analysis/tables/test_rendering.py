@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 from checkout import GOLDEN
 from refusals import refused
+from rendered import HOSTILE, skeleton
 
-from analysis.report.writing import write_tables
+from analysis.report.writing import index_of, write_tables
 from analysis.rounding import shown
 from analysis.table import Between, Cell, Halves, Percent, PercentBetween, PValue, Table, between
 from analysis.tables.rendering import LONG, NARROW, WIDE, Notes, Shown, as_csv, as_latex, as_markdown, table_texts
@@ -101,6 +102,26 @@ def test_what_is_no_number_is_refused_in_every_format(cell: Cell, tmp_path: Path
 def test_written_tables_are_the_golden_ones(ending: str) -> None:
     """The three files of one table, byte for byte."""
     assert table_texts(TABLE)[ending].encode() == (GOLDEN / f"study_force{ending}").read_bytes()
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_a_stranger_is_text_in_markdown(text: str) -> None:
+    """In every place of a table, and in the page that lists tables."""
+
+    def said(words: str) -> str:
+        table = Table(name=words, caption=words, columns=("name", words), rows=((words, 1.0),), notes=(words,))
+        return f"{as_markdown(table)}\n{index_of([table], [words])}"
+
+    kinds = [(kind, "" if kind == "link_open" else at) for kind, at in skeleton(said(f"x {text} y"))]
+    assert kinds == [(kind, "" if kind == "link_open" else at) for kind, at in skeleton(said("word"))]
+
+
+@pytest.mark.parametrize("text", ["=cmd|' /C calc'!A0", "+1+1", "-1+1", "@SUM(1)", "\t=1", " =1", "\r=1", "-\n=1"])
+def test_text_of_a_stranger_is_no_formula_in_csv(text: str) -> None:
+    """A spreadsheet computes what begins so; numbers and the mark of nothing stay as they are."""
+    table = Table(name="t", caption="c", columns=(text, "x"), rows=((text, -1.0), ("-", 2.0)))
+    rows = list(csv.reader(io.StringIO(as_csv(table), newline="")))
+    assert rows == [[f"'{text}", "x"], [f"'{text}", "-1.0"], ["-", "2.0"]]
 
 
 def test_latex_special_characters_are_escaped() -> None:
