@@ -6,6 +6,7 @@ courtesy, the sandbox is the wall.
 """
 
 import contextlib
+import hashlib
 import re
 from dataclasses import dataclass
 
@@ -21,8 +22,9 @@ from tacevo.sandbox.protocol import one_line
 from tacevo.storage.store import Store
 from tacevo.storage.verdicts import read_verdict, recall_verdict
 
-#: The first number of static rules by which a given network that is repeated before other code is no answer.
-_GIVEN_SINCE = 3
+#: The first number of static rules by which a given network that is repeated before other code is no answer, and the
+#: first by which a verdict's key holds what was asked.
+_GIVEN_SINCE, _ASKED_SINCE = 3, 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,12 +81,18 @@ class Gate:
             "contract": to_json(self.contract),
             "limit": self.source_bytes,
         }
+        if asked and self.rules.static >= _ASKED_SINCE:  # the hash, not the networks in it: those take a parser
+            request["asked"] = hashlib.sha256(asked.encode(errors="replace")).hexdigest()
         # Python 3.12 parses text that 3.11 does not: a replay that judged again could differ from its recording.
-        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, own=True))
-        if isinstance(source, str) and self.rules.static >= _GIVEN_SINCE and _squeezed(source) in _squeezed(asked):
+        source = recall_verdict(self.answers, request, str, "source", lambda: self._extract(completion, asked))
+        if isinstance(source, str) and self._was_given(source, asked):
             again: dict[str, Json] = {**request, "own": False}
-            source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, own=False))
+            source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, asked))
         return source if isinstance(source, Rejection) else self.measure(source)
+
+    def _was_given(self, source: str, asked: str) -> bool:
+        """Return whether the rules have a verdict of its own on an answer whose source was given, which is replayed."""
+        return _GIVEN_SINCE <= self.rules.static < _ASKED_SINCE and _squeezed(source) in _squeezed(asked)
 
     def inspect(self, source: str) -> Admitted | Rejection:
         """Judge a text that is source already, and that no model wrote: a task's baseline; raises as `admit` does.
@@ -110,8 +118,8 @@ class Gate:
         verdict = recall_verdict(self.store, request, Profile, "profile", lambda: self._probe(source))
         return verdict if isinstance(verdict, Rejection) else Admitted(source=source, profile=verdict)
 
-    def _extract(self, completion: Completion, *, own: bool) -> str | Rejection:
-        source = extract(completion, self.contract, own=own)
+    def _extract(self, completion: Completion, asked: str) -> str | Rejection:
+        source = extract(completion, self.contract, asked)
         return source if isinstance(source, Rejection) else rejection_of(source, self.contract) or source
 
     def _asked(self, source: str) -> dict[str, Json]:

@@ -4,31 +4,37 @@ The rules, in order:
 
 1. An answer that is too long, refused, missing or blank is rejected before anything is parsed.
 2. If the whole answer is Python that defines the class, it is the source.
-3. Otherwise its thoughts are left out first (`tacevo.gate.tags`). One that is not closed leaves no answer.
+3. Otherwise signs around its lines, JSON and notebooks are opened (`tacevo.gate.frames`), and its thoughts are left out
+   (`tacevo.gate.tags`). A thought that is not closed leaves no answer.
 4. The rest is cut into blocks: what stands between fences that are marked as Python or not marked at all
    (`tacevo.gate.fences`), and elsewhere the longest stretches of lines that start like code and parse
-   (`tacevo.gate.blocks`). Tags and marks around code do not belong to it.
-5. The last block that has the class counts, whether it parses or not: a model that shows two versions means the later
-   one. Where a whole class stands in the answer, an excerpt does not count. A later version in a form that cannot be
-   used leaves no answer (`tacevo.gate.versions`).
-6. Blocks that bind a name at their top level which the source uses but does not bind are put before it. Statements at
+   (`tacevo.gate.blocks`). Tags, labels and sentences around code do not belong to it.
+5. Some forms that mean the same are written in a form that the policy lets pass (`tacevo.gate.rewriting`), which is said.
+6. The last block that has the class counts, whether it parses or not: a model that shows two versions means the later
+   one. A copy of a network that the model was given does not count beside another version, nor does an excerpt beside a
+   whole class. A later version in a form that cannot be used leaves no answer (`tacevo.gate.versions`).
+7. Blocks that bind a name at their top level which the source uses but does not bind are put before it. Statements at
    the top level that consist of names are dropped (`tacevo.gate.joining`).
-7. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
-8. An answer that was cut off counts only if something after its last class statement shows that the class was finished.
-9. An answer of more than 100 blocks, or one that takes more than 1,000,000 characters of parsing, is too complex.
+8. A text that binds the class's name twice is ambiguous, because Python would silently keep the last.
+9. An answer that was cut off counts only if something after its last class statement shows that the class was finished.
+10. An answer of more than 100 blocks, or one that takes more than 1,000,000 characters of parsing, is too complex.
 """
 
 import ast
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from tacevo.gate.blocks import BlockParser, CodeBlock, TooComplexError, blocks_of, trimmed
 from tacevo.gate.fences import FenceKind, parts_of
+from tacevo.gate.frames import unframed
 from tacevo.gate.joining import ParsedCode, class_statements, future_first, parts_of_network
+from tacevo.gate.likeness import repeats
 from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
+from tacevo.gate.rewriting import rewritten
 from tacevo.gate.tags import mentions_thought, without_thoughts
-from tacevo.gate.versions import completeness, has_class, later_version
+from tacevo.gate.versions import Known, completeness, goes_on, has_class, later_version, lines_of, plain, statements_of
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
@@ -41,25 +47,42 @@ _UNANSWERED = {
 }
 
 
-def extract(completion: Completion, contract: Contract, *, own: bool = True) -> str | Rejection:
-    """Find the source text in an answer that `first_look` lets pass.
+@dataclass(frozen=True, slots=True)
+class Extracted:
+    """What an answer holds."""
+
+    #: It parses and defines the class once: newlines normalised, dedented, ending with one newline.
+    source: str
+    #: What was changed in it, as a person would say it.
+    notes: tuple[str, ...] = ()
+
+
+def extract(completion: Completion, contract: Contract, asked: str = "") -> str | Rejection:
+    """Find the source text in an answer that `first_look` lets pass; see `extracted`."""
+    found = extracted(completion, contract, asked)
+    return found if isinstance(found, Rejection) else found.source
+
+
+def extracted(completion: Completion, contract: Contract, asked: str = "") -> Extracted | Rejection:
+    """Find the source text in an answer that `first_look` lets pass, and say what was changed in it.
 
     Args:
         completion: the answer.
         contract: names the class.
-        own: whether the source would be the model's own; one that it was given is no answer where other code follows.
+        asked: what the model was asked, with the networks that it was given; empty where that is not known. A copy of
+            one of them does not count beside another version, and alone it is no answer where other code stands by it.
 
     Returns:
-        Source that parses and defines the contract's class once: newlines normalised, dedented, ending with one
-        newline; or a rejection at stage `extract`.
+        The source; or a rejection at stage `extract`.
     """
+    cut_off = completion.stop_reason in CUT_OFF
     try:
-        source = _choose(_normalised(completion.text), contract.class_name, completion.stop_reason in CUT_OFF, own)
+        found = _choose(_normalised(completion.text), contract.class_name, cut_off, _normalised(asked))
     except TooComplexError as error:
         return _rejected(Reason.too_complex, str(error))
     except RecursionError:  # no parser's, but of what compares statements that are nested a thousand deep
         return _rejected(Reason.too_complex, "expressions are nested too deeply to be compared; simplify them")
-    return _rejected(source.reason, source.detail) if isinstance(source, Problem) else source
+    return _rejected(found.reason, found.detail) if isinstance(found, Problem) else found
 
 
 def as_whole(text: str) -> str:
@@ -93,13 +116,28 @@ def _normalised(text: str) -> str:
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def _choose(text: str, name: str, cut_off: bool, own: bool) -> str | Problem:
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """A source text with its tree."""
+
+    text: str
+    tree: ast.Module
+    notes: tuple[str, ...]
+
+
+def _choose(text: str, name: str, cut_off: bool, asked: str) -> Extracted | Problem:
     """Pick the source among the blocks of an answer, as the module's rules say."""
     parser = BlockParser()
-    answer, blocks = _read(text, name, parser)
-    versions = [block for block in blocks if has_class(block, name)]
+    answer, read = _read(text, name, parser)
+    blocks = rewritten(read, name, parser)
+    versions = _versions(blocks, name)
     if cut_off and not _is_closed(answer, versions, name):
         return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
+    given = _given(asked, name)
+    copies = [block for block in versions if isinstance(block.parsed, ast.Module) and _is_copy(block.parsed, given, name)]
+    own = [block for block in versions if not any(block is copy for copy in copies)]
+    if any(completeness(block, name) == 2 for block in own):
+        versions = own
     shares = [completeness(block, name) for block in versions]
     if not any(shares):
         return _explain(answer, versions, blocks, name, parser)
@@ -107,7 +145,80 @@ def _choose(text: str, name: str, cut_off: bool, own: bool) -> str | Problem:
     source = _source(chosen, blocks, name, parser)
     if isinstance(source, Problem):
         return source
-    return later_version(_behind(answer, chosen), source.tree, name, parser, own=own) or source.text
+    if _is_copy(source.tree, given, name):
+        problem = _other_than_copy(answer, source, chosen, copies, given, name, parser)
+    else:
+        problem = _later_than(answer, source, chosen, given, name, parser)
+    return problem or Extracted(source.text, source.notes)
+
+
+def _given(asked: str, name: str) -> list[ParsedCode]:
+    """List the networks that a question gives; what takes too much work to read gives none."""
+    if name not in asked:
+        return []
+    try:
+        blocks = blocks_of(asked, BlockParser())
+    except TooComplexError:
+        return []
+    codes = [ParsedCode(block.text, block.parsed) for block in blocks if isinstance(block.parsed, ast.Module)]
+    return [code for code in codes if class_statements(code.tree, name)]
+
+
+def _is_copy(tree: ast.Module, given: Sequence[ParsedCode], name: str) -> bool:
+    return any(repeats(tree, code.tree, name) for code in given)
+
+
+def _later_than(
+    answer: str, source: _Source, chosen: CodeBlock, given: Sequence[ParsedCode], name: str, parser: BlockParser
+) -> Problem | None:
+    """Find what shows that the model went on behind the source, or None."""
+    behind = _behind(answer, chosen)
+    if name.lower() not in plain(behind).lower():
+        return None
+    return later_version(behind, _known(answer, source, chosen, given), name, parser)
+
+
+def _other_than_copy(
+    answer: str,
+    source: _Source,
+    chosen: CodeBlock,
+    copies: Sequence[CodeBlock],
+    given: Sequence[ParsedCode],
+    name: str,
+    parser: BlockParser,
+) -> Problem | None:
+    """Find what shows, before or behind a copy of a given network, that the model meant another one, or None."""
+    lines = answer.split("\n")
+    for block in (chosen, *copies):
+        lines[block.start : block.end] = [""] * (block.end - block.start)
+    beside = "\n".join(lines)
+    if not beside.strip():
+        return None
+    known = _known(answer, source, chosen, given)
+    return later_version(beside, known, name, parser) or goes_on(beside, known, name, parser)
+
+
+def _known(answer: str, source: _Source, chosen: CodeBlock, given: Sequence[ParsedCode]) -> Known:
+    """Collect what of an answer is not new beside its source."""
+    written = answer.split("\n")[chosen.start : chosen.end]
+    codes = [ParsedCode(source.text, source.tree), *given]
+    return Known(
+        tree=source.tree,
+        was=chosen.was,
+        lines=lines_of("\n".join([*written, *(code.text for code in codes)])),
+        statements=frozenset().union(*(statements_of(code.tree) for code in codes)),
+    )
+
+
+def _versions(blocks: Sequence[CodeBlock], name: str) -> list[CodeBlock]:
+    """List the blocks that have the class."""
+    versions: list[CodeBlock] = []
+    known: set[str] = set()
+    for block in blocks:
+        if has_class(block, name, known):
+            versions.append(block)
+            known |= lines_of(block.text) if isinstance(block.parsed, ast.Module) else set()
+    return versions
 
 
 def _behind(answer: str, chosen: CodeBlock) -> str:
@@ -125,7 +236,8 @@ def _read(text: str, name: str, parser: BlockParser) -> tuple[str, list[CodeBloc
     whole = trimmed(text)
     parsed = parser.parse(whole)
     if isinstance(parsed, ast.Module) and class_statements(parsed, name):
-        return text, [CodeBlock(whole, parsed, closed=False, end=text.count("\n") + 1)]
+        return text, [CodeBlock(whole, parsed, closed=False, start=0, end=text.count("\n") + 1)]
+    text = unframed(text, name)
     answer = without_thoughts(text, _lines_of_code(text, parser)) if mentions_thought(text) else text
     return answer, blocks_of(answer, parser)
 
@@ -156,13 +268,13 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
     return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
 
 
-def _source(chosen: CodeBlock, blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> ParsedCode | Problem:
+def _source(chosen: CodeBlock, blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> _Source | Problem:
     """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once."""
     if isinstance(chosen.parsed, Problem):
         return chosen.parsed
-    others = [block for block in blocks if block is not chosen]
+    others = [block for block in blocks if block is not chosen and isinstance(block.parsed, ast.Module)]
     codes = [ParsedCode(block.text, block.parsed) for block in others if isinstance(block.parsed, ast.Module)]
-    parts = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, name)
+    parts, places = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, name)
     text = "\n\n".join(parts)
     tree = chosen.parsed if text == chosen.text else parser.parse(text)
     if isinstance(tree, Problem):
@@ -171,7 +283,9 @@ def _source(chosen: CodeBlock, blocks: Sequence[CodeBlock], name: str, parser: B
     if len(lines) > 1:
         where = ", ".join(map(str, lines))
         return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
-    return ParsedCode((text if len(parts) == 1 else future_first(ParsedCode(text, tree))) + "\n", tree)
+    joined = text if len(parts) == 1 else future_first(ParsedCode(text, tree))
+    notes = dict.fromkeys(note for block in (*(others[place] for place in places), chosen) for note in block.notes)
+    return _Source(joined + "\n", tree, tuple(notes))
 
 
 def _explain(

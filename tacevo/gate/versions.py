@@ -2,7 +2,9 @@
 
 import ast
 import re
-from collections.abc import Collection, Iterator
+import unicodedata
+from collections.abc import Collection, Set
+from dataclasses import dataclass
 
 from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of
 from tacevo.gate.joining import class_statements
@@ -11,18 +13,62 @@ from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
 
 #: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
-_DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
-#: The sign of a fence and its language, unless that is Python or a diff, which shows a part of a class.
-_LANGUAGE = r"^([ \t]*(?:`{3,}|~{3,}))[ \t]*(?!(?:diff|patch|i?py\w*)\b)\w[^`\n]*$"
+_DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[-*](?= )|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
 _HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
+#: A statement that only the text of a network has, in the place where it stands.
+_STATEMENT = re.compile(
+    r"self\.\w[\w.\[\]]*[ \t]*(?:[-+*/@]|//)?=(?!=)|super\(|return\b.*\bself\.|\w[\w, .\[\]]*=(?!=).*\bself\."
+    r"|\w[\w, .\[\]]*=[ \t]*(?:torch\.)?(?:nn|F)\.\w+\(|(?:for|if|while|with)\b.*\bself\..*:"
+)
+_METHOD = re.compile(r"(?:async[ \t]+)?def[ \t]+\w+[ \t]*\(")
+#: Where a remark to a line of code begins: `x = 1  <- one`, `x = 1 | one`.
+_REMARK = re.compile(r"[ \t]*(?:<[-=]|\u2190|->[ \t]*\w+[ \t]|\u2192|\u2014|\u2013|\||//|#|`|[ \t]{2,}\S|:[ \t]+\S)")
+#: A row of a table, which has more than one cell.
+_ROW = re.compile(r"[ \t]*\|[^|\n]*\|.*\|[ \t]*$")
+#: What no class statement of Python has.
+_FOREIGN = re.compile(r"[{<]|::|\bextends\b|\bimplements\b")
 
 
-def has_class(block: CodeBlock, name: str) -> bool:
-    """Return whether a block states the class; in text that does not parse, a line below must be indented."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What is no other version where it stands beside the chosen one."""
+
+    #: The chosen version.
+    tree: ast.Module
+    #: The name of its class in the answer, if it is another one.
+    was: str
+    #: The `lines_of` it and of the networks that the model was given.
+    lines: Set[str]
+    #: The `statements_of` the same.
+    statements: Set[str]
+
+
+def has_class(block: CodeBlock, name: str, known: Set[str] = frozenset()) -> bool:
+    """Return whether a block states the class.
+
+    Text that does not parse does so with a statement of the class at its end, or with statements of a network below it
+    that are not `known`, the `lines_of` other versions: an outline and a copy with remarks state nothing.
+    """
     if isinstance(block.parsed, ast.Module):
         return bool(class_statements(block.parsed, name))
-    statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b.*(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
-    return re.search(statement, block.text, re.MULTILINE) is not None
+    text = plain(block.text)
+    statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b(.*)(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
+    found = re.search(statement, text, re.MULTILINE)
+    if found is None or _FOREIGN.search(found[2]):
+        return False
+    return found.end() == len(text) or _states_network(text[found.start() :], name, known, methods=True)
+
+
+def lines_of(text: str) -> set[str]:
+    """Return the lines of a version, in a form in which those of another one can be looked up."""
+    return {_squeezed(line) for line in text.split("\n")}
+
+
+def plain(text: str) -> str:
+    """Return a text without signs that take no place, such as a zero-width space in a name."""
+    if text.isascii():
+        return text
+    return "".join(letter for letter in text if unicodedata.category(letter) != "Cf")
 
 
 def completeness(block: CodeBlock, name: str) -> int:
@@ -36,16 +82,38 @@ def completeness(block: CodeBlock, name: str) -> int:
         header = rf"^([ \t]*)(?:def[ \t]+forward|class[ \t]+{re.escape(name)})\b.*(?:\n[ \t]*)*"
         comments = r"\n[ \t]*#.*(?:\n[ \t]*(?:#.*)?)*(?=\n|\Z)(?!\n\1[ \t])"
         return 1 if re.search(header + comments, block.text, re.MULTILINE) else 2
-    return max(map(_completeness_of_class, class_statements(block.parsed, name)))
+    tree = block.parsed
+    return max(_completeness_of_class(node, _assigns_forward(tree, node)) for node in class_statements(tree, name))
 
 
-def _completeness_of_class(node: ast.ClassDef) -> int:
+def _completeness_of_class(node: ast.ClassDef, is_assigned: bool) -> int:
     forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
-    bases = {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
-    if not forward and not bases - {"Module"}:
+    if not (forward or is_assigned or _bases(node) - {"Module"}):
         return 0
     is_stub = any(all(map(_computes_nothing, function.body)) for function in forward)
     return 1 if is_stub or any(map(_is_left_out, ast.walk(node))) else 2
+
+
+def _assigns_forward(tree: ast.Module, node: ast.ClassDef) -> bool:
+    """Return whether a class has `forward` by another statement than its own `def`: `forward = run`, for example."""
+    if "forward" in names_of(node.body).bound:
+        return True
+    return any(_sets_forward(part, "self") for part in ast.walk(node)) or any(
+        _sets_forward(part, node.name) for statement in tree.body for part in ast.walk(statement)
+    )
+
+
+def _sets_forward(node: ast.AST, owner: str) -> bool:
+    match node:
+        case ast.Attribute(value=ast.Name(id=name), attr="forward", ctx=ast.Store()):
+            return name == owner
+        case ast.Call(func=ast.Name(id="setattr"), args=[ast.Name(id=name), ast.Constant(value="forward"), _]):
+            return name == owner
+    return False
+
+
+def _bases(node: ast.ClassDef) -> set[str]:
+    return {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
 
 
 def _computes_nothing(node: ast.stmt) -> bool:
@@ -61,72 +129,202 @@ def _is_left_out(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and node.value.value is ...
 
 
-def later_version(text: str, chosen: ast.Module, name: str, parser: BlockParser, *, own: bool) -> Problem | None:
+def later_version(text: str, chosen: Known, name: str, parser: BlockParser) -> Problem | None:
     """Find what shows that the model went on to another version of the class, in a form that cannot be used.
 
-    A version that could be used would have been chosen. This one does not parse, has code left out, is quoted,
-    numbered, a diff or JSON, or has another name. An excerpt of the chosen version has no statement of its own.
+    A version that could be used would have been chosen. This one does not parse, has code left out, is numbered, a diff
+    or a text of a program, has another name, or does not stand at the top level. What has nothing of its own is no
+    version: an excerpt of the chosen one, words about it, a test, a wrapper around it, another language.
 
-    The text is what stands behind the chosen version. `own` is as of `extract`: behind a network that was given, any
-    other class, function or layer is a version.
+    The text is what stands behind the chosen version.
 
     Raises:
         TooComplexError: reading it takes too much work.
     """
-    if own and name.lower() not in text.lower():
+    text = plain(text)
+    if name.lower() not in text.lower():
         return None
-    plain, known = _undecorated(text, name), _statements(chosen)
-    header = rf"^[ \t]*class[ \t]+{re.escape(name)}[ \t]*[(:]"
-    for block in blocks_of(plain, parser):
-        if isinstance(block.parsed, Problem):
-            if re.search(header, block.text, re.MULTILINE) and completeness(block, name) == 2:
-                return block.parsed
-        elif any(not _statements(node) <= known for node in class_statements(block.parsed, name)):
-            return Problem(Reason.no_class, f"expected the whole of class {name}; got a later version of it in part")
-    bound = names_of(chosen.body).bound - {name}
-    if any(_is_renamed(plain, name, bound)) or (not own and _goes_on(plain, bound)):
+    bound = names_of(chosen.tree.body).bound - {name} | {chosen.was}
+    lines = text.split("\n")
+    for block in blocks_of(text, parser):
+        if isinstance(block.parsed, ast.Module):
+            for node in ast.walk(block.parsed):
+                problem = _problem_of(node, name, bound, chosen)
+                if problem is not None:
+                    return problem
+            lines[block.start : block.end] = [""] * (block.end - block.start)
+    if _states_network(_undecorated("\n".join(lines), name), name, chosen.lines):
         return Problem(Reason.no_class, f"expected class {name} in Python; got a later version in another form")
     return None
 
 
+def _problem_of(node: ast.AST, name: str, bound: Collection[str], chosen: Known) -> Problem | None:
+    """Return what a node says of a later version; None where it says nothing."""
+    match node:
+        case ast.ClassDef() if node.name == name:
+            if not statements_of(node) <= chosen.statements:
+                return Problem(Reason.no_class, f"expected the whole of class {name}; got a later version of it in part")
+        case ast.ClassDef() if name.lower() in node.name.lower().replace("_", "") and node.name not in bound:
+            if _is_network(node, name) and not statements_of(node) <= chosen.statements:
+                return Problem(Reason.no_class, f"expected class {name}; got a later version named {node.name}")
+        case ast.FunctionDef() if node.name == name:
+            return Problem(Reason.no_class, f"expected class {name}; got a function of that name behind it")
+        case ast.Assign(targets=[*targets], value=value) if any(_is_name(it, name) for it in targets):
+            if _is_network_value(value, name, bound):
+                return Problem(Reason.no_class, f"expected class {name}; got another one that is given its name")
+        case ast.Constant(value=str(words)) if name in words and _states_network(words, name, chosen.lines):
+            return Problem(Reason.no_class, f"expected class {name} in Python; got a later version of it in a string")
+    return None
+
+
+def _is_name(node: ast.expr, name: str) -> bool:
+    return isinstance(node, ast.Name) and node.id == name
+
+
+def _is_network_value(value: ast.expr, name: str, bound: Collection[str]) -> bool:
+    """Return whether the class's name is given to another network: not to a constant, nor to what is made of it."""
+    match value:
+        case ast.Name(id=other):
+            return other != name and other not in bound
+        case ast.Call() | ast.Lambda() | ast.Attribute():
+            return not any(isinstance(part, ast.expr) and _is_name(part, name) for part in ast.walk(value))
+    return False
+
+
+def _is_network(node: ast.ClassDef, name: str) -> bool:
+    """Return whether a class of another name may stand for the network: it turns one thing into another, by itself.
+
+    A test, settings and a data set have no `forward`; a loss takes more than one thing; what calls the class, or a
+    network that it is given, wraps it.
+    """
+    inside = [part for statement in node.body for part in ast.walk(statement)]
+    if any(isinstance(part, ast.Name) and part.id == name and not _is_of_super(part, inside) for part in inside):
+        return False
+    forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
+    if name in _bases(node):
+        return bool(forward) or _makes_layers(inside)
+    if any(len(item.args.args) - len(item.args.defaults) > 2 for item in forward):
+        return False
+    return "forward" in names_of(node.body).bound and _makes_layers(inside)
+
+
+def _is_of_super(node: ast.Name, inside: Collection[ast.AST]) -> bool:
+    calls = (part for part in inside if isinstance(part, ast.Call) and _is_name(part.func, "super"))
+    return any(argument is node for call in calls for argument in call.args)
+
+
+def _makes_layers(inside: Collection[ast.AST]) -> bool:
+    """Return whether code makes layers or calls the functions of torch: what a wrapper leaves to another class."""
+    for part in inside:
+        match part:
+            case ast.Call(func=ast.Attribute(value=ast.Name(id="F"))):
+                return True
+            case ast.Call(func=ast.Attribute(value=ast.Name(id="nn") | ast.Attribute(attr="nn"), attr=layer)):
+                if not layer.endswith("Loss"):
+                    return True
+            case ast.Call(func=ast.Name(id=layer)) if re.match(r"[A-Z]\w*\d|Linear$|Sequential$|Parameter$", layer):
+                return True
+    return False
+
+
+def goes_on(text: str, chosen: Known, name: str, parser: BlockParser) -> Problem | None:
+    """Find code beside a network that was given, which shows that it is no answer; arguments as of `later_version`.
+
+    That is any other class, function or layer, and one of the network's own that is not as it was given.
+    """
+    bound = names_of(chosen.tree.body).bound - {name}
+    problem = Problem(Reason.no_class, f"expected class {name}; got one that was given, and parts of another")
+    for block in blocks_of(text, parser):
+        for node in ast.walk(block.parsed) if isinstance(block.parsed, ast.Module) else ():
+            is_of_it = isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name in bound
+            if is_of_it and not statements_of(node) <= chosen.statements:
+                return problem
+    text = re.sub(rf"^{_DECORATION}", "", plain(text), flags=re.MULTILINE)
+    headers = re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE)
+    return problem if any(other not in bound for other in headers) else None
+
+
 def _undecorated(text: str, name: str) -> str:
-    """Return a text without what marks its lines, if it marks the class; and its fences as if they had no language."""
+    """Return a text without what marks its lines, and without tables."""
     if re.search(rf"class[ \t]+{re.escape(name)}\b.*\\n", text):  # JSON
         text = text.replace("\\n", "\n").replace('\\"', '"')
-    if re.search(rf"^{_DECORATION}[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE | re.IGNORECASE):
-        text = re.sub(rf"^{_DECORATION}", "", text, flags=re.MULTILINE)
-    return re.sub(_LANGUAGE, r"\1text", text, flags=re.MULTILINE)
+    lines = (line for line in text.split("\n") if not _ROW.match(line))
+    return re.sub(rf"^{_DECORATION}", "", "\n".join(lines), flags=re.MULTILINE)
 
 
-def _is_renamed(text: str, name: str, bound: Collection[str]) -> Iterator[bool]:
-    """Yield whether statements give the class's name, or one with it, to something else than a class of that name."""
-    name = re.escape(name)
-    # The name is looked for in each class's own: a pattern that looks for it there tries every place with every other.
-    network = rf"^[ \t]*(class)[ \t]+(\w+)[ \t]*(?:\([^)\n]*(?:Module|{name})|:)"
-    for word, other in re.findall(network, text, re.MULTILINE | re.IGNORECASE):
-        if re.search(name, other, re.IGNORECASE):
-            yield (word, other) != ("class", name) and other not in bound
-    for form in (
-        rf"^(?:def[ \t]+{name}[ \t]*\(|{name}[ \t]*=[^=])",
-        rf"^(?![ \t]*#|@@).*\S[ \t]*\bclass[ \t]+{name}\b.*:\s*\n[ \t]+(?:def\b|[\"'])",
-        rf"^([ \t]*)class[ \t]+{name}\b.*:\s*\n\1(?:def\b|super\b|#|[\"'])",
-    ):
-        yield re.search(form, text, re.MULTILINE) is not None
+def _states_network(text: str, name: str, known: Set[str], *, methods: bool = False) -> bool:
+    """Return whether a class statement, of the class's name or of one with it, has unknown statements below it.
+
+    With `methods`, its methods are statements, too, as they are between fences.
+    """
+    name = name.lower()
+    margin: int | None = None
+    is_other = has_forward = is_new = False
+    for line in text.split("\n"):
+        header = _class_header(line, name)
+        code = line.strip()
+        if header is not None:
+            margin, is_other, has_forward, is_new = len(line) - len(line.lstrip()), header != name, False, False
+        if header is not None or margin is None or not code:
+            continue
+        is_method, is_statement = _METHOD.match(code), _STATEMENT.match(code)
+        is_below = len(line) - len(line.lstrip()) > margin
+        if code.startswith(("{", "```", "~~~")) or (is_other and f"{name}(" in code.lower()):
+            margin = None  # another language, another block, or what wraps the class
+        elif not (is_method or is_statement or is_below or code.startswith(("#", "@", '"', "'", "-"))):
+            margin = None
+        elif (is_statement or (is_method and methods)) and f"{name}(" not in code.lower():
+            is_new = is_new or not _is_known(code, known)
+        has_forward = has_forward or re.match(r"def[ \t]+forward\b", code) is not None
+        if is_new and margin is not None and (has_forward or not is_other):
+            return True
+    return False
 
 
-def _goes_on(text: str, bound: Collection[str]) -> bool:
-    text = re.sub(rf"^{_DECORATION}", "", text, flags=re.MULTILINE)
-    return any(other not in bound for other in re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE))
+def _class_header(line: str, name: str) -> str | None:
+    """Return the name of the class that a line states and ends with, in lower case, if it has that name in its own."""
+    found = re.search(r"\bclass[ \t]+(\w+)[ \t]*(?:[(\[].*|:.*)?$", line, re.IGNORECASE)
+    if found is None or name not in found[1].lower() or _FOREIGN.search(line[found.end(1) :]):
+        return None
+    rest = line[found.end(1) :].strip().rstrip("`")
+    if re.search(r":\s*(?:[^\s\"'#].*)$", rest):  # words behind the colon
+        return None
+    return found[1].lower()
 
 
-def _statements(tree: ast.AST) -> set[str]:
-    """Collect what the statements of a text compute, without those that stand for code that is left out."""
+def _is_known(code: str, known: Set[str]) -> bool:
+    """Return whether a line is one of those that are known, perhaps with a remark behind it."""
+    if _squeezed(code) in known:
+        return True
+    remark = _REMARK.search(code.lstrip("`"))
+    if remark is None:
+        return False
+    start = _squeezed(code.lstrip("`")[: remark.start()])
+    return start in known or f"{start}:" in known
+
+
+def _squeezed(line: str) -> str:
+    return re.sub(r"\s+", "", line)
+
+
+def statements_of(tree: ast.AST) -> set[str]:
+    """Collect what the statements of a text compute, without those that stand for code that is left out.
+
+    What stands alone in the body of a class computes nothing, as the words of an outline.
+    """
     parts: list[ast.AST] = []
+    silent: set[int] = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) or not isinstance(node, ast.stmt):
+        if isinstance(node, ast.ClassDef):
+            silent |= {id(item) for item in node.body if _is_of_outline(item)}
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) or not isinstance(node, ast.stmt) or id(node) in silent:
             continue
         if hasattr(node, "body"):
             parts += [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
         elif not _computes_nothing(node):
             parts.append(node)
     return set(map(ast.dump, parts))
+
+
+def _is_of_outline(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) or (isinstance(node, ast.AnnAssign) and node.value is None)
