@@ -34,7 +34,7 @@ from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.rewriting import rewritten
 from tacevo.gate.tags import mentions_thought, without_thoughts
-from tacevo.gate.versions import Known, completeness, goes_on, has_class, later_version, lines_of, plain, statements_of
+from tacevo.gate.versions import Known, completeness, goes_on, has_class, later_version, lines_of, names, statements_of
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
@@ -130,10 +130,10 @@ def _choose(text: str, name: str, cut_off: bool, asked: str) -> Extracted | Prob
     parser = BlockParser()
     answer, read = _read(text, name, parser)
     blocks = rewritten(read, name, parser)
-    versions = _versions(blocks, name)
+    given = _given(asked, name)
+    versions = _versions(blocks, given, name)
     if cut_off and not _is_closed(answer, versions, name):
         return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
-    given = _given(asked, name)
     copies = [block for block in versions if isinstance(block.parsed, ast.Module) and _is_copy(block.parsed, given, name)]
     own = [block for block in versions if not any(block is copy for copy in copies)]
     if any(completeness(block, name) == 2 for block in own):
@@ -173,7 +173,7 @@ def _later_than(
 ) -> Problem | None:
     """Find what shows that the model went on behind the source, or None."""
     behind = _behind(answer, chosen)
-    if name.lower() not in plain(behind).lower():
+    if not names(behind, name):
         return None
     return later_version(behind, _known(answer, source, chosen, given), name, parser)
 
@@ -210,10 +210,10 @@ def _known(answer: str, source: _Source, chosen: CodeBlock, given: Sequence[Pars
     )
 
 
-def _versions(blocks: Sequence[CodeBlock], name: str) -> list[CodeBlock]:
+def _versions(blocks: Sequence[CodeBlock], given: Sequence[ParsedCode], name: str) -> list[CodeBlock]:
     """List the blocks that have the class."""
     versions: list[CodeBlock] = []
-    known: set[str] = set()
+    known = set[str]().union(*(lines_of(code.text) for code in given))
     for block in blocks:
         if has_class(block, name, known):
             versions.append(block)

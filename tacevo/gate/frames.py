@@ -11,7 +11,7 @@ _SPACES = "\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000"
 _INDENTATION = re.compile(rf"^[ \t]*[{_SPACES}][ \t{_SPACES}]*", re.MULTILINE)
 _PROMPT = re.compile(r" {0,3}(?:>>>|\.\.\.)(?:[ \t]|$)")
 _FIRST_PROMPT = re.compile(r" {0,3}>>>(?:[ \t]|$)")
-_QUOTE = re.compile(r" {0,3}> ?")
+_QUOTE = re.compile(r" {0,3}>")
 _FENCE = re.compile(r"[ \t]*(`{3,}|~{3,})")
 #: Where JSON may begin: at the beginning of a line, or behind tags and labels.
 _JSON = re.compile(r"^[ \t]*(?:<[^<>\n]*>|\[/?[A-Z_]+\]|[ \t])*(?=[{\[])", re.MULTILINE)
@@ -42,11 +42,17 @@ def _without_quotes(text: str) -> str:
     start = 0
     while start < len(lines):
         end = next((at for at in range(start, len(lines)) if not _is_quoted(lines[at])), len(lines))
-        inner = [_QUOTE.sub("", line, count=1) for line in lines[start:end]]
+        inner = _unquoted(lines[start:end])
         if len(inner) > 1 and any(re.match(rf"[> ]*(?:{STATEMENT}|`{{3}}|~{{3}})", line) for line in inner):
             lines[start:end] = _without_quotes("\n".join(inner)).split("\n") if _all_quoted(inner) else inner
         start = max(end, start + 1)
     return "\n".join(lines)
+
+
+def _unquoted(lines: Sequence[str]) -> list[str]:
+    """Take a sign off each line, and the space behind it, where every line has one."""
+    inner = [_QUOTE.sub("", line, count=1) for line in lines]
+    return [line[1:] for line in inner] if all(line[:1] in ("", " ") for line in inner) else inner
 
 
 def _is_quoted(line: str) -> bool:

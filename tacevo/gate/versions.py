@@ -71,6 +71,15 @@ def plain(text: str) -> str:
     return "".join(letter for letter in text if unicodedata.category(letter) != "Cf")
 
 
+def names(text: str, name: str) -> bool:
+    """Return whether a text has a name in any spelling: in lower case, with underscores or signs that take no place."""
+    return _folded(name) in _folded(plain(text))
+
+
+def _folded(text: str) -> str:
+    return text.lower().replace("_", "")
+
+
 def completeness(block: CodeBlock, name: str) -> int:
     """Tell a version of the class from an excerpt.
 
@@ -142,18 +151,21 @@ def later_version(text: str, chosen: Known, name: str, parser: BlockParser) -> P
         TooComplexError: reading it takes too much work.
     """
     text = plain(text)
-    if name.lower() not in text.lower():
+    if not names(text, name):
         return None
     bound = names_of(chosen.tree.body).bound - {name} | {chosen.was}
     lines = text.split("\n")
     for block in blocks_of(text, parser):
-        if isinstance(block.parsed, ast.Module):
-            for node in ast.walk(block.parsed):
-                problem = _problem_of(node, name, bound, chosen)
-                if problem is not None:
-                    return problem
+        nodes = list(ast.walk(block.parsed)) if isinstance(block.parsed, ast.Module) else []
+        for node in nodes:
+            problem = _problem_of(node, name, bound, chosen)
+            if problem is not None:
+                return problem
+        if any(isinstance(node, ast.ClassDef) for node in nodes):
             lines[block.start : block.end] = [""] * (block.end - block.start)
-    if _states_network(_undecorated("\n".join(lines), name), name, chosen.lines):
+    text = _undecorated("\n".join(lines), name)
+    named = re.findall(rf"^[ \t]*{re.escape(name)}[ \t]*=[ \t]*(\w+|(?:torch\.)?nn\.\w+\(.*)$", text, re.MULTILINE)
+    if _states_network(text, name, chosen.lines) or any(other not in bound | {name} for other in named):
         return Problem(Reason.no_class, f"expected class {name} in Python; got a later version in another form")
     return None
 
@@ -164,7 +176,7 @@ def _problem_of(node: ast.AST, name: str, bound: Collection[str], chosen: Known)
         case ast.ClassDef() if node.name == name:
             if not statements_of(node) <= chosen.statements:
                 return Problem(Reason.no_class, f"expected the whole of class {name}; got a later version of it in part")
-        case ast.ClassDef() if name.lower() in node.name.lower().replace("_", "") and node.name not in bound:
+        case ast.ClassDef() if names(node.name, name) and node.name not in bound:
             if _is_network(node, name) and not statements_of(node) <= chosen.statements:
                 return Problem(Reason.no_class, f"expected class {name}; got a later version named {node.name}")
         case ast.FunctionDef() if node.name == name:
@@ -255,41 +267,50 @@ def _undecorated(text: str, name: str) -> str:
 def _states_network(text: str, name: str, known: Set[str], *, methods: bool = False) -> bool:
     """Return whether a class statement, of the class's name or of one with it, has unknown statements below it.
 
-    With `methods`, its methods are statements, too, as they are between fences.
+    With `methods`, the unknown head of a method counts, too, where any statement stands below the class.
     """
-    name = name.lower()
+    name = _folded(name)
     margin: int | None = None
-    is_other = has_forward = is_new = False
+    found: set[str] = set()
     for line in text.split("\n"):
+        code, indentation = line.strip(), len(line) - len(line.lstrip())
         header = _class_header(line, name)
-        code = line.strip()
         if header is not None:
-            margin, is_other, has_forward, is_new = len(line) - len(line.lstrip()), header != name, False, False
-        if header is not None or margin is None or not code:
+            margin, found = indentation, {"exact"} if header == name else set()
             continue
-        is_method, is_statement = _METHOD.match(code), _STATEMENT.match(code)
-        is_below = len(line) - len(line.lstrip()) > margin
-        if code.startswith(("{", "```", "~~~")) or (is_other and f"{name}(" in code.lower()):
+        if margin is None or not code:
+            continue
+        signs = _signs_of_network(code, known)
+        uses_class = f"{name}(" in _folded(code)
+        if code.startswith(("{", "```", "~~~")) or ("exact" not in found and uses_class):
             margin = None  # another language, another block, or what wraps the class
-        elif not (is_method or is_statement or is_below or code.startswith(("#", "@", '"', "'", "-"))):
+        elif not (signs or indentation > margin or code.startswith(("#", "@", '"', "'", "-"))):
             margin = None
-        elif (is_statement or (is_method and methods)) and f"{name}(" not in code.lower():
-            is_new = is_new or not _is_known(code, known)
-        has_forward = has_forward or re.match(r"def[ \t]+forward\b", code) is not None
-        if is_new and margin is not None and (has_forward or not is_other):
+        elif not uses_class:
+            found |= signs
+        is_new = "new statement" in found or (methods and {"new method", "statement"} <= found)
+        if margin is not None and is_new and found & {"exact", "forward"}:
             return True
     return False
+
+
+def _signs_of_network(code: str, known: Set[str]) -> set[str]:
+    """Return what a line of code says: whether it is a statement of a network or the head of a method, and new."""
+    is_new = "" if _is_known(code, known) else "new "
+    if _METHOD.match(code):
+        return {"method", f"{is_new}method"} | ({"forward"} if re.match(r"def[ \t]+forward\b", code) else set())
+    return {"statement", f"{is_new}statement"} if _STATEMENT.match(code) else set()
 
 
 def _class_header(line: str, name: str) -> str | None:
     """Return the name of the class that a line states and ends with, in lower case, if it has that name in its own."""
     found = re.search(r"\bclass[ \t]+(\w+)[ \t]*(?:[(\[].*|:.*)?$", line, re.IGNORECASE)
-    if found is None or name not in found[1].lower() or _FOREIGN.search(line[found.end(1) :]):
+    if found is None or name not in _folded(found[1]) or _FOREIGN.search(line[found.end(1) :]):
         return None
     rest = line[found.end(1) :].strip().rstrip("`")
     if re.search(r":\s*(?:[^\s\"'#].*)$", rest):  # words behind the colon
         return None
-    return found[1].lower()
+    return _folded(found[1])
 
 
 def _is_known(code: str, known: Set[str]) -> bool:

@@ -12,7 +12,7 @@ from tacevo.gate import blocks
 from tacevo.gate.blocks import BlockParser
 from tacevo.gate.policy import problems
 from tacevo.gate.policy.check import rejection_of
-from tacevo.gate.versions import later_version
+from tacevo.gate.versions import Known, later_version, lines_of, statements_of
 from tacevo.records import Reason, Rejection
 from tacevo.text import parse_python
 
@@ -103,7 +103,8 @@ def test_blocks_that_lack_each_other_cost_as_many_steps_as_there_are() -> None:
 def test_name_that_repeats_is_looked_for_once() -> None:
     """A pattern that tries each place of the name with every other one would take minutes."""
     text = f"class {'ImageRegressionCNN' * 25_000}x"
-    assert later_version(text, ast.parse(VALID), "ImageRegressionCNN", BlockParser(), own=True) is None
+    chosen = Known(tree=ast.parse(VALID), was="", lines=lines_of(VALID), statements=statements_of(ast.parse(VALID)))
+    assert later_version(text, chosen, "ImageRegressionCNN", BlockParser()) is None
 
 
 def test_number_of_blocks_is_bounded() -> None:
