@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 
 from tacevo.choices import Numerics
-from tacevo.gate.extraction import extract, first_look
+from tacevo.gate.extraction import extract, extracted, first_look
 from tacevo.gate.operations import NOT_PORTABLE
 from tacevo.gate.policy.check import rejection_of
 from tacevo.profile import Admitted, Profile
@@ -89,6 +89,16 @@ class Gate:
             again: dict[str, Json] = {**request, "own": False}
             source = recall_verdict(self.answers, again, str, "source", lambda: self._extract(completion, asked))
         return source if isinstance(source, Rejection) else self.measure(source)
+
+    def notes(self, completion: Completion, asked: str = "") -> tuple[str, ...]:
+        """Say what of an answer was changed, so that the policy could let it pass; empty where nothing was.
+
+        It reads the answer again, by the current rules: no verdict depends on it.
+        """
+        if first_look(completion, limit=self.source_bytes) is not None:
+            return ()
+        found = extracted(completion, self.contract, asked)
+        return () if isinstance(found, Rejection) else found.notes
 
     def _was_given(self, source: str, asked: str) -> bool:
         """Return whether the rules have a verdict of its own on an answer whose source was given, which is replayed."""

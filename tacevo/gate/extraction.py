@@ -9,7 +9,8 @@ The rules, in order:
 4. The rest is cut into blocks: what stands between fences that are marked as Python or not marked at all
    (`tacevo.gate.fences`), and elsewhere the longest stretches of lines that start like code and parse
    (`tacevo.gate.blocks`). Tags, labels and sentences around code do not belong to it.
-5. Some forms that mean the same are written in a form that the policy lets pass (`tacevo.gate.rewriting`), which is said.
+5. Some forms that mean the same are written in a form that the policy lets pass (`tacevo.gate.rewriting`); the source
+   begins with a comment that says so.
 6. The last block that has the class counts, whether it parses or not: a model that shows two versions means the later
    one. A copy of a network that the model was given does not count beside another version, nor does an excerpt beside a
    whole class. A later version in a form that cannot be used leaves no answer (`tacevo.gate.versions`).
@@ -34,7 +35,17 @@ from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.rewriting import rewritten
 from tacevo.gate.tags import mentions_thought, without_thoughts
-from tacevo.gate.versions import Known, completeness, goes_on, has_class, later_version, lines_of, names, statements_of
+from tacevo.gate.versions import (
+    Known,
+    completeness,
+    goes_on,
+    has_class,
+    later_version,
+    lines_of,
+    may_go_on,
+    names,
+    statements_of,
+)
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.
@@ -53,7 +64,7 @@ class Extracted:
 
     #: It parses and defines the class once: newlines normalised, dedented, ending with one newline.
     source: str
-    #: What was changed in it, as a person would say it.
+    #: What was changed in it, as a person would say it; the source begins with a comment for each.
     notes: tuple[str, ...] = ()
 
 
@@ -130,18 +141,18 @@ def _choose(text: str, name: str, cut_off: bool, asked: str) -> Extracted | Prob
     parser = BlockParser()
     answer, read = _read(text, name, parser)
     blocks = rewritten(read, name, parser)
-    given = _given(asked, name)
+    given = _given(asked, name) if _has_more(answer, blocks, name) else []
     versions = _versions(blocks, given, name)
     if cut_off and not _is_closed(answer, versions, name):
         return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
-    copies = [block for block in versions if isinstance(block.parsed, ast.Module) and _is_copy(block.parsed, given, name)]
+    copies = [block for block in versions if _is_copy(block.parsed, given, name)]
     own = [block for block in versions if not any(block is copy for copy in copies)]
-    if any(completeness(block, name) == 2 for block in own):
-        versions = own
-    shares = [completeness(block, name) for block in versions]
+    shares = [completeness(block, name) for block in own]
+    if 2 not in shares:
+        own, shares = versions, [completeness(block, name) for block in versions]
     if not any(shares):
         return _explain(answer, versions, blocks, name, parser)
-    chosen = versions[max(range(len(versions)), key=lambda i: (shares[i], i))]
+    chosen = own[max(range(len(own)), key=lambda i: (shares[i], i))]
     source = _source(chosen, blocks, name, parser)
     if isinstance(source, Problem):
         return source
@@ -149,7 +160,21 @@ def _choose(text: str, name: str, cut_off: bool, asked: str) -> Extracted | Prob
         problem = _other_than_copy(answer, source, chosen, copies, given, name, parser)
     else:
         problem = _later_than(answer, source, chosen, given, name, parser)
-    return problem or Extracted(source.text, source.notes)
+    said = "".join(f"# tacevo: {note}\n" for note in source.notes)
+    return problem or Extracted(said + source.text, source.notes)
+
+
+def _has_more(answer: str, blocks: Sequence[CodeBlock], name: str) -> bool:
+    """Return whether an answer has more than one block, so that it matters which of it was given."""
+    return len(blocks) > 1 or any(may_go_on(_beside(answer, [block]), name) for block in blocks)
+
+
+def _beside(answer: str, blocks: Sequence[CodeBlock]) -> str:
+    """Return an answer without some of its blocks."""
+    lines = answer.split("\n")
+    for block in blocks:
+        lines[block.start : block.end] = [""] * (block.end - block.start)
+    return "\n".join(lines)
 
 
 def _given(asked: str, name: str) -> list[ParsedCode]:
@@ -164,8 +189,9 @@ def _given(asked: str, name: str) -> list[ParsedCode]:
     return [code for code in codes if class_statements(code.tree, name)]
 
 
-def _is_copy(tree: ast.Module, given: Sequence[ParsedCode], name: str) -> bool:
-    return any(repeats(tree, code.tree, name) for code in given)
+def _is_copy(parsed: ast.Module | Problem, given: Sequence[ParsedCode], name: str) -> bool:
+    """Return whether a text is a copy of a network that was given."""
+    return isinstance(parsed, ast.Module) and any(repeats(parsed, code.tree, name) for code in given)
 
 
 def _later_than(
@@ -188,11 +214,8 @@ def _other_than_copy(
     parser: BlockParser,
 ) -> Problem | None:
     """Find what shows, before or behind a copy of a given network, that the model meant another one, or None."""
-    lines = answer.split("\n")
-    for block in (chosen, *copies):
-        lines[block.start : block.end] = [""] * (block.end - block.start)
-    beside = "\n".join(lines)
-    if not beside.strip():
+    beside = _beside(answer, [chosen, *copies])
+    if not may_go_on(beside, name):
         return None
     known = _known(answer, source, chosen, given)
     return later_version(beside, known, name, parser) or goes_on(beside, known, name, parser)

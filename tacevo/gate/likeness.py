@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Mapping
+from functools import lru_cache
 
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.allowed import PROVIDED
@@ -11,6 +12,7 @@ from tacevo.gate.policy.problems import Problem, parse
 _SILENT = {"ctx", "kind", "type_comment"}
 
 
+@lru_cache(maxsize=1024)  # the tables and figures of a run ask for the same
 def is_same_network(source: str, other: str) -> bool:
     """Return whether two sources are one network, written with other comments, docstrings, order or layout."""
     if source == other:

@@ -35,8 +35,9 @@ def rewritten(blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> li
     """
     aliases = _aliases(blocks, name)
     changed = [_with_name(_without_compile(block, parser), aliases, name, parser) for block in blocks]
-    has_star = any("import *" in block.text for block in changed)
-    lacked = {wanted for block in changed for wanted in _lacked(block)} if has_star else set()
+    if not any(re.search(r"import[ \t]*\*", block.text) for block in changed):
+        return changed
+    lacked = {wanted for block in changed for wanted in _lacked(block)}
     return [_with_names_of_stars(block, lacked, parser) for block in changed]
 
 
@@ -104,7 +105,11 @@ def _without_compile(block: CodeBlock, parser: BlockParser) -> CodeBlock:
     if not edits:
         return block
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module == "torch" and any(it.name == "compile" for it in node.names):
+        if (
+            isinstance(node, ast.ImportFrom)
+            and node.module == "torch"
+            and any(it.name == "compile" for it in node.names)
+        ):
             kept = [alias for alias in node.names if alias.name != "compile"]
             edits.append(_instead(node, ast.unparse(ast.ImportFrom("torch", kept, 0)) if kept else "", block.text))
     return _changed(block, _edited(block.text, edits), [f"{_COMPILE} was left out"], parser)

@@ -92,12 +92,12 @@ def completeness(block: CodeBlock, name: str) -> int:
         comments = r"\n[ \t]*#.*(?:\n[ \t]*(?:#.*)?)*(?=\n|\Z)(?!\n\1[ \t])"
         return 1 if re.search(header + comments, block.text, re.MULTILINE) else 2
     tree = block.parsed
-    return max(_completeness_of_class(node, _assigns_forward(tree, node)) for node in class_statements(tree, name))
+    return max(_completeness_of_class(node, tree) for node in class_statements(tree, name))
 
 
-def _completeness_of_class(node: ast.ClassDef, is_assigned: bool) -> int:
+def _completeness_of_class(node: ast.ClassDef, tree: ast.Module) -> int:
     forward = [item for item in node.body if isinstance(item, ast.FunctionDef) and item.name == "forward"]
-    if not (forward or is_assigned or _bases(node) - {"Module"}):
+    if not (forward or _bases(node) - {"Module"} or _assigns_forward(tree, node)):
         return 0
     is_stub = any(all(map(_computes_nothing, function.body)) for function in forward)
     return 1 if is_stub or any(map(_is_left_out, ast.walk(node))) else 2
@@ -175,7 +175,9 @@ def _problem_of(node: ast.AST, name: str, bound: Collection[str], chosen: Known)
     match node:
         case ast.ClassDef() if node.name == name:
             if not statements_of(node) <= chosen.statements:
-                return Problem(Reason.no_class, f"expected the whole of class {name}; got a later version of it in part")
+                return Problem(
+                    Reason.no_class, f"expected the whole of class {name}; got a later version of it in part"
+                )
         case ast.ClassDef() if names(node.name, name) and node.name not in bound:
             if _is_network(node, name) and not statements_of(node) <= chosen.statements:
                 return Problem(Reason.no_class, f"expected class {name}; got a later version named {node.name}")
@@ -251,9 +253,18 @@ def goes_on(text: str, chosen: Known, name: str, parser: BlockParser) -> Problem
             is_of_it = isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name in bound
             if is_of_it and not statements_of(node) <= chosen.statements:
                 return problem
+    return problem if any(other not in bound for other in _headers(text)) else None
+
+
+def may_go_on(text: str, name: str) -> bool:
+    """Return whether a text has anything in which `later_version` or `goes_on` could find another version."""
+    return names(text, name) or bool(_headers(text))
+
+
+def _headers(text: str) -> list[str]:
+    """List the classes and functions that a text states, in any form; a layer that it sets is an empty text."""
     text = re.sub(rf"^{_DECORATION}", "", plain(text), flags=re.MULTILINE)
-    headers = re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE)
-    return problem if any(other not in bound for other in headers) else None
+    return re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE)
 
 
 def _undecorated(text: str, name: str) -> str:

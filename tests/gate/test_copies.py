@@ -11,24 +11,35 @@ from tacevo.records import Reason, Rejection
 
 NAME = "ImageRegressionCNN"
 HELPER = "class Block(nn.Module):\n    def forward(self, x):\n        return F.relu(x)\n"
-PARENT = f'"""What the model was given."""\n\nfrom torch import nn\n\n\n{HELPER}\n\n{VALID.replace("F.relu", "Block()")}'
+PARENT = (
+    f'"""What the model was given."""\n\nfrom torch import nn\n\n\n{HELPER}\n\n{VALID.replace("F.relu", "Block()")}'
+)
 OTHER = VALID.replace("4", "6")
 NEW = VALID.replace("4", "8")
 BROKEN = NEW.replace("nn.Linear(8, num_outputs)", "nn.Linear(8, num_outputs")
-ASKED = f"First parent network:\n\n{fenced(PARENT)}\n\nSecond parent network:\n\n{fenced(OTHER)}\n\nInstruction: breed.\n"
+ASKED = (
+    f"First parent network:\n\n{fenced(PARENT)}\n\nSecond parent network:\n\n{fenced(OTHER)}\n\nInstruction: breed.\n"
+)
 
 #: How a network that was given may be quoted.
 COPIES = {
     "whole": PARENT,
     "second parent": OTHER,
     "class alone": PARENT.split("\n\n\n")[-1],
-    "without docstrings": PARENT.replace('"""What the model was given."""\n\n', "").replace('    """Tiny but trainable."""\n\n', ""),
+    "without docstrings": PARENT.replace('"""What the model was given."""\n\n', "").replace(
+        '    """Tiny but trainable."""\n\n', ""
+    ),
     "other docstrings": PARENT.replace("Tiny but trainable.", "The parent."),
     "comments": PARENT.replace("super().__init__()", "super().__init__()  # as usual"),
     "comment lines": PARENT.replace("        self.head", "        # the head\n        self.head"),
     "without imports": PARENT.replace("from torch import nn\n", ""),
-    "more imports": PARENT.replace("from torch import nn\n", "import torch\nimport torch.nn as nn\nimport torch.nn.functional as F\n"),
-    "other layout": PARENT.replace("nn.Conv2d(in_channels, 4, 3)", "nn.Conv2d(\n            in_channels,\n            4,\n            3,\n        )"),
+    "more imports": PARENT.replace(
+        "from torch import nn\n", "import torch\nimport torch.nn as nn\nimport torch.nn.functional as F\n"
+    ),
+    "other layout": PARENT.replace(
+        "nn.Conv2d(in_channels, 4, 3)",
+        "nn.Conv2d(\n            in_channels,\n            4,\n            3,\n        )",
+    ),
     "other quotes and blank lines": PARENT.replace("\n\n\n", "\n").replace('"""', "'''"),
     "other order": f"{PARENT.split(chr(10) * 3)[-1]}\n\n{HELPER}",
     "with its use": f"{PARENT}\n\nnet = {NAME}()\n",
@@ -132,11 +143,15 @@ def test_excerpt_of_a_given_network_behind_the_answer_is_no_version() -> None:
         assert verdict(f"{fenced(NEW)}\nIt was:\n{fenced(excerpt)}") == NEW
 
 
-@pytest.mark.parametrize("copy", [name for name in COPIES if name not in ("second parent", "class alone", "with its use")])
+@pytest.mark.parametrize(
+    "copy", [name for name in COPIES if name not in ("second parent", "class alone", "with its use")]
+)
 def test_sources_that_differ_in_words_only_are_one_network(copy: str) -> None:
     """Comments, docstrings, layout, order, and imports of what the sandbox provides do not count."""
     assert is_same_network(PARENT, COPIES[copy])
-    assert not is_same_network(PARENT, COPIES[copy].replace("4, 3)", "4, 5)").replace("            3,\n", "            5,\n"))
+    assert not is_same_network(
+        PARENT, COPIES[copy].replace("4, 3)", "4, 5)").replace("            3,\n", "            5,\n")
+    )
 
 
 @pytest.mark.parametrize(

@@ -9,14 +9,14 @@ from tacevo.records import Reason
 
 NAME = "ImageRegressionCNN"
 NEW = VALID.replace("4", "8")
-LAYERS = '''    def __init__(self, in_channels=3, num_outputs=3):
+LAYERS = """    def __init__(self, in_channels=3, num_outputs=3):
         super().__init__()
         self.stem = nn.Conv2d(in_channels, 6, 5)
         self.out = nn.Linear(6, num_outputs)
 
     def forward(self, x):
         return self.out(F.gelu(self.stem(x)).mean((2, 3)))
-'''
+"""
 OTHER = f"class {NAME}(nn.Module):\n{LAYERS}"
 BROKEN = OTHER.replace("5)", "5")
 
@@ -57,7 +57,9 @@ HONEST = {
     "loss": fenced(
         f"class {NAME}Loss(nn.Module):\n    def forward(self, forces, truth):\n        return F.mse_loss(forces, truth)\n"
     ),
-    "data set": fenced(f"class {NAME}Dataset(Dataset):\n    def __getitem__(self, i):\n        return self.images[i]\n"),
+    "data set": fenced(
+        f"class {NAME}Dataset(Dataset):\n    def __getitem__(self, i):\n        return self.images[i]\n"
+    ),
     "trainer of its own": fenced(
         f"class {NAME}Trainer:\n    def __init__(self, net):\n        self.net = net\n\n    def fit(self, loader):\n"
         "        for images, forces in loader:\n            self.step(images, forces)\n"
@@ -87,10 +89,14 @@ HONEST = {
     "outline": f"class {NAME}(nn.Module):\n    conv: finds edges\n    head: three numbers\n    forward: image to force\n",
     "outline in a fence": fenced(f"class {NAME}\n  __init__\n  forward\n", "text"),
     "outline between bare fences": fenced(f"class {NAME}:\n    conv -> relu -> mean -> head\n", ""),
-    "outline that parses": fenced(f"class {NAME}(nn.Module):\n    __init__(in_channels, num_outputs)\n    forward(x)\n"),
+    "outline that parses": fenced(
+        f"class {NAME}(nn.Module):\n    __init__(in_channels, num_outputs)\n    forward(x)\n"
+    ),
     "outline of annotations": fenced(f"class {NAME}(nn.Module):\n    conv: Conv2d\n    head: Linear\n", ""),
     "tree": fenced(f"{NAME}\n├── conv: Conv2d(3, 8, 3)\n└── head: Linear(8, 3)\n", ""),
-    "print of it": fenced(f"{NAME}(\n  (conv): Conv2d(3, 8, kernel_size=(3, 3))\n  (head): Linear(in_features=8)\n)\n", ""),
+    "print of it": fenced(
+        f"{NAME}(\n  (conv): Conv2d(3, 8, kernel_size=(3, 3))\n  (head): Linear(in_features=8)\n)\n", ""
+    ),
     "copy with remarks": fenced(
         f"class {NAME}(nn.Module):   <- all of it\n    self.conv = nn.Conv2d(in_channels, 8, 3)   <- edges\n"
         "    def forward(self, x):   <- image to force\n",
@@ -98,20 +104,30 @@ HONEST = {
     ),
     "signature": f"So\n\n    class {NAME}(nn.Module)\n        def __init__(self, in_channels=3, num_outputs=3)\n",
     "c++": fenced(
-        f"class {NAME} : public torch::nn::Module {{\n public:\n  torch::Tensor forward(torch::Tensor image);\n}};\n", "cpp"
+        f"class {NAME} : public torch::nn::Module {{\n public:\n  torch::Tensor forward(torch::Tensor image);\n}};\n",
+        "cpp",
     ),
     "c++ with a brace below": fenced(
-        f"class {NAME} : public torch::nn::Module\n{{\n  torch::Tensor forward(torch::Tensor x) {{ return x; }}\n}};\n", ""
+        f"class {NAME} : public torch::nn::Module\n{{\n  torch::Tensor forward(torch::Tensor x) {{ return x; }}\n}};\n",
+        "",
     ),
     "swift": fenced(
-        f"class {NAME}: Module {{\n    init() {{\n        self.conv = Conv2d(3, 8)\n    }}\n    func forward() {{}}\n}}\n", "swift"
+        f"class {NAME}: Module {{\n    init() {{\n        self.conv = Conv2d(3, 8)\n    }}\n    func forward() {{}}\n}}\n",
+        "swift",
     ),
-    "kotlin": fenced(f"class {NAME}(val outputs: Int = 3) : Module() {{\n    fun forward(x: Tensor) = x\n}}\n", "kotlin"),
+    "kotlin": fenced(
+        f"class {NAME}(val outputs: Int = 3) : Module() {{\n    fun forward(x: Tensor) = x\n}}\n", "kotlin"
+    ),
     "typescript": fenced(
-        f"class {NAME} extends nn.Module {{\n  constructor() {{\n    super();\n    this.conv = conv(3, 8);\n  }}\n}}\n", "ts"
+        f"class {NAME} extends nn.Module {{\n  constructor() {{\n    super();\n    this.conv = conv(3, 8);\n  }}\n}}\n",
+        "ts",
     ),
-    "ruby": fenced(f"class {NAME} < Torch::NN::Module\n  def initialize\n    super()\n    @conv = 1\n  end\nend\n", "ruby"),
-    "c sharp": fenced(f"public class {NAME} : Module<Tensor, Tensor>\n{{\n    Tensor forward(Tensor x) => x;\n}}\n", "csharp"),
+    "ruby": fenced(
+        f"class {NAME} < Torch::NN::Module\n  def initialize\n    super()\n    @conv = 1\n  end\nend\n", "ruby"
+    ),
+    "c sharp": fenced(
+        f"public class {NAME} : Module<Tensor, Tensor>\n{{\n    Tensor forward(Tensor x) => x;\n}}\n", "csharp"
+    ),
     "yaml": fenced(f"class: {NAME}\nlayers:\n  - conv: 8\n  - head: 3\n", "yaml"),
     "yaml of the name": fenced(f"{NAME}:\n  conv: {{channels: 8}}\n  head: {{outputs: 3}}\n", "yaml"),
     "json": fenced(f'{{"class": "{NAME}", "conv": 8, "head": 3}}\n', "json"),
@@ -126,31 +142,17 @@ HONEST = {
     "excerpt": fenced(f"class {NAME}(nn.Module):\n    ...\n    def forward(self, x):\n        ...\n"),
     "forward alone": fenced("def forward(self, x):\n    return self.head(F.relu(self.conv(x)).mean((2, 3)))\n"),
     "function with a class in it": fenced(f"def test():\n    class Wrapped({NAME}):\n        pass\n    Wrapped()\n"),
-    "copy in a function": fenced(
-        "def make():\n" + indent(NEW, "    ") + f"    return {NAME}\n"
-    ),
+    "copy in a function": fenced("def make():\n" + indent(NEW, "    ") + f"    return {NAME}\n"),
 }
 
 #: Versions that the model went on to, in forms that cannot be used.
 LATER = {
     "under if": fenced("if True:\n" + indent(OTHER, "    ")),
-    "under else": fenced(
-        "if False:\n    pass\nelse:\n" + indent(OTHER, "    ")
-    ),
-    "under try": fenced(
-        "try:\n"
-        + indent(OTHER, "    ")
-        + "except Exception:\n    raise\n"
-    ),
-    "under with": fenced(
-        "with torch.no_grad():\n" + indent(OTHER, "    ")
-    ),
-    "in a function": fenced(
-        "def build():\n" + indent(OTHER, "    ") + f"    return {NAME}\n"
-    ),
-    "in a class": fenced(
-        "class Models:\n" + indent(OTHER, "    ")
-    ),
+    "under else": fenced("if False:\n    pass\nelse:\n" + indent(OTHER, "    ")),
+    "under try": fenced("try:\n" + indent(OTHER, "    ") + "except Exception:\n    raise\n"),
+    "under with": fenced("with torch.no_grad():\n" + indent(OTHER, "    ")),
+    "in a function": fenced("def build():\n" + indent(OTHER, "    ") + f"    return {NAME}\n"),
+    "in a class": fenced("class Models:\n" + indent(OTHER, "    ")),
     "zero width in the name": fenced(f"class Image\u200bRegressionCNN(nn.Module):\n{LAYERS}"),
     "zero width behind the name": fenced(f"class {NAME}\u200b(nn.Module):\n{LAYERS}"),
     "zero width before class": fenced(f"\u200bclass {NAME}(nn.Module):\n{LAYERS}"),
@@ -167,9 +169,7 @@ LATER = {
     "renamed and broken": fenced(f"class {NAME}v2(nn.Module):\n{LAYERS.replace('5)', '5')}"),
     "renamed without a base": fenced(f"class {NAME}2:\n{LAYERS}"),
     "renamed for a trainer": fenced(f"class {NAME}Task(pl.LightningModule):\n{LAYERS}"),
-    "renamed under if": fenced(
-        "if True:\n" + indent(OTHER.replace("CNN", "CNNv2"), "    ")
-    ),
+    "renamed under if": fenced("if True:\n" + indent(OTHER.replace("CNN", "CNNv2"), "    ")),
     "subclass with another forward": fenced(
         f"class {NAME}2({NAME}):\n    def forward(self, x):\n        return 2 * super().forward(x)\n"
     ),
@@ -184,11 +184,11 @@ LATER = {
     "broken in a fence of text": fenced(BROKEN, "text"),
     "broken in a fence of another language": fenced(BROKEN, "java"),
     "only its constructor": fenced(f"class {NAME}(nn.Module):\n{LAYERS.split('    def forward')[0]}    ...\n"),
-    "only its forward": fenced(f"class {NAME}(nn.Module):\n    ...\n    def forward(self, x):\n        return self.conv(x)\n"),
-    "numbered": "\n".join(f"{at}  {line}" for at, line in enumerate(OTHER.split("\n"), 10)),
-    "numbered with points": "\n".join(
-        f"{at:2}. {line}" for at, line in enumerate(OTHER.split("\n"), 1)
+    "only its forward": fenced(
+        f"class {NAME}(nn.Module):\n    ...\n    def forward(self, x):\n        return self.conv(x)\n"
     ),
+    "numbered": "\n".join(f"{at}  {line}" for at, line in enumerate(OTHER.split("\n"), 10)),
+    "numbered with points": "\n".join(f"{at:2}. {line}" for at, line in enumerate(OTHER.split("\n"), 1)),
     "bars": "\n".join(f"| {line}" for line in OTHER.split("\n")),
     "diff": fenced(indent(OTHER, "+"), "diff"),
     "diff of a part": fenced(
@@ -196,7 +196,9 @@ LATER = {
         "+        self.conv = nn.Conv2d(3, 12, 3)\n",
         "diff",
     ),
-    "json with a fault": fenced('{"code": "class ' + NAME + "(nn.Module):\\n" + LAYERS.replace("\n", "\\n") + '",,}\n', "json"),
+    "json with a fault": fenced(
+        '{"code": "class ' + NAME + "(nn.Module):\\n" + LAYERS.replace("\n", "\\n") + '",,}\n', "json"
+    ),
     "behind words": f"So: `class {NAME}(nn.Module):\n{LAYERS}`",
     "upper case": fenced(f"Class {NAME}(nn.Module):\n{LAYERS}"),
     "indentation lost": fenced("\n".join(map(str.strip, OTHER.split("\n")))),
@@ -214,7 +216,10 @@ def test_honest_words_do_not_reject_a_finished_class(behind: str, write: str) ->
 @pytest.mark.parametrize("first", [fenced(NEW), f"\n{NEW}", fenced(NEW, "text")], ids=["fenced", "bare", "text"])
 def test_later_version_that_cannot_be_used_leaves_no_answer(first: str, behind: str) -> None:
     """Otherwise the archive would hold a network that the model had given up."""
-    assert refusal_of(f"It's:\n{first}\n\nBetter:\n\n{behind}\n\nUse that one.").reason in (Reason.no_class, Reason.syntax)
+    assert refusal_of(f"It's:\n{first}\n\nBetter:\n\n{behind}\n\nUse that one.").reason in (
+        Reason.no_class,
+        Reason.syntax,
+    )
 
 
 @pytest.mark.parametrize("behind", HONEST.values(), ids=HONEST)

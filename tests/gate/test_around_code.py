@@ -54,7 +54,9 @@ SIGNED = {
     "session with output": (
         indent(NEW, "... ", lambda _: True).replace("...", ">>>", 1) + f"...\n>>> {NAME}()(x).shape\ntorch.Size([2, 3])"
     ),
-    "quoted session": indent(fenced(indent(NEW, "... ", lambda _: True).replace("...", ">>>", 1)), "> ", lambda _: True),
+    "quoted session": indent(
+        fenced(indent(NEW, "... ", lambda _: True).replace("...", ">>>", 1)), "> ", lambda _: True
+    ),
 }
 
 CALL = {"name": "write_file", "arguments": {"path": "net.py", "content": NEW}}
@@ -79,7 +81,9 @@ JSON = {
     "object in a fence between words": f"It's this:\n\n{fenced(json.dumps({'code': NEW}) + chr(10), 'json')}\n\nIt's small.",
     "call": json.dumps(CALL),
     "list of calls": json.dumps([CALL]),
-    "call with a text of arguments": json.dumps({"function": {"name": "write", "arguments": json.dumps({"code": NEW})}}),
+    "call with a text of arguments": json.dumps(
+        {"function": {"name": "write", "arguments": json.dumps({"code": NEW})}}
+    ),
     "call between tags": f"<tool_call>\n{json.dumps(CALL)}\n</tool_call>",
     "call behind a tag": f"<tool_call>{json.dumps(CALL)}</tool_call>",
     "call behind a label": f"[TOOL_CALLS]{json.dumps([CALL])}",
@@ -177,7 +181,9 @@ def test_fence_that_never_ends_is_cut_off_like_any_other() -> None:
 
 
 @pytest.mark.parametrize("text", SIGNED.values(), ids=SIGNED)
-@pytest.mark.parametrize("write", ["{}", "It's this:\n\n{}\n\nIt's small.", "You gave:\n" + fenced(VALID) + "\nNow:\n\n{}"])
+@pytest.mark.parametrize(
+    "write", ["{}", "It's this:\n\n{}\n\nIt's small.", "You gave:\n" + fenced(VALID) + "\nNow:\n\n{}"]
+)
 def test_signs_of_quotes_and_sessions_are_not_code(text: str, write: str) -> None:
     """What is typed is code, what is printed or shows the use is not."""
     assert source_of(write.format(text)) in (NEW, f"import torch\n\n{NEW}")
@@ -186,7 +192,10 @@ def test_signs_of_quotes_and_sessions_are_not_code(text: str, write: str) -> Non
 @pytest.mark.parametrize(
     "code",
     [
-        NEW.replace("Tiny but trainable.", "Small.\n\n    >>> net = ImageRegressionCNN()\n    >>> class A:\n    ...     b = 1\n    "),
+        NEW.replace(
+            "Tiny but trainable.",
+            "Small.\n\n    >>> net = ImageRegressionCNN()\n    >>> class A:\n    ...     b = 1\n    ",
+        ),
         NEW.replace("Tiny but trainable.", "Small.\n\n    > class A:\n    > def b(\n    "),
         NEW.replace("Tiny but trainable.", 'Small: {"code": "class ImageRegressionCNN(nn.Module):"}'),
         NEW.replace("Tiny but trainable.", "Small: [PYTHON] <![CDATA[ a ]]>"),
@@ -232,7 +241,9 @@ def test_labels_around_code_are_not_code(text: str) -> None:
     assert reason in (Reason.syntax, Reason.no_class)
 
 
-@pytest.mark.parametrize("space", ["\u00a0", "\u2002", "\u2003", "\u2009", "\u202f", "\u205f", "\u3000", "\u1680"], ids=ascii)
+@pytest.mark.parametrize(
+    "space", ["\u00a0", "\u2002", "\u2003", "\u2009", "\u202f", "\u205f", "\u3000", "\u1680"], ids=ascii
+)
 @pytest.mark.parametrize("write", ["{}", "```python\n{}```", "It's:\n\n{}\nIt's small.", "```\n{}```"])
 def test_spaces_of_unicode_indent(space: str, write: str) -> None:
     """All of the indentation, or every second of its spaces, as web pages have it."""
@@ -248,7 +259,9 @@ def test_forward_may_be_given_by_an_assignment(forward: str) -> None:
     """In the class, in its constructor or behind it."""
     code = f"{NEW.replace('def forward', 'def run')}\n    {forward}\n"
     assert source_of(fenced(code)) == code
-    assert source_of(f"{fenced(code)}\n{fenced('class ' + NAME + '(nn.Module):' + chr(10) + '    ...' + chr(10))}") == code
+    assert (
+        source_of(f"{fenced(code)}\n{fenced('class ' + NAME + '(nn.Module):' + chr(10) + '    ...' + chr(10))}") == code
+    )
 
 
 @pytest.mark.parametrize("line", ["{name}.forward = {name}.run", 'setattr({name}, "forward", {name}.run)'])
@@ -256,6 +269,8 @@ def test_forward_may_be_given_beside_the_class(line: str) -> None:
     """It is an assignment, too."""
     code = f"{NEW.replace('def forward', 'def run')}\n\n{line.format(name=NAME)}\n"
     assert source_of(fenced(code)) == code
-    inside = NEW.replace("def forward", "def run").replace("__init__()\n", "__init__()\n        self.forward = self.run\n")
+    inside = NEW.replace("def forward", "def run").replace(
+        "__init__()\n", "__init__()\n        self.forward = self.run\n"
+    )
     assert source_of(fenced(inside)) == inside
     assert refusal_of(fenced(NEW.replace("def forward", "def run"))).reason is Reason.no_class
