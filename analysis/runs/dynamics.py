@@ -117,7 +117,7 @@ def copies(run: RecordedRun) -> frozenset[str]:
 
 
 def _is_copy(run: RecordedRun, child: CandidateLine, parent: CandidateLine) -> bool:
-    """Return whether two candidates are one network; networks of unlike profiles are not, so their texts are not read."""
+    """Return whether two candidates are one network; those of unlike profiles are not, and their texts are not read."""
     if child.source == parent.source:
         return True
     if parent.source is None or (child.parameters, child.flops) != (parent.parameters, parent.flops):

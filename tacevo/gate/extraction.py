@@ -128,8 +128,22 @@ def _normalised(text: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
+class _Answer:
+    """An answer that is read."""
+
+    #: Without what stands around code and without thoughts.
+    text: str
+    blocks: Sequence[CodeBlock]
+    #: The networks that the model was given.
+    given: Sequence[ParsedCode]
+    #: Of the class.
+    name: str
+    parser: BlockParser
+
+
+@dataclass(frozen=True, slots=True)
 class _Source:
-    """A source text with its tree."""
+    """A source text with its tree, and what was changed in it."""
 
     text: str
     tree: ast.Module
@@ -138,43 +152,33 @@ class _Source:
 
 def _choose(text: str, name: str, cut_off: bool, asked: str) -> Extracted | Problem:
     """Pick the source among the blocks of an answer, as the module's rules say."""
-    parser = BlockParser()
-    answer, read = _read(text, name, parser)
-    blocks = rewritten(read, name, parser)
-    given = _given(asked, name) if _has_more(answer, blocks, name) else []
-    versions = _versions(blocks, given, name)
-    if cut_off and not _is_closed(answer, versions, name):
+    answer = _answer(text, name, asked)
+    versions = _versions(answer)
+    if cut_off and not _is_closed(answer.text, versions, name):
         return Problem(Reason.truncated, f"the answer was cut off before class {name} was complete")
-    copies = [block for block in versions if _is_copy(block.parsed, given, name)]
-    own = [block for block in versions if not any(block is copy for copy in copies)]
-    shares = [completeness(block, name) for block in own]
-    if 2 not in shares:
-        own, shares = versions, [completeness(block, name) for block in versions]
+    copies = [block for block in versions if _is_copy(block.parsed, answer)]
+    candidates = [block for block in versions if not any(block is copy for copy in copies)]
+    if not any(completeness(block, name) == 2 for block in candidates):
+        candidates = versions
+    shares = [completeness(block, name) for block in candidates]
     if not any(shares):
-        return _explain(answer, versions, blocks, name, parser)
-    chosen = own[max(range(len(own)), key=lambda i: (shares[i], i))]
-    source = _source(chosen, blocks, name, parser)
+        return _explain(answer, versions)
+    chosen = candidates[max(range(len(shares)), key=lambda i: (shares[i], i))]
+    source = _source(chosen, answer)
     if isinstance(source, Problem):
         return source
-    if _is_copy(source.tree, given, name):
-        problem = _other_than_copy(answer, source, chosen, copies, given, name, parser)
-    else:
-        problem = _later_than(answer, source, chosen, given, name, parser)
+    problem = _other_version(answer, source, chosen, copies)
     said = "".join(f"# tacevo: {note}\n" for note in source.notes)
     return problem or Extracted(said + source.text, source.notes)
 
 
-def _has_more(answer: str, blocks: Sequence[CodeBlock], name: str) -> bool:
-    """Return whether an answer has more than one block, so that it matters which of it was given."""
-    return len(blocks) > 1 or any(may_go_on(_beside(answer, [block]), name) for block in blocks)
-
-
-def _beside(answer: str, blocks: Sequence[CodeBlock]) -> str:
-    """Return an answer without some of its blocks."""
-    lines = answer.split("\n")
-    for block in blocks:
-        lines[block.start : block.end] = [""] * (block.end - block.start)
-    return "\n".join(lines)
+def _answer(text: str, name: str, asked: str) -> _Answer:
+    """Read an answer; what was given matters where there is more in it than one block."""
+    parser = BlockParser()
+    rest, read = _read(text, name, parser)
+    blocks = rewritten(read, name, parser)
+    has_more = len(blocks) > 1 or any(may_go_on(_beside(rest, [block]), name) for block in blocks)
+    return _Answer(rest, blocks, _given(asked, name) if has_more else [], name, parser)
 
 
 def _given(asked: str, name: str) -> list[ParsedCode]:
@@ -189,42 +193,26 @@ def _given(asked: str, name: str) -> list[ParsedCode]:
     return [code for code in codes if class_statements(code.tree, name)]
 
 
-def _is_copy(parsed: ast.Module | Problem, given: Sequence[ParsedCode], name: str) -> bool:
+def _is_copy(parsed: ast.Module | Problem, answer: _Answer) -> bool:
     """Return whether a text is a copy of a network that was given."""
-    return isinstance(parsed, ast.Module) and any(repeats(parsed, code.tree, name) for code in given)
+    return isinstance(parsed, ast.Module) and any(repeats(parsed, code.tree, answer.name) for code in answer.given)
 
 
-def _later_than(
-    answer: str, source: _Source, chosen: CodeBlock, given: Sequence[ParsedCode], name: str, parser: BlockParser
-) -> Problem | None:
-    """Find what shows that the model went on behind the source, or None."""
-    behind = _behind(answer, chosen)
-    if not names(behind, name):
+def _other_version(answer: _Answer, source: _Source, chosen: CodeBlock, copies: Sequence[CodeBlock]) -> Problem | None:
+    """Find what shows that the model meant another network: behind the source, and beside one that is a copy."""
+    is_copy = _is_copy(source.tree, answer)
+    text = _beside(answer.text, [chosen, *copies]) if is_copy else _behind(answer.text, chosen)
+    if not (may_go_on(text, answer.name) if is_copy else names(text, answer.name)):
         return None
-    return later_version(behind, _known(answer, source, chosen, given), name, parser)
+    known = _known(answer, source, chosen)
+    problem = later_version(text, known, answer.name, answer.parser)
+    return problem or (goes_on(text, known, answer.name, answer.parser) if is_copy else None)
 
 
-def _other_than_copy(
-    answer: str,
-    source: _Source,
-    chosen: CodeBlock,
-    copies: Sequence[CodeBlock],
-    given: Sequence[ParsedCode],
-    name: str,
-    parser: BlockParser,
-) -> Problem | None:
-    """Find what shows, before or behind a copy of a given network, that the model meant another one, or None."""
-    beside = _beside(answer, [chosen, *copies])
-    if not may_go_on(beside, name):
-        return None
-    known = _known(answer, source, chosen, given)
-    return later_version(beside, known, name, parser) or goes_on(beside, known, name, parser)
-
-
-def _known(answer: str, source: _Source, chosen: CodeBlock, given: Sequence[ParsedCode]) -> Known:
+def _known(answer: _Answer, source: _Source, chosen: CodeBlock) -> Known:
     """Collect what of an answer is not new beside its source."""
-    written = answer.split("\n")[chosen.start : chosen.end]
-    codes = [ParsedCode(source.text, source.tree), *given]
+    written = answer.text.split("\n")[chosen.start : chosen.end]
+    codes = [ParsedCode(source.text, source.tree), *answer.given]
     return Known(
         tree=source.tree,
         was=chosen.was,
@@ -233,15 +221,23 @@ def _known(answer: str, source: _Source, chosen: CodeBlock, given: Sequence[Pars
     )
 
 
-def _versions(blocks: Sequence[CodeBlock], given: Sequence[ParsedCode], name: str) -> list[CodeBlock]:
+def _versions(answer: _Answer) -> list[CodeBlock]:
     """List the blocks that have the class."""
     versions: list[CodeBlock] = []
-    known = set[str]().union(*(lines_of(code.text) for code in given))
-    for block in blocks:
-        if has_class(block, name, known):
+    known = set[str]().union(*(lines_of(code.text) for code in answer.given))
+    for block in answer.blocks:
+        if has_class(block, answer.name, known):
             versions.append(block)
             known |= lines_of(block.text) if isinstance(block.parsed, ast.Module) else set()
     return versions
+
+
+def _beside(text: str, blocks: Sequence[CodeBlock]) -> str:
+    """Return an answer without some of its blocks."""
+    lines = text.split("\n")
+    for block in blocks:
+        lines[block.start : block.end] = [""] * (block.end - block.start)
+    return "\n".join(lines)
 
 
 def _behind(answer: str, chosen: CodeBlock) -> str:
@@ -291,38 +287,38 @@ def _mentions(text: str, name: str) -> list[re.Match[str]]:
     return list(re.finditer(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE))
 
 
-def _source(chosen: CodeBlock, blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> _Source | Problem:
+def _source(chosen: CodeBlock, answer: _Answer) -> _Source | Problem:
     """Join a block with the class and those that it lacks, and check that they bind the class's name exactly once."""
     if isinstance(chosen.parsed, Problem):
         return chosen.parsed
-    others = [block for block in blocks if block is not chosen and isinstance(block.parsed, ast.Module)]
-    codes = [ParsedCode(block.text, block.parsed) for block in others if isinstance(block.parsed, ast.Module)]
-    parts, places = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, name)
+    others = [(block, block.parsed) for block in answer.blocks if block is not chosen]
+    parsed = [(block, ParsedCode(block.text, tree)) for block, tree in others if isinstance(tree, ast.Module)]
+    codes = [code for _, code in parsed]
+    parts, places = parts_of_network(ParsedCode(chosen.text, chosen.parsed), codes, answer.name)
     text = "\n\n".join(parts)
-    tree = chosen.parsed if text == chosen.text else parser.parse(text)
+    tree = chosen.parsed if text == chosen.text else answer.parser.parse(text)
     if isinstance(tree, Problem):
         return tree
-    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if bound_by(node) == name]
+    lines = [getattr(node, "lineno", 0) for node in ast.walk(tree) if bound_by(node) == answer.name]
     if len(lines) > 1:
-        where = ", ".join(map(str, lines))
-        return Problem(Reason.ambiguous, f"expected one definition of {name}; got {len(lines)}, on lines {where}")
+        detail = f"expected one definition of {answer.name}; got {len(lines)}, on lines {', '.join(map(str, lines))}"
+        return Problem(Reason.ambiguous, detail)
     joined = text if len(parts) == 1 else future_first(ParsedCode(text, tree))
-    notes = dict.fromkeys(note for block in (*(others[place] for place in places), chosen) for note in block.notes)
-    return _Source(joined + "\n", tree, tuple(notes))
+    notes = [note for block in (*(parsed[place][0] for place in places), chosen) for note in block.notes]
+    return _Source(joined + "\n", tree, tuple(dict.fromkeys(notes)))
 
 
-def _explain(
-    text: str, versions: Sequence[CodeBlock], blocks: Sequence[CodeBlock], name: str, parser: BlockParser
-) -> Problem:
+def _explain(answer: _Answer, versions: Sequence[CodeBlock]) -> Problem:
     """Return why no block has the whole class."""
+    name = answer.name
     if versions:
         return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
-    trees = [block.parsed for block in blocks if isinstance(block.parsed, ast.Module)]
+    trees = [block.parsed for block in answer.blocks if isinstance(block.parsed, ast.Module)]
     classes = sorted({node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef)})
     if classes:
         return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")
-    for mention in _mentions(text, name)[-1:]:
-        parsed = parser.parse(trimmed(text[mention.start() :]))
+    for mention in _mentions(answer.text, name)[-1:]:
+        parsed = answer.parser.parse(trimmed(answer.text[mention.start() :]))
         if isinstance(parsed, Problem):
             return parsed
     return Problem(Reason.no_class, f"expected a class {name}; got no Python class")

@@ -1,5 +1,6 @@
 """What stands around every line of code, or around all of it: quotes, prompts, JSON, notebooks, other spaces."""
 
+import contextlib
 import json
 import re
 from collections.abc import Iterator, Sequence
@@ -149,27 +150,33 @@ def _written(cells: Sequence[str], *, is_fenced: bool) -> str:
 
 def _cells(value: object, name: str, depth: int = 0) -> list[str]:
     """Find the sources in a value of JSON; none where one object holds several texts with the class."""
-    if depth > _DEEPEST:
-        return []
+    found: list[list[str]] = []
     match value:
+        case _ if depth > _DEEPEST:
+            pass
         case str():
-            if re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", value, re.MULTILINE):
-                return [value.replace("\r\n", "\n")]
-            if name in value and value.lstrip()[:1] in ("{", "["):
-                try:
-                    return _cells(json.loads(value, strict=False), name, depth + 1)
-                except (ValueError, RecursionError):
-                    return []
+            found = [_texts(value, name, depth)]
         case {"cells": [*cells]}:
             texts = [_joined(cell.get("source")) for cell in cells if isinstance(cell, dict) and _is_code(cell)]
-            return texts if any(_cells(text, name, depth + 1) for text in texts) else []
+            found = [texts] if any(_cells(text, name, depth + 1) for text in texts) else []
         case dict():
             found = [cells for part in value.values() if (cells := _cells(part, name, depth + 1))]
-            return found[0] if len(found) == 1 else []
+            found = found if len(found) == 1 else []
+        case list() if value and all(isinstance(line, str) and "\n" not in line[:-1] for line in value):
+            found = [_texts(_joined(value), name, depth)]
         case list():
-            if value and all(isinstance(line, str) and "\n" not in line[:-1] for line in value):
-                return _cells(_joined(value), name, depth + 1)
-            return [cell for part in value for cell in _cells(part, name, depth + 1)]
+            found = [_cells(part, name, depth + 1) for part in value]
+    return [cell for cells in found for cell in cells]
+
+
+def _texts(text: str, name: str, depth: int) -> list[str]:
+    """Find the sources in a text of JSON: the text itself, or what it holds if it is JSON again."""
+    if re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE):
+        return [text.replace("\r\n", "\n")]
+    if name not in text or text.lstrip()[:1] not in ("{", "["):
+        return []
+    with contextlib.suppress(ValueError, RecursionError):
+        return _cells(json.loads(text, strict=False), name, depth + 1)
     return []
 
 

@@ -185,7 +185,7 @@ def _brings(module: str, name: str) -> bool:
     """Return whether a module has a name, as far as a process without torch can tell."""
     if allowed.is_module(f"{module}.{name}"):
         return True
-    is_ours = module.split(".")[0] == "torch"
+    is_ours = module.startswith("torch")
     return allowed.is_allowed(module, name) and (is_ours or hasattr(importlib.import_module(module), name))
 
 

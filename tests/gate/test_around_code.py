@@ -78,7 +78,7 @@ JSON = {
     "object in a fence": fenced(json.dumps({"code": NEW}) + "\n", "json"),
     "object in a fence without a language": fenced(json.dumps({"code": NEW}, indent=1) + "\n", ""),
     "object between words": f"It's this:\n\n{json.dumps({'code': NEW})}\n\nIt's small.",
-    "object in a fence between words": f"It's this:\n\n{fenced(json.dumps({'code': NEW}) + chr(10), 'json')}\n\nIt's small.",
+    "object in a fence between words": f"It's:\n\n{fenced(json.dumps({'code': NEW}) + chr(10), 'json')}\n\nIt's small.",
     "call": json.dumps(CALL),
     "list of calls": json.dumps([CALL]),
     "call with a text of arguments": json.dumps(
@@ -140,7 +140,7 @@ AROUND = {
 def test_sentences_behind_a_fence_that_never_ends_are_not_code(words: str, fence: str) -> None:
     """They stand behind a blank line, and parse as nothing."""
     assert source_of(f"{fence}\n{NEW}\n{words}") == NEW
-    sign = fence.split("\n")[-1][:3]
+    sign = fence.rsplit("\n", maxsplit=1)[-1][:3]
     assert source_of(f"{fence}\n{NEW}\n{words}\n\n{sign}python\nnet = {NAME}()\n{sign}") == NEW
 
 

@@ -25,7 +25,7 @@ ASKED = (
 COPIES = {
     "whole": PARENT,
     "second parent": OTHER,
-    "class alone": PARENT.split("\n\n\n")[-1],
+    "class alone": PARENT.rsplit("\n\n\n", maxsplit=1)[-1],
     "without docstrings": PARENT.replace('"""What the model was given."""\n\n', "").replace(
         '    """Tiny but trainable."""\n\n', ""
     ),
@@ -41,7 +41,7 @@ COPIES = {
         "nn.Conv2d(\n            in_channels,\n            4,\n            3,\n        )",
     ),
     "other quotes and blank lines": PARENT.replace("\n\n\n", "\n").replace('"""', "'''"),
-    "other order": f"{PARENT.split(chr(10) * 3)[-1]}\n\n{HELPER}",
+    "other order": f"{PARENT.rsplit(chr(10) * 3, maxsplit=1)[-1]}\n\n{HELPER}",
     "with its use": f"{PARENT}\n\nnet = {NAME}()\n",
 }
 
@@ -56,7 +56,7 @@ SHOWN = {
 }
 
 WRITTEN = {
-    "fenced": lambda code: fenced(code),
+    "fenced": fenced,
     "bare": lambda code: f"\n{code}\nSo.\n",
     "text": lambda code: fenced(code, "text"),
     "quoted": lambda code: indent(fenced(code), "> ", lambda _: True),
@@ -113,7 +113,7 @@ def test_copy_beside_parts_of_another_network_is_no_answer(copy: str, part: str)
 def test_copy_with_another_helper_is_a_network_of_its_own() -> None:
     """The class is the same, but what it is made of is not."""
     changed = HELPER.replace("relu", "gelu")
-    alone = PARENT.split("\n\n\n")[-1]
+    alone = PARENT.rsplit("\n\n\n", maxsplit=1)[-1]
     assert verdict(fenced(f"{changed}\n\n{alone}")) == f"{changed}\n\n{alone}"
     assert verdict(f"{fenced(changed)}\nThe rest stays:\n{fenced(alone)}") == f"{changed.rstrip()}\n\n{alone}"
     both = f"{fenced(changed + chr(10) + chr(10) + alone)}\nI was given:\n{fenced(PARENT)}"
@@ -137,7 +137,7 @@ def test_excerpt_of_a_given_network_behind_the_answer_is_no_version() -> None:
     head = f"class {NAME}(nn.Module):\n"
     for excerpt in (
         f"{head}    ...\n        self.conv = nn.Conv2d(in_channels, 6, 3)\n",
-        f"{head}    def __init__(self, in_channels=3, num_outputs=3):\n        self.conv = nn.Conv2d(in_channels, 6, 3)\n",
+        f"{head}    def __init__(self, in_channels=3):\n        self.conv = nn.Conv2d(in_channels, 6, 3)\n",
         f"{head}    ...\n    def forward(self, x):\n        return self.head(F.relu(self.conv(x)).mean((2, 3)))\n",
     ):
         assert verdict(f"{fenced(NEW)}\nIt was:\n{fenced(excerpt)}") == NEW

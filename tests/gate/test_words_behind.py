@@ -55,7 +55,7 @@ HONEST = {
         "        self.net = net\n\n    def forward(self, image):\n        return self.net(image / 255)\n"
     ),
     "loss": fenced(
-        f"class {NAME}Loss(nn.Module):\n    def forward(self, forces, truth):\n        return F.mse_loss(forces, truth)\n"
+        f"class {NAME}Loss(nn.Module):\n    def forward(self, force, truth):\n        return F.mse_loss(force, truth)\n"
     ),
     "data set": fenced(
         f"class {NAME}Dataset(Dataset):\n    def __getitem__(self, i):\n        return self.images[i]\n"
@@ -68,7 +68,7 @@ HONEST = {
         f"class Trainable{NAME}({NAME}):\n    def training_step(self, batch, index):\n        return self(batch[0])\n"
     ),
     "ensemble": fenced(
-        f"class {NAME}Pair(nn.Module):\n    def __init__(self):\n        super().__init__()\n        self.a = {NAME}()\n"
+        f"class {NAME}2(nn.Module):\n    def __init__(self):\n        super().__init__()\n        self.a = {NAME}()\n"
         f"        self.b = {NAME}()\n\n    def forward(self, x):\n        return (self.a(x) + self.b(x)) / 2\n"
     ),
     "numbered notes": f"1. class {NAME}: everything\n   - stem: finds edges\n   - out: three numbers\n2. forward: all",
@@ -84,9 +84,9 @@ HONEST = {
     ),
     "table": f"| part | what |\n|---|---|\n| class {NAME}(nn.Module): | all |\n|     def forward(self, x): | force |\n",
     "table of statements": (
-        f"| code | why |\n|---|---|\n| class {NAME}(nn.Module): | all |\n|     self.wide = nn.Conv2d(3, 9, 3) | edges |\n"
+        f"| code | why |\n|---|---|\n| class {NAME}(nn.Module): | all |\n|     self.w = nn.Conv2d(3, 9, 3) | edges |\n"
     ),
-    "outline": f"class {NAME}(nn.Module):\n    conv: finds edges\n    head: three numbers\n    forward: image to force\n",
+    "outline": f"class {NAME}(nn.Module):\n    conv: finds edges\n    head: numbers\n    forward: image to force\n",
     "outline in a fence": fenced(f"class {NAME}\n  __init__\n  forward\n", "text"),
     "outline between bare fences": fenced(f"class {NAME}:\n    conv -> relu -> mean -> head\n", ""),
     "outline that parses": fenced(
@@ -112,7 +112,7 @@ HONEST = {
         "",
     ),
     "swift": fenced(
-        f"class {NAME}: Module {{\n    init() {{\n        self.conv = Conv2d(3, 8)\n    }}\n    func forward() {{}}\n}}\n",
+        f"class {NAME}: Module {{\n    init() {{\n        self.a = Conv2d(3, 8)\n    }}\n    func forward() {{}}\n}}\n",
         "swift",
     ),
     "kotlin": fenced(
@@ -174,7 +174,7 @@ LATER = {
         f"class {NAME}2({NAME}):\n    def forward(self, x):\n        return 2 * super().forward(x)\n"
     ),
     "subclass with other layers": fenced(
-        f"class {NAME}2({NAME}):\n    def __init__(self):\n        super().__init__()\n        self.conv = nn.Conv2d(3, 8, 7)\n"
+        f"class {NAME}2({NAME}):\n    def __init__(self):\n        super().__init__()\n        self.a = nn.ReLU()\n"
     ),
     "function": fenced(f"def {NAME}(in_channels=3, num_outputs=3):\n    return nn.Sequential(nn.Flatten())\n"),
     "sequential": fenced(f"{NAME} = nn.Sequential(nn.Flatten(), nn.LazyLinear(3))\n"),
@@ -183,7 +183,9 @@ LATER = {
     "broken without a fence": BROKEN,
     "broken in a fence of text": fenced(BROKEN, "text"),
     "broken in a fence of another language": fenced(BROKEN, "java"),
-    "only its constructor": fenced(f"class {NAME}(nn.Module):\n{LAYERS.split('    def forward')[0]}    ...\n"),
+    "only its constructor": fenced(
+        f"class {NAME}(nn.Module):\n{LAYERS.split('    def forward', maxsplit=1)[0]}    ...\n"
+    ),
     "only its forward": fenced(
         f"class {NAME}(nn.Module):\n    ...\n    def forward(self, x):\n        return self.conv(x)\n"
     ),
