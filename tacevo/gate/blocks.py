@@ -1,6 +1,7 @@
 """Cutting a model's answer into blocks of code."""
 
 import ast
+import keyword
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -22,10 +23,19 @@ _CONTINUATION = re.compile(r"[#)\]}]")
 #: How a line begins, or what it is as a whole, that is code and no sentence, whether or not it parses.
 _CODE = re.compile(
     r"""[ \t]*(?:@\w|(?:def|class)\s+\w+\s*(?:[(:\[]|$)|(?:import|from)\s+[\w.]+|return\b|raise\b|del\s
-    |self\.|super\(|[\w.\[\]'", ]+(?:[-+*/%@&|^]|//|\*\*)?=(?!=)|[\w.]+\((?:.*\))?\s*(?:\#.*)?$|[)\]}%!$]|['"]{3}
+    |self\.|super\(|[\w.\[\]'", ]+(?:[-+*/%@&|^]|//|\*\*)?=(?!=)|[\w.]+\((?:.*\))?\s*(?:\#.*)?$|[)\]}]|['"]{3}
     |(?:if|for|while|with|try|else|elif|except|finally|match|case)\b.*:\s*$)""",
     re.VERBOSE,
 )
+
+
+#: A word of Python, which may stand beside another word in code.
+_KEYWORDS = "|".join([*keyword.kwlist, "match", "case", "type", "print"])
+_TWO_WORDS = re.compile(rf"\b(?!(?:{_KEYWORDS})\b)\w*[A-Za-z]\w*[ ]+(?!(?:{_KEYWORDS})\b)[A-Za-z]\w*")
+#: What is not looked at to find two words: arguments, strings and comments.
+_ASIDE = re.compile(r"\(.*\)|\(.*|\"[^\"]*\"|'[^']*'|#.*")
+#: A command of a notebook or a shell.
+_COMMAND = re.compile(r"[ \t]*(?:!\w|%%?\w|\$[ \t])")
 
 
 class TooComplexError(Exception):
@@ -109,14 +119,21 @@ def _fenced(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:
     yield CodeBlock(text, parsed, part.closed, part.first, part.first + len(part.lines))
 
 
+def is_code(line: str) -> bool:
+    """Return whether a line is code, whether or not it parses, and no sentence: code has no two words side by side."""
+    if _COMMAND.match(line):
+        return True
+    return _CODE.match(line) is not None and not _TWO_WORDS.search(_ASIDE.sub(" ", line))
+
+
 def _between_sentences(part: Part, parser: BlockParser) -> CodeBlock | None:
     """Read code with sentences before or behind it, as where a fence was never closed; None where it is not so."""
     lines = list(part.lines)
     start = next((at for at, line in enumerate(lines) if _CODE_START.match(line)), len(lines))
-    if any(map(_CODE.match, lines[:start])):
+    if any(map(is_code, lines[:start])):
         return None
     end, parsed = _parsable(lines, start, parser) if start < len(lines) else (start, None)
-    if parsed is None or any(map(_CODE.match, lines[end:])):
+    if parsed is None or any(map(is_code, lines[end:])):
         return None
     closed = part.closed or any(line.strip() for line in lines[end:])
     text = _statements(trimmed("\n".join(lines[start:end])), parsed)

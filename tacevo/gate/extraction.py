@@ -28,12 +28,12 @@ from dataclasses import dataclass
 
 from tacevo.gate.blocks import BlockParser, CodeBlock, TooComplexError, blocks_of, trimmed
 from tacevo.gate.fences import FenceKind, parts_of
-from tacevo.gate.frames import unframed
+from tacevo.gate.frames import unframed, without_here_documents
 from tacevo.gate.joining import ParsedCode, class_statements, future_first, parts_of_network
 from tacevo.gate.likeness import repeats
 from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
-from tacevo.gate.rewriting import rewritten
+from tacevo.gate.rewriting import rewritten, without_stars
 from tacevo.gate.tags import mentions_thought, without_thoughts
 from tacevo.gate.versions import (
     Known,
@@ -252,6 +252,7 @@ def _behind(answer: str, chosen: CodeBlock) -> str:
 
 def _read(text: str, name: str, parser: BlockParser) -> tuple[str, list[CodeBlock]]:
     """Return an answer without its thoughts, and its blocks: all of it, if that is Python and defines the class."""
+    text = without_here_documents(text)
     whole = trimmed(text)
     parsed = parser.parse(whole)
     if isinstance(parsed, ast.Module) and class_statements(parsed, name):
@@ -303,18 +304,22 @@ def _source(chosen: CodeBlock, answer: _Answer) -> _Source | Problem:
     if len(lines) > 1:
         detail = f"expected one definition of {answer.name}; got {len(lines)}, on lines {', '.join(map(str, lines))}"
         return Problem(Reason.ambiguous, detail)
-    joined = text if len(parts) == 1 else future_first(ParsedCode(text, tree))
     notes = [note for block in (*(parsed[place][0] for place in places), chosen) for note in block.notes]
-    return _Source(joined + "\n", tree, tuple(dict.fromkeys(notes)))
+    spelt, changes = without_stars(ParsedCode(text, tree))
+    tree = answer.parser.parse(spelt) if changes else tree
+    if isinstance(tree, Problem):
+        return tree
+    joined = spelt if len(parts) == 1 else future_first(ParsedCode(spelt, tree))
+    return _Source(joined + "\n", tree, tuple(dict.fromkeys([*notes, *changes])))
 
 
 def _explain(answer: _Answer, versions: Sequence[CodeBlock]) -> Problem:
     """Return why no block has the whole class."""
     name = answer.name
-    if versions:
-        return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
     trees = [block.parsed for block in answer.blocks if isinstance(block.parsed, ast.Module)]
     classes = sorted({node.name for tree in trees for node in tree.body if isinstance(node, ast.ClassDef)})
+    if versions or name in classes:
+        return Problem(Reason.no_class, f"expected class {name} with a forward method; got it without one")
     if classes:
         return Problem(Reason.no_class, f"expected a class {name}; got {', '.join(classes)}")
     for mention in _mentions(answer.text, name)[-1:]:

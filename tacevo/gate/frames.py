@@ -10,14 +10,19 @@ from tacevo.gate.fences import STATEMENT
 #: Spaces of Unicode that an editor shows as indentation, and Python does not read as such.
 _SPACES = "\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000"
 _INDENTATION = re.compile(rf"^[ \t]*[{_SPACES}][ \t{_SPACES}]*", re.MULTILINE)
-_PROMPT = re.compile(r" {0,3}(?:>>>|\.\.\.)(?:[ \t]|$)")
-_FIRST_PROMPT = re.compile(r" {0,3}>>>(?:[ \t]|$)")
+#: The prompts of Python and IPython; those of Python stand further in only in docstrings.
+_FIRST_PROMPT = re.compile(r"(?: {0,3}>>>| *In \[\d+\]:)(?:[ \t]|$)")
+_PROMPT = re.compile(rf"{_FIRST_PROMPT.pattern}|(?: {{0,3}}\.\.\.| *\.\.\.:)(?:[ \t]|$)")
 _QUOTE = re.compile(r" {0,3}>")
 _FENCE = re.compile(r"[ \t]*(`{3,}|~{3,})")
-#: Where JSON may begin: at the beginning of a line, or behind tags and labels.
-_JSON = re.compile(r"^[ \t]*(?:<[^<>\n]*>|\[/?[A-Z_]+\]|[ \t])*(?=[{\[])", re.MULTILINE)
+#: Where JSON with a text in it may begin.
+_JSON = re.compile(r"(?<!\w)(?=[{\[]\s*[\"{\[])")
+#: The first line of a here-document, and the label that ends it.
+_HERE = re.compile(
+    r"[ \t]*(?:\$[ \t]*)?(?:sudo[ \t]+)?(?:cat|tee|python3?)\b[^\n]*<<-?[ \t]*([\"']?)(\w+)\1(?!\w)[^\n]*$"
+)
 #: How many times JSON is looked for, and how deep texts with JSON are nested.
-_MOST_JSON, _DEEPEST = 50, 4
+_MOST_JSON, _DEEPEST = 200, 4
 
 
 def unframed(text: str, name: str) -> str:
@@ -27,14 +32,43 @@ def unframed(text: str, name: str) -> str:
     lose their signs, and a session its output. JSON with one text that has the class (a tool call) becomes that text, a
     notebook becomes its cells.
     """
-    text = _INDENTATION.sub(lambda match: re.sub(f"[{_SPACES}]", " ", match[0]), text)
-    if name not in text:
-        return text
-    if "{" in text:
+    if name in text and "{" in text:
         text = _without_json(text, name)
-    if ">" in text:
-        text = _without_prompts(_without_quotes(text), name)
+    text = _with_plain_indentation(text)
+    if name in text:
+        text = _with_plain_indentation(_without_prompts(_without_quotes(text), name))
     return text
+
+
+def _with_plain_indentation(text: str) -> str:
+    return _INDENTATION.sub(lambda match: re.sub(f"[{_SPACES}]", " ", match[0]), text)
+
+
+def without_here_documents(text: str) -> str:
+    """Put fences around the files that commands write or run, in the place of the commands' first and last lines."""
+    if "<<" not in text:
+        return text
+    lines = text.split("\n")
+    kept: list[str] = []
+    fence = sign = ""  # the first line of the fence that is open, and its sign
+    at = 0
+    while at < len(lines):
+        found, border = _HERE.match(lines[at]), _FENCE.match(lines[at])
+        end = _end_of(lines, at, found[2]) if found else at
+        if end > at:
+            file = ["```python", *lines[at + 1 : end], "```"]
+            kept += [sign, *file, fence] if fence else file
+        else:
+            kept.append(lines[at])
+        if border and (not fence or border[1] == sign):
+            fence, sign = ("", "") if fence else (lines[at], border[1])
+        at = end + 1
+    return "\n".join(kept)
+
+
+def _end_of(lines: Sequence[str], start: int, label: str) -> int:
+    """Return the number of the line that ends a here-document; that of its first line where none does."""
+    return next((at for at in range(start + 1, len(lines)) if lines[at].strip() == label), start)
 
 
 def _without_quotes(text: str) -> str:
@@ -42,7 +76,7 @@ def _without_quotes(text: str) -> str:
     lines = text.split("\n")
     start = 0
     while start < len(lines):
-        end = next((at for at in range(start, len(lines)) if not _is_quoted(lines[at])), len(lines))
+        end = next((at for at in range(start, len(lines)) if not _goes_on_quoted(lines, at)), len(lines))
         inner = _unquoted(lines[start:end])
         if len(inner) > 1 and any(re.match(rf"[> ]*(?:{STATEMENT}|`{{3}}|~{{3}})", line) for line in inner):
             lines[start:end] = _without_quotes("\n".join(inner)).split("\n") if _all_quoted(inner) else inner
@@ -60,6 +94,12 @@ def _is_quoted(line: str) -> bool:
     return _QUOTE.match(line) is not None and _FIRST_PROMPT.match(line) is None
 
 
+def _goes_on_quoted(lines: Sequence[str], at: int) -> bool:
+    """Return whether a line is quoted, or is the blank one between two that are."""
+    is_between = 0 < at < len(lines) - 1 and not lines[at].strip()
+    return all(map(_is_quoted, (lines[at - 1], lines[at + 1]) if is_between else (lines[at],)))
+
+
 def _all_quoted(lines: Sequence[str]) -> bool:
     """Return whether lines are quoted once more."""
     return all(map(_is_quoted, lines))
@@ -67,7 +107,7 @@ def _all_quoted(lines: Sequence[str]) -> bool:
 
 def _without_prompts(text: str, name: str) -> str:
     """Turn sessions into the code that was typed, if one of them states the class."""
-    if not re.search(rf"^ {{0,3}}>>>[ \t]+class[ \t]+{re.escape(name)}\b", text, re.MULTILINE):
+    if not re.search(rf"^(?: {{0,3}}>>>| *In \[\d+\]:)[ \t]+class[ \t]+{re.escape(name)}\b", text, re.MULTILINE):
         return text
     kept: list[str] = []
     lines, at = text.split("\n"), 0
@@ -171,7 +211,7 @@ def _cells(value: object, name: str, depth: int = 0) -> list[str]:
 
 def _texts(text: str, name: str, depth: int) -> list[str]:
     """Find the sources in a text of JSON: the text itself, or what it holds if it is JSON again."""
-    if re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}\b", text, re.MULTILINE):
+    if re.search(rf"^[ \t]*class[ \t]+{re.escape(name)}\b.*\n", text, re.MULTILINE):
         return [text.replace("\r\n", "\n")]
     if name not in text or text.lstrip()[:1] not in ("{", "["):
         return []

@@ -1,6 +1,7 @@
 """Joining the block of an answer that has the class with the blocks that have what it lacks."""
 
 import ast
+import builtins
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -13,6 +14,7 @@ _WORDS = (
     *(ast.Name, ast.Attribute, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare),
     *(ast.Tuple, ast.List, ast.Set, ast.Dict),
 )
+_BUILTINS = frozenset(dir(builtins))
 _SIGNS = (ast.operator, ast.unaryop, ast.boolop, ast.cmpop, ast.expr_context)
 
 
@@ -50,6 +52,9 @@ def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
             having.setdefault(bound, []).append(place)
     taken: set[int] = set()
     waiting = [*own.lacked, "annotations"]  # from __future__: it changes how the rest is read
+    nowhere = set(waiting[:-1]) - having.keys() - PROVIDED.keys() - _BUILTINS
+    if nowhere:
+        waiting.append("*")  # which may bring it
     for lacked in waiting:  # grows while it is walked; each name is looked up once
         new = set(having.pop(lacked, ())) - taken
         taken |= new
@@ -76,6 +81,8 @@ def _words(tree: ast.Module) -> list[ast.stmt]:
 
 def _is_words(node: ast.stmt) -> bool:
     match node:
+        case ast.Expr(value=ast.Call(func=ast.List())):  # a link: [net.py](net.py)
+            return True
         case ast.Expr(value=words) | ast.AnnAssign(target=ast.Name(), annotation=words, value=None):
             kinds = {type(part) for part in ast.walk(words)}
             return ast.Name in kinds and all(issubclass(kind, _WORDS + _SIGNS) for kind in kinds)

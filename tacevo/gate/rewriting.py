@@ -23,6 +23,10 @@ from tacevo.gate.names import names_of
 from tacevo.gate.policy import allowed
 
 _COMPILE = "torch.compile"
+#: Modules of which the allow-list has the form of the names only.
+_BY_PATTERN = frozenset({"torch.nn", "torch.nn.modules", "torch.nn.init"})
+#: How deep calls of `torch.compile` may stand in each other to be left out.
+_MOST_CALLS = 10
 #: Where an edit begins and ends, as bytes of the text, and what stands there then.
 _Edit = tuple[int, int, str]
 
@@ -34,11 +38,7 @@ def rewritten(blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> li
         TooComplexError: parsing what results takes too much work.
     """
     aliases = _aliases(blocks, name)
-    changed = [_with_name(_without_compile(block, parser), aliases, name, parser) for block in blocks]
-    if not any(re.search(r"import[ \t]*\*", block.text) for block in changed):
-        return changed
-    lacked = {wanted for block in changed for wanted in _lacked(block)}
-    return [_with_names_of_stars(block, lacked, parser) for block in changed]
+    return [_with_name(_without_compile(block, parser), aliases, name, parser) for block in blocks]
 
 
 def _aliases(blocks: Sequence[CodeBlock], name: str) -> frozenset[str]:
@@ -90,29 +90,42 @@ def _renaming(text: str, old: str, new: str) -> Iterator[_Edit]:
 
 def _without_compile(block: CodeBlock, parser: BlockParser) -> CodeBlock:
     """Leave `torch.compile` out where it decorates, and where it is called beside the classes."""
-    tree = block.parsed
-    if not isinstance(tree, ast.Module) or "compile" not in block.text:
+    if not isinstance(block.parsed, ast.Module) or "compile" not in block.text:
         return block
-    known = _names_of_compile(tree)
+    known = _names_of_compile(block.parsed)
+    changed = block
+    for _ in range(_MOST_CALLS):  # what is wrapped may wrap, too
+        edits = list(_edits_of_compile(changed, known))
+        if not edits:
+            break
+        changed = _changed(changed, _edited(changed.text, edits), [], parser)
+    if changed is block:
+        return block
+    imports = list(_edits_of_imports(changed))
+    return _changed(changed, _edited(changed.text, imports), [f"{_COMPILE} was left out"], parser)
+
+
+def _edits_of_compile(block: CodeBlock, known: Collection[str]) -> Iterator[_Edit]:
+    """Yield what leaves decorators out, and the outermost calls of each statement."""
+    if not isinstance(block.parsed, ast.Module):
+        return
     starts = _starts(block.text)
-    edits: list[_Edit] = []
-    for node in (made for made in ast.walk(tree) if getattr(made, "decorator_list", ())):
+    for node in ast.walk(block.parsed):
         for decorator in getattr(node, "decorator_list", ()):
-            if _is_compile(decorator.func if isinstance(decorator, ast.Call) else decorator, known):
-                edits.append((starts[decorator.lineno - 1], starts[decorator.end_lineno or decorator.lineno], ""))
-    for statement in (node for node in tree.body if not isinstance(node, ast.ClassDef)):
-        edits += _uncompiled(statement, block.text, known, starts)
-    if not edits:
-        return block
-    for node in ast.walk(tree):
-        if (
-            isinstance(node, ast.ImportFrom)
-            and node.module == "torch"
-            and any(it.name == "compile" for it in node.names)
-        ):
+            if any(_is_compile(part, known) for part in _called(decorator)):
+                yield starts[decorator.lineno - 1], starts[decorator.end_lineno or decorator.lineno], ""
+    for statement in block.parsed.body:
+        if not isinstance(statement, ast.ClassDef):
+            yield from _uncompiled(statement, block.text, known, starts)
+
+
+def _edits_of_imports(block: CodeBlock) -> Iterator[_Edit]:
+    """Yield what leaves `compile` out of the names that are imported."""
+    for node in ast.walk(block.parsed) if isinstance(block.parsed, ast.Module) else ():
+        if isinstance(node, ast.ImportFrom) and node.module == "torch":
             kept = [alias for alias in node.names if alias.name != "compile"]
-            edits.append(_instead(node, ast.unparse(ast.ImportFrom("torch", kept, 0)) if kept else "", block.text))
-    return _changed(block, _edited(block.text, edits), [f"{_COMPILE} was left out"], parser)
+            if kept != node.names:
+                yield _instead(node, ast.unparse(ast.ImportFrom("torch", kept, 0)) if kept else "", block.text)
 
 
 def _names_of_compile(tree: ast.Module) -> frozenset[str]:
@@ -131,8 +144,18 @@ def _is_compile(node: ast.expr, known: Collection[str]) -> bool:
     return isinstance(node, ast.Name | ast.Attribute) and ast.unparse(node) in known
 
 
+def _called(decorator: ast.expr) -> list[ast.expr]:
+    """Return what a decorator is, or what makes it: `compile`, `compile(...)` or `partial(compile, ...)`."""
+    match decorator:
+        case ast.Call(func=ast.Name(id="partial") | ast.Attribute(attr="partial"), args=[first, *_]):
+            return [first]
+        case ast.Call(func=function):
+            return [function]
+    return [decorator]
+
+
 def _uncompiled(statement: ast.stmt, text: str, known: Collection[str], starts: Sequence[int]) -> Iterator[_Edit]:
-    """Yield what leaves `torch.compile` out of a statement, around what it is given; its calls are not nested."""
+    """Yield what leaves the first call of `torch.compile` out of a statement, around what it is given."""
     for node in ast.walk(statement):
         match node:
             case ast.Call(func=function, args=arguments, keywords=keywords) if _is_compile(function, known):
@@ -144,41 +167,39 @@ def _uncompiled(statement: ast.stmt, text: str, known: Collection[str], starts: 
         if not models:
             continue
         match statement:
-            case ast.Assign(targets=[ast.Name(id=target)], value=value) if value is node:
-                if isinstance(models[0], ast.Name) and models[0].id == target:
+            case ast.Assign(targets=[target], value=value) if value is node:
+                if ast.unparse(target) == ast.unparse(models[0]):
                     yield _instead(statement, "", text)
                     return
         yield (*_span(node, starts), ast.get_source_segment(text, models[0]) or "")
         return
 
 
-def _with_names_of_stars(block: CodeBlock, lacked: Collection[str], parser: BlockParser) -> CodeBlock:
-    """Write out what star imports of modules on the allow-list bring of the names that an answer lacks."""
-    tree = block.parsed
-    stars = [node for node in ast.walk(tree) if _is_star(node)] if isinstance(tree, ast.Module) else []
+def without_stars(code: ParsedCode) -> tuple[str, list[str]]:
+    """Write out what star imports of modules on the allow-list bring of the names that a text lacks.
+
+    Returns:
+        The text, and what was changed in it.
+    """
+    stars = [node for node in ast.walk(code.tree) if isinstance(node, ast.ImportFrom) and _is_star(node)]
     if not stars:
-        return block
-    left = set(lacked)
+        return code.text, []
+    lacked = names_of(code.tree.body).lacked - allowed.PROVIDED.keys() - set(dir(builtins))
     edits: list[_Edit] = []
     # Python keeps what the last import brings. What has a list of its names comes before what has a pattern of them.
-    for node in sorted(reversed(stars), key=lambda node: str(getattr(node, "module", "")) == "torch.nn"):
-        assert isinstance(node, ast.ImportFrom)
+    for node in sorted(reversed(stars), key=lambda node: node.module in _BY_PATTERN):
         module = node.module or ""
-        names = sorted(name for name in left if _brings(module, name))
-        left -= set(names)
-        edits.append(_instead(node, f"from {module} import {', '.join(names)}" if names else "", block.text))
-    modules = ", ".join(str(getattr(node, "module", "")) for node in stars)
-    return _changed(block, _edited(block.text, edits), [f"import * of {modules} was written out"], parser)
+        names = sorted(name for name in lacked if _brings(module, name))
+        lacked = lacked - {*names}
+        edits.append(_instead(node, f"from {module} import {', '.join(names)}" if names else "", code.text))
+    modules = dict.fromkeys(str(node.module) for node in stars)
+    return _edited(code.text, edits).strip("\n"), [f"from {module} import * was written out" for module in modules]
 
 
-def _is_star(node: ast.AST) -> bool:
-    """Return whether a node imports all names of a module on the allow-list."""
-    return (
-        isinstance(node, ast.ImportFrom)
-        and node.level == 0
-        and allowed.is_module(node.module or "")
-        and [alias.name for alias in node.names] == ["*"]
-    )
+def _is_star(node: ast.ImportFrom) -> bool:
+    """Return whether a statement imports all names of a module on the allow-list."""
+    is_star = [alias.name for alias in node.names] == ["*"]
+    return is_star and node.level == 0 and allowed.is_module(node.module or "")
 
 
 def _brings(module: str, name: str) -> bool:
@@ -187,13 +208,6 @@ def _brings(module: str, name: str) -> bool:
         return True
     is_ours = module.startswith("torch")
     return allowed.is_allowed(module, name) and (is_ours or hasattr(importlib.import_module(module), name))
-
-
-def _lacked(block: CodeBlock) -> Iterable[str]:
-    """Return the names that a block lacks, and that Python and the sandbox do not provide."""
-    if not isinstance(block.parsed, ast.Module):
-        return ()
-    return names_of(block.parsed.body).lacked - allowed.PROVIDED.keys() - set(dir(builtins))
 
 
 def _changed(block: CodeBlock, text: str, notes: Sequence[str], parser: BlockParser) -> CodeBlock:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Container
 
 #: A tag such as `<code>` or `</answer>`, a mark of a chat template such as `<|im_end|>` or `</s>`, a border of CDATA.
-_TAG = r"(?:</?[A-Za-z][^<>\n]*>|<[|\uff5c][^<>\n]*[|\uff5c]>|<!\[CDATA\[|\]\]>)"  # DeepSeek's bars are wide ones
+_TAG = r"(?:</?[A-Za-z][^<>\n]*>|<[|\uff5c][^<>\n]*[|\uff5c]>|<!\[(?i:CDATA)\[|\]\]>)"  # DeepSeek's bars are wide ones
 #: A label such as `[PYTHON]`; only before code, because behind it `[WIDTH]` is an index.
 _LABEL = r"\[/?(?:[A-Z]{2}[A-Z_ ]*|python|code)\]"
 #: Indentation and the tags and labels behind it.

@@ -6,14 +6,14 @@ import unicodedata
 from collections.abc import Collection, Set
 from dataclasses import dataclass
 
-from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of
+from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of, is_code
 from tacevo.gate.joining import class_statements
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
 
 #: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
-_DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[-*](?= )|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
+_DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
 _HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
 #: A statement that only the text of a network has, in the place where it stands.
 _STATEMENT = re.compile(
@@ -46,11 +46,12 @@ class Known:
 def has_class(block: CodeBlock, name: str, known: Set[str] = frozenset()) -> bool:
     """Return whether a block states the class.
 
-    Text that does not parse does so with a statement of the class at its end, or with statements of a network below it
+    A class with `call` or `__call__` in place of `forward` is one of another framework, which is another language. Text
+    that does not parse states the class with a statement of the class at its end, or with statements of a network below it
     that are not `known`, the `lines_of` other versions: an outline and a copy with remarks state nothing.
     """
     if isinstance(block.parsed, ast.Module):
-        return bool(class_statements(block.parsed, name))
+        return not all(map(_is_foreign, class_statements(block.parsed, name)))
     text = plain(block.text)
     statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b(.*)(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
     found = re.search(statement, text, re.MULTILINE)
@@ -65,10 +66,11 @@ def lines_of(text: str) -> set[str]:
 
 
 def plain(text: str) -> str:
-    """Return a text without signs that take no place, such as a zero-width space in a name."""
+    """Return a text without signs that take no place, such as a zero-width space in a name, and with plain spaces."""
     if text.isascii():
         return text
-    return "".join(letter for letter in text if unicodedata.category(letter) != "Cf")
+    kinds = {"Cf": "", "Zs": " "}
+    return "".join(kinds.get(unicodedata.category(letter), letter) for letter in text)
 
 
 def names(text: str, name: str) -> bool:
@@ -121,6 +123,12 @@ def _sets_forward(node: ast.AST, owner: str) -> bool:
     return False
 
 
+def _is_foreign(node: ast.ClassDef) -> bool:
+    """Return whether a class is one of another framework than torch."""
+    bound = names_of(node.body).bound
+    return "forward" not in bound and bool(bound & {"call", "__call__"})
+
+
 def _bases(node: ast.ClassDef) -> set[str]:
     return {base.attr if isinstance(base, ast.Attribute) else getattr(base, "id", "") for base in node.bases}
 
@@ -130,6 +138,8 @@ def _computes_nothing(node: ast.stmt) -> bool:
     match node:
         case ast.Pass() | ast.Raise() | ast.Expr(value=ast.Constant()) | ast.Return(value=None | ast.Constant()):
             return True
+        case ast.Assign(value=ast.Constant(value=value)):
+            return value is ...
     return False
 
 
@@ -174,7 +184,7 @@ def _problem_of(node: ast.AST, name: str, bound: Collection[str], chosen: Known)
     """Return what a node says of a later version; None where it says nothing."""
     match node:
         case ast.ClassDef() if node.name == name:
-            if not statements_of(node) <= chosen.statements:
+            if not _is_foreign(node) and not statements_of(node) <= chosen.statements:
                 return Problem(
                     Reason.no_class, f"expected the whole of class {name}; got a later version of it in part"
                 )
@@ -308,6 +318,8 @@ def _states_network(text: str, name: str, known: Set[str], *, methods: bool = Fa
 def _signs_of_network(code: str, known: Set[str]) -> set[str]:
     """Return what a line of code says: whether it is a statement of a network or the head of a method, and new."""
     is_new = "" if _is_known(code, known) else "new "
+    if not is_code(code):
+        return set()
     if _METHOD.match(code):
         return {"method", f"{is_new}method"} | ({"forward"} if re.match(r"def[ \t]+forward\b", code) else set())
     return {"statement", f"{is_new}statement"} if _STATEMENT.match(code) else set()
