@@ -31,7 +31,7 @@ _CODE = re.compile(
 
 #: A word of Python, which may stand beside another word in code.
 _KEYWORDS = "|".join([*keyword.kwlist, "match", "case", "type", "print"])
-_TWO_WORDS = re.compile(rf"\b(?!(?:{_KEYWORDS})\b)\w*[A-Za-z]\w*[ ]+(?!(?:{_KEYWORDS})\b)[A-Za-z]\w*")
+_TWO_WORDS = re.compile(rf"\b(?!(?:{_KEYWORDS}|\d+)\b)\w+[ ]+(?!(?:{_KEYWORDS})\b)[A-Za-z]\w*")
 #: What is not looked at to find two words: arguments, strings and comments.
 _ASIDE = re.compile(r"\(.*\)|\(.*|\"[^\"]*\"|'[^']*'|#.*")
 #: A command of a notebook or a shell.

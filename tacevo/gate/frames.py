@@ -21,8 +21,8 @@ _JSON = re.compile(r"(?<!\w)(?=[{\[]\s*[\"{\[])")
 _HERE = re.compile(
     r"[ \t]*(?:\$[ \t]*)?(?:sudo[ \t]+)?(?:cat|tee|python3?)\b[^\n]*<<-?[ \t]*([\"']?)(\w+)\1(?!\w)[^\n]*$"
 )
-#: How many times JSON is looked for, and how deep texts with JSON are nested.
-_MOST_JSON, _DEEPEST = 200, 4
+#: How many times JSON is looked for, how deep its values may be nested, and how often quotes may be quoted.
+_MOST_JSON, _DEEPEST, _MOST_QUOTES = 200, 12, 5
 
 
 def unframed(text: str, name: str) -> str:
@@ -49,39 +49,40 @@ def without_here_documents(text: str) -> str:
     if "<<" not in text:
         return text
     lines = text.split("\n")
+    last = {line.strip(): at for at, line in enumerate(lines)}  # of each label, so that each is looked up once
     kept: list[str] = []
     fence = sign = ""  # the first line of the fence that is open, and its sign
-    at = 0
-    while at < len(lines):
-        found, border = _HERE.match(lines[at]), _FENCE.match(lines[at])
-        end = _end_of(lines, at, found[2]) if found else at
-        if end > at:
-            file = ["```python", *lines[at + 1 : end], "```"]
-            kept += [sign, *file, fence] if fence else file
+    label = ""  # of the here-document that is open
+    for at, line in enumerate(lines):
+        found, border = _HERE.match(line), _FENCE.match(line)
+        if label and line.strip() == label:
+            kept += ["```", fence] if fence else ["```"]
+            label = ""
+        elif not label and found and last.get(found[2], 0) > at:
+            kept += [sign, "```python"] if fence else ["```python"]
+            label = found[2]
         else:
-            kept.append(lines[at])
-        if border and (not fence or border[1] == sign):
-            fence, sign = ("", "") if fence else (lines[at], border[1])
-        at = end + 1
+            kept.append(line)
+            if not label and border and (not fence or border[1] == sign):
+                fence, sign = ("", "") if fence else (line, border[1])
     return "\n".join(kept)
 
 
-def _end_of(lines: Sequence[str], start: int, label: str) -> int:
-    """Return the number of the line that ends a here-document; that of its first line where none does."""
-    return next((at for at in range(start + 1, len(lines)) if lines[at].strip() == label), start)
-
-
-def _without_quotes(text: str) -> str:
-    """Take one sign off each of the lines that are quoted together, if they hold code or a fence."""
+def _without_quotes(text: str, most: int = _MOST_QUOTES) -> str:
+    """Take the signs off the lines that are quoted together, if they hold code or a fence."""
     lines = text.split("\n")
+    kept: list[str] = []
     start = 0
     while start < len(lines):
         end = next((at for at in range(start, len(lines)) if not _goes_on_quoted(lines, at)), len(lines))
         inner = _unquoted(lines[start:end])
         if len(inner) > 1 and any(re.match(rf"[> ]*(?:{STATEMENT}|`{{3}}|~{{3}})", line) for line in inner):
-            lines[start:end] = _without_quotes("\n".join(inner)).split("\n") if _all_quoted(inner) else inner
+            is_again = most > 1 and all(_is_quoted(line) or not line.strip() for line in inner)
+            kept += _without_quotes("\n".join(inner), most - 1).split("\n") if is_again else inner
+        else:
+            kept += lines[start : max(end, start + 1)]
         start = max(end, start + 1)
-    return "\n".join(lines)
+    return "\n".join(kept)
 
 
 def _unquoted(lines: Sequence[str]) -> list[str]:
@@ -98,11 +99,6 @@ def _goes_on_quoted(lines: Sequence[str], at: int) -> bool:
     """Return whether a line is quoted, or is the blank one between two that are."""
     is_between = 0 < at < len(lines) - 1 and not lines[at].strip()
     return all(map(_is_quoted, (lines[at - 1], lines[at + 1]) if is_between else (lines[at],)))
-
-
-def _all_quoted(lines: Sequence[str]) -> bool:
-    """Return whether lines are quoted once more."""
-    return all(map(_is_quoted, lines))
 
 
 def _without_prompts(text: str, name: str) -> str:

@@ -12,12 +12,12 @@ import ast
 import builtins
 import importlib
 import io
-import re
 import tokenize
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from tacevo.gate.blocks import BlockParser, CodeBlock
+from tacevo.gate.edits import Edit, Lines
 from tacevo.gate.joining import ParsedCode, class_statements, without
 from tacevo.gate.names import names_of
 from tacevo.gate.policy import allowed
@@ -27,8 +27,6 @@ _COMPILE = "torch.compile"
 _BY_PATTERN = frozenset({"torch.nn", "torch.nn.modules", "torch.nn.init"})
 #: How deep calls of `torch.compile` may stand in each other to be left out.
 _MOST_CALLS = 10
-#: Where an edit begins and ends, as bytes of the text, and what stands there then.
-_Edit = tuple[int, int, str]
 
 
 def rewritten(blocks: Sequence[CodeBlock], name: str, parser: BlockParser) -> list[CodeBlock]:
@@ -71,21 +69,28 @@ def _with_name(block: CodeBlock, aliases: Collection[str], name: str, parser: Bl
         return block
     text = without(ParsedCode(block.text, tree), statements)
     note = [f"{olds[-1]} was renamed to {name}, as an assignment says"] if classes else []
-    renamed = _edited(text, _renaming(text, olds[-1], name))
-    return replace(_changed(block, renamed, note, parser), was=olds[-1])
+    return replace(_changed(block, _renamed(text, olds[-1], name), note, parser), was=olds[-1])
 
 
-def _renaming(text: str, old: str, new: str) -> Iterator[_Edit]:
-    """Yield what gives an identifier another name, wherever it is not an attribute."""
-    starts = _starts(text)
+def _renamed(text: str, old: str, new: str) -> str:
+    """Give an identifier another name, wherever it is not an attribute."""
     lines = text.split("\n")
     before = ""
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+    edits: dict[int, list[int]] = {}
+    try:
+        tokens = list(tokenize.generate_tokens(io.StringIO(text).readline))
+    except (tokenize.TokenError, SyntaxError):  # the tokenizer of a Python may refuse what its parser takes
+        return text
+    for token in tokens:
         if token.type == tokenize.NAME and token.string == old and before != ".":
-            row, column = token.start
-            first = starts[row - 1] + len(lines[row - 1][:column].encode())
-            yield first, first + len(old.encode()), new
+            edits.setdefault(token.start[0] - 1, []).append(token.start[1])
         before = token.string
+    for row, columns in edits.items():
+        line = lines[row]
+        ends = [0, *(column + len(old) for column in columns)]
+        parts = [line[end:column] for end, column in zip(ends, [*columns, len(line)], strict=True)]
+        lines[row] = new.join(parts)
+    return "\n".join(lines)
 
 
 def _without_compile(block: CodeBlock, parser: BlockParser) -> CodeBlock:
@@ -98,34 +103,35 @@ def _without_compile(block: CodeBlock, parser: BlockParser) -> CodeBlock:
         edits = list(_edits_of_compile(changed, known))
         if not edits:
             break
-        changed = _changed(changed, _edited(changed.text, edits), [], parser)
+        changed = _changed(changed, Lines(changed.text).edited(edits), [], parser)
     if changed is block:
         return block
     imports = list(_edits_of_imports(changed))
-    return _changed(changed, _edited(changed.text, imports), [f"{_COMPILE} was left out"], parser)
+    return _changed(changed, Lines(changed.text).edited(imports), [f"{_COMPILE} was left out"], parser)
 
 
-def _edits_of_compile(block: CodeBlock, known: Collection[str]) -> Iterator[_Edit]:
+def _edits_of_compile(block: CodeBlock, known: Collection[str]) -> Iterator[Edit]:
     """Yield what leaves decorators out, and the outermost calls of each statement."""
     if not isinstance(block.parsed, ast.Module):
         return
-    starts = _starts(block.text)
+    lines = Lines(block.text)
     for node in ast.walk(block.parsed):
         for decorator in getattr(node, "decorator_list", ()):
             if any(_is_compile(part, known) for part in _called(decorator)):
-                yield starts[decorator.lineno - 1], starts[decorator.end_lineno or decorator.lineno], ""
+                yield *lines.whole_lines(decorator), ""
     for statement in block.parsed.body:
         if not isinstance(statement, ast.ClassDef):
-            yield from _uncompiled(statement, block.text, known, starts)
+            yield from _uncompiled(statement, lines, known)
 
 
-def _edits_of_imports(block: CodeBlock) -> Iterator[_Edit]:
+def _edits_of_imports(block: CodeBlock) -> Iterator[Edit]:
     """Yield what leaves `compile` out of the names that are imported."""
+    lines = Lines(block.text)
     for node in ast.walk(block.parsed) if isinstance(block.parsed, ast.Module) else ():
         if isinstance(node, ast.ImportFrom) and node.module == "torch":
             kept = [alias for alias in node.names if alias.name != "compile"]
             if kept != node.names:
-                yield _instead(node, ast.unparse(ast.ImportFrom("torch", kept, 0)) if kept else "", block.text)
+                yield lines.instead(node, ast.unparse(ast.ImportFrom("torch", kept, 0)) if kept else "")
 
 
 def _names_of_compile(tree: ast.Module) -> frozenset[str]:
@@ -154,7 +160,7 @@ def _called(decorator: ast.expr) -> list[ast.expr]:
     return [decorator]
 
 
-def _uncompiled(statement: ast.stmt, text: str, known: Collection[str], starts: Sequence[int]) -> Iterator[_Edit]:
+def _uncompiled(statement: ast.stmt, lines: Lines, known: Collection[str]) -> Iterator[Edit]:
     """Yield what leaves the first call of `torch.compile` out of a statement, around what it is given."""
     for node in ast.walk(statement):
         match node:
@@ -169,9 +175,9 @@ def _uncompiled(statement: ast.stmt, text: str, known: Collection[str], starts: 
         match statement:
             case ast.Assign(targets=[target], value=value) if value is node:
                 if ast.unparse(target) == ast.unparse(models[0]):
-                    yield _instead(statement, "", text)
+                    yield lines.instead(statement, "")
                     return
-        yield (*_span(node, starts), ast.get_source_segment(text, models[0]) or "")
+        yield *lines.span(node), lines.source(models[0])
         return
 
 
@@ -185,15 +191,16 @@ def without_stars(code: ParsedCode) -> tuple[str, list[str]]:
     if not stars:
         return code.text, []
     lacked = names_of(code.tree.body).lacked - allowed.PROVIDED.keys() - set(dir(builtins))
-    edits: list[_Edit] = []
+    lines = Lines(code.text)
+    edits: list[Edit] = []
     # Python keeps what the last import brings. What has a list of its names comes before what has a pattern of them.
     for node in sorted(reversed(stars), key=lambda node: node.module in _BY_PATTERN):
         module = node.module or ""
         names = sorted(name for name in lacked if _brings(module, name))
         lacked = lacked - {*names}
-        edits.append(_instead(node, f"from {module} import {', '.join(names)}" if names else "", code.text))
+        edits.append(lines.instead(node, f"from {module} import {', '.join(names)}" if names else ""))
     modules = dict.fromkeys(str(node.module) for node in stars)
-    return _edited(code.text, edits).strip("\n"), [f"from {module} import * was written out" for module in modules]
+    return lines.edited(edits).strip("\n"), [f"from {module} import * was written out" for module in modules]
 
 
 def _is_star(node: ast.ImportFrom) -> bool:
@@ -212,36 +219,3 @@ def _brings(module: str, name: str) -> bool:
 
 def _changed(block: CodeBlock, text: str, notes: Sequence[str], parser: BlockParser) -> CodeBlock:
     return replace(block, text=text, parsed=parser.parse(text), notes=(*block.notes, *notes))
-
-
-def _starts(text: str) -> list[int]:
-    """Return the byte at which each line begins, and that behind the last one."""
-    starts = [0]
-    for line in text.split("\n"):
-        starts.append(starts[-1] + len(line.encode()) + 1)
-    return starts
-
-
-def _span(node: ast.stmt | ast.expr, starts: Sequence[int]) -> tuple[int, int]:
-    """Return the bytes at which a node begins and ends."""
-    return starts[node.lineno - 1] + node.col_offset, starts[(node.end_lineno or 1) - 1] + (node.end_col_offset or 0)
-
-
-def _instead(node: ast.stmt, written: str, text: str) -> _Edit:
-    """Write something else in the place of a statement; with nothing, its lines go where nothing else holds them."""
-    starts = _starts(text)
-    first, last = _span(node, starts)
-    line, end = starts[node.lineno - 1], starts[node.end_lineno or node.lineno]
-    data = text.encode()
-    is_alone = node.col_offset == 0 and re.fullmatch(rb"\s*(?:#.*)?\s*", data[last:end]) is not None
-    if written or not is_alone:
-        return first, last, written or "pass"
-    return line, end, ""
-
-
-def _edited(text: str, edits: Iterable[_Edit]) -> str:
-    """Apply edits that do not overlap."""
-    data = text.encode()
-    for start, end, written in sorted(edits, reverse=True):
-        data = data[:start] + written.encode() + data[end:]
-    return data.decode()

@@ -18,7 +18,7 @@ _HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
 #: A statement that only the text of a network has, in the place where it stands.
 _STATEMENT = re.compile(
     r"self\.\w[\w.\[\]]*[ \t]*(?:[-+*/@]|//)?=(?!=)|super\(|return\b.*\bself\.|\w[\w, .\[\]]*=(?!=).*\bself\."
-    r"|\w[\w, .\[\]]*=[ \t]*(?:torch\.)?(?:nn|F)\.\w+\(|(?:for|if|while|with)\b.*\bself\..*:"
+    r"|\w[\w, .\[\]]*=[ \t]*(?:torch\.)?(?:nn|F)\.\w+\(|(?:for|if|while|with)\b.*\bself\."
 )
 _METHOD = re.compile(r"(?:async[ \t]+)?def[ \t]+\w+[ \t]*\(")
 #: Where a remark to a line of code begins: `x = 1  <- one`, `x = 1 | one`.
@@ -46,9 +46,9 @@ class Known:
 def has_class(block: CodeBlock, name: str, known: Set[str] = frozenset()) -> bool:
     """Return whether a block states the class.
 
-    A class with `call` or `__call__` in place of `forward` is one of another framework, which is another language. Text
-    that does not parse states the class with a statement of the class at its end, or with statements of a network below it
-    that are not `known`, the `lines_of` other versions: an outline and a copy with remarks state nothing.
+    A class with `call` or `__call__` in place of `forward` is one of another framework, as if it were another language.
+    Text that does not parse states the class with a statement of it at its end, or with statements of a network below
+    it that are not `known`, the `lines_of` other versions: an outline and a copy with remarks state nothing.
     """
     if isinstance(block.parsed, ast.Module):
         return not all(map(_is_foreign, class_statements(block.parsed, name)))
