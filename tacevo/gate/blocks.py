@@ -120,10 +120,13 @@ def _fenced(part: Part, parser: BlockParser) -> Iterator[CodeBlock]:
 
 
 def is_code(line: str) -> bool:
-    """Return whether a line is code, whether or not it parses, and no sentence: code has no two words side by side."""
-    if _COMMAND.match(line):
-        return True
-    return _CODE.match(line) is not None and not _TWO_WORDS.search(_ASIDE.sub(" ", line))
+    """Return whether a line is code, whether or not it parses."""
+    return _COMMAND.match(line) is not None or (_CODE.match(line) is not None and not is_sentence(line))
+
+
+def is_sentence(line: str) -> bool:
+    """Return whether a line has two words side by side, which code has not."""
+    return _TWO_WORDS.search(_ASIDE.sub(" ", line)) is not None
 
 
 def _between_sentences(part: Part, parser: BlockParser) -> CodeBlock | None:

@@ -44,7 +44,6 @@ from tacevo.gate.versions import (
     lines_of,
     may_go_on,
     names,
-    statements_of,
 )
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
@@ -204,21 +203,10 @@ def _other_version(answer: _Answer, source: _Source, chosen: CodeBlock, copies: 
     text = _beside(answer.text, [chosen, *copies]) if is_copy else _behind(answer.text, chosen)
     if not (may_go_on(text, answer.name) if is_copy else names(text, answer.name)):
         return None
-    known = _known(answer, source, chosen)
+    written = "\n".join(answer.text.split("\n")[chosen.start : chosen.end])
+    known = Known.of([ParsedCode(source.text, source.tree), *answer.given], written=written, was=chosen.was)
     problem = later_version(text, known, answer.name, answer.parser)
     return problem or (goes_on(text, known, answer.name, answer.parser) if is_copy else None)
-
-
-def _known(answer: _Answer, source: _Source, chosen: CodeBlock) -> Known:
-    """Collect what of an answer is not new beside its source."""
-    written = answer.text.split("\n")[chosen.start : chosen.end]
-    codes = [ParsedCode(source.text, source.tree), *answer.given]
-    return Known(
-        tree=source.tree,
-        was=chosen.was,
-        lines=lines_of("\n".join([*written, *(code.text for code in codes)])),
-        statements=frozenset().union(*(statements_of(code.tree) for code in codes)),
-    )
 
 
 def _versions(answer: _Answer) -> list[CodeBlock]:

@@ -52,12 +52,12 @@ def definitions(tree: ast.Module) -> Mapping[str, object]:
         if isinstance(statement, ast.Import | ast.ImportFrom):
             found |= _imported(statement)
             continue
-        meaning = _meaning(statement)
+        means = meaning(statement)
         bound = names_of([statement]).bound
         for name in bound:
-            found[name] = (found[name], meaning) if name in found else meaning
+            found[name] = (found[name], means) if name in found else means
         if not bound:
-            found[f"#{silent}"] = meaning
+            found[f"#{silent}"] = means
             silent += 1
     return found
 
@@ -76,13 +76,13 @@ def _imported(statement: ast.Import | ast.ImportFrom) -> dict[str, object]:
     return found
 
 
-def _meaning(node: object) -> object:
-    """Return a tree as nested tuples, without docstrings."""
+def meaning(node: object) -> object:
+    """Return a tree, or a list of trees, as nested tuples that can be compared and hashed, without docstrings."""
     if isinstance(node, list):
-        return tuple(_meaning(item) for item in node if not _says_nothing(item))
+        return tuple(meaning(item) for item in node if not _says_nothing(item))
     if isinstance(node, ast.AST):
         fields = (getattr(node, field, None) for field in node._fields if field not in _SILENT)
-        return (type(node).__name__, *map(_meaning, fields))
+        return (type(node).__name__, *map(meaning, fields))
     return repr(node)
 
 

@@ -3,11 +3,13 @@
 import ast
 import re
 import unicodedata
-from collections.abc import Collection, Set
+from collections.abc import Collection, Iterator, Sequence, Set
 from dataclasses import dataclass
+from typing import Self
 
-from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of, is_code
-from tacevo.gate.joining import class_statements
+from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of, is_code, is_sentence, trimmed
+from tacevo.gate.joining import ParsedCode, class_statements
+from tacevo.gate.likeness import meaning
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
@@ -41,6 +43,27 @@ class Known:
     lines: Set[str]
     #: The `statements_of` the same.
     statements: Set[str]
+    #: What the bodies of their classes mean.
+    bodies: Set[object]
+
+    @classmethod
+    def of(cls, codes: Sequence[ParsedCode], *, written: str, was: str) -> Self:
+        """Collect what is known of the chosen version, the first code, as it is written, and of given networks."""
+        nodes = [node for code in codes for node in ast.walk(code.tree)]
+        return cls(
+            tree=codes[0].tree,
+            was=was,
+            lines=lines_of("\n".join([written, *(code.text for code in codes)])),
+            statements=frozenset().union(*(statements_of(code.tree) for code in codes)),
+            bodies={meaning(node.body) for node in nodes if isinstance(node, ast.ClassDef)},
+        )
+
+    def has(self, node: ast.ClassDef) -> bool:
+        """Return whether a class has nothing of its own: a copy if it is whole, else parts of what is known."""
+        methods = {item.name for item in node.body if isinstance(item, ast.FunctionDef)}
+        if {"__init__", "forward"} <= methods and _completeness_of_class(node, ast.Module([], [])) == 2:
+            return meaning(node.body) in self.bodies
+        return statements_of(node) <= self.statements
 
 
 def has_class(block: CodeBlock, name: str, known: Set[str] = frozenset()) -> bool:
@@ -57,7 +80,16 @@ def has_class(block: CodeBlock, name: str, known: Set[str] = frozenset()) -> boo
     found = re.search(statement, text, re.MULTILINE)
     if found is None or _FOREIGN.search(found[2]):
         return False
-    return found.end() == len(text) or _states_network(text[found.start() :], name, known, methods=True)
+    below = text[found.start() :]
+    return found.end() == len(text) or _states_network(below, name, known, methods=True) or _is_all_code(below)
+
+
+def _is_all_code(text: str) -> bool:
+    """Return whether a text has the `forward` and a statement of a network, and neither words nor remarks."""
+    lines = [line.strip() for line in re.sub(r"(\"\"\"|''').*?\1", "", text, flags=re.DOTALL).split("\n")]
+    has_forward = any(re.match(r"def[ \t]+forward\b", line) for line in lines)
+    has_words = any(is_sentence(line) or re.search("<-|\u2190|\u2192|->(?!.*:$)", line) for line in lines)
+    return has_forward and any(map(_STATEMENT.match, lines)) and not has_words
 
 
 def lines_of(text: str) -> set[str]:
@@ -167,10 +199,10 @@ def later_version(text: str, chosen: Known, name: str, parser: BlockParser) -> P
     lines = text.split("\n")
     for block in blocks_of(text, parser):
         nodes = list(ast.walk(block.parsed)) if isinstance(block.parsed, ast.Module) else []
+        nodes += [part for node in nodes for part in _nodes_of_string(node, name, parser)]
         for node in nodes:
-            problem = _problem_of(node, name, bound, chosen)
-            if problem is not None:
-                return problem
+            if found := _found_in(node, name, bound, chosen):
+                return Problem(Reason.no_class, f"expected the last version of class {name} whole; got {found}")
         if any(isinstance(node, ast.ClassDef) for node in nodes):
             lines[block.start : block.end] = [""] * (block.end - block.start)
     text = _undecorated("\n".join(lines), name)
@@ -180,25 +212,34 @@ def later_version(text: str, chosen: Known, name: str, parser: BlockParser) -> P
     return None
 
 
-def _problem_of(node: ast.AST, name: str, bound: Collection[str], chosen: Known) -> Problem | None:
-    """Return what a node says of a later version; None where it says nothing."""
+def _nodes_of_string(node: ast.AST, name: str, parser: BlockParser) -> Iterator[ast.AST]:
+    """Yield the nodes of a string that is Python and states the class."""
+    match node:
+        case ast.Constant(value=str(text)) if re.search(rf"\bclass[ \t]+{re.escape(name)}\b.*\n", text):
+            parsed = parser.parse(trimmed(text))
+            if isinstance(parsed, ast.Module):
+                yield from ast.walk(parsed)
+
+
+def _found_in(node: ast.AST, name: str, bound: Collection[str], chosen: Known) -> str:
+    """Say which later version a node states; empty where it states none."""
+    found = ""
     match node:
         case ast.ClassDef() if node.name == name:
-            if not _is_foreign(node) and not statements_of(node) <= chosen.statements:
-                return Problem(
-                    Reason.no_class, f"expected the whole of class {name}; got a later version of it in part"
-                )
+            if not _is_foreign(node) and not chosen.has(node):
+                found = "one in part, or not at the top level"
         case ast.ClassDef() if names(node.name, name) and node.name not in bound:
-            if _is_network(node, name) and not statements_of(node) <= chosen.statements:
-                return Problem(Reason.no_class, f"expected class {name}; got a later version named {node.name}")
+            if _is_network(node, name) and not chosen.has(node):
+                found = f"one named {node.name}"
         case ast.FunctionDef() if node.name == name:
-            return Problem(Reason.no_class, f"expected class {name}; got a function of that name behind it")
-        case ast.Assign(targets=[*targets], value=value) if any(_is_name(it, name) for it in targets):
-            if _is_network_value(value, name, bound):
-                return Problem(Reason.no_class, f"expected class {name}; got another one that is given its name")
+            found = "a function of that name"
+        case ast.Assign(value=value) | ast.AnnAssign(value=ast.expr() as value):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(_is_name(it, name) for it in targets) and _is_network_value(value, name, bound):
+                found = "another one that is given its name"
         case ast.Constant(value=str(words)) if name in words and _states_network(words, name, chosen.lines):
-            return Problem(Reason.no_class, f"expected class {name} in Python; got a later version of it in a string")
-    return None
+            found = "one in a string"
+    return found
 
 
 def _is_name(node: ast.expr, name: str) -> bool:

@@ -10,9 +10,10 @@ from gate_cases import VALID, completion, contract, extracted, fenced, source_of
 
 from tacevo.gate import blocks
 from tacevo.gate.blocks import BlockParser
+from tacevo.gate.joining import ParsedCode
 from tacevo.gate.policy import problems
 from tacevo.gate.policy.check import rejection_of
-from tacevo.gate.versions import Known, later_version, lines_of, statements_of
+from tacevo.gate.versions import Known, later_version
 from tacevo.records import Reason, Rejection
 from tacevo.text import parse_python
 
@@ -127,7 +128,7 @@ def test_blocks_that_lack_each_other_cost_as_many_steps_as_there_are() -> None:
 def test_name_that_repeats_is_looked_for_once() -> None:
     """A pattern that tries each place of the name with every other one would take minutes."""
     text = f"class {'ImageRegressionCNN' * 25_000}x"
-    chosen = Known(tree=ast.parse(VALID), was="", lines=lines_of(VALID), statements=statements_of(ast.parse(VALID)))
+    chosen = Known.of([ParsedCode(VALID, ast.parse(VALID))], written=VALID, was="")
     assert later_version(text, chosen, "ImageRegressionCNN", BlockParser()) is None
 
 
