@@ -31,20 +31,12 @@ from tacevo.gate.fences import FenceKind, parts_of
 from tacevo.gate.frames import unframed, without_here_documents
 from tacevo.gate.joining import ParsedCode, class_statements, future_first, parts_of_network
 from tacevo.gate.likeness import repeats
+from tacevo.gate.lines import lines_of, names
 from tacevo.gate.names import bound_by
 from tacevo.gate.policy.problems import Problem
 from tacevo.gate.rewriting import rewritten, without_stars
 from tacevo.gate.tags import mentions_thought, without_thoughts
-from tacevo.gate.versions import (
-    Known,
-    completeness,
-    goes_on,
-    has_class,
-    later_version,
-    lines_of,
-    may_go_on,
-    names,
-)
+from tacevo.gate.versions import Known, completeness, goes_on, has_class, later_version, may_go_on
 from tacevo.records import Completion, Contract, Reason, Rejection, Stage
 
 #: Stop reasons of an answer that was cut off: by its token limit, or by the end of the model's context.

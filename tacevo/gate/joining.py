@@ -14,8 +14,8 @@ _WORDS = (
     *(ast.Name, ast.Attribute, ast.Constant, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare),
     *(ast.Tuple, ast.List, ast.Set, ast.Dict),
 )
-_BUILTINS = frozenset(dir(builtins))
 _SIGNS = (ast.operator, ast.unaryop, ast.boolop, ast.cmpop, ast.expr_context)
+_BUILTINS = frozenset(dir(builtins))
 
 
 class ParsedCode(NamedTuple):
@@ -51,11 +51,12 @@ def _lacked(own: Names, others: Sequence[Names], name: str) -> list[int]:
         for bound in names.bound - PROVIDED.keys() if name not in names.used_at_once else ():
             having.setdefault(bound, []).append(place)
     taken: set[int] = set()
+    known = {*having, *PROVIDED, *_BUILTINS, "annotations"}
     waiting = [*own.lacked, "annotations"]  # from __future__: it changes how the rest is read
-    nowhere = set(waiting[:-1]) - having.keys() - PROVIDED.keys() - _BUILTINS
-    if nowhere:
-        waiting.append("*")  # which may bring it
     for lacked in waiting:  # grows while it is walked; each name is looked up once
+        if lacked not in known:
+            waiting.append("*")  # an import of everything may bring it
+            known |= {lacked, "*"}
         new = set(having.pop(lacked, ())) - taken
         taken |= new
         waiting += [other for place in new for other in others[place].lacked]

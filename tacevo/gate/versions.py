@@ -2,33 +2,17 @@
 
 import ast
 import re
-import unicodedata
 from collections.abc import Collection, Iterator, Sequence, Set
 from dataclasses import dataclass
 from typing import Self
 
-from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of, is_code, is_sentence, trimmed
+from tacevo.gate.blocks import BlockParser, CodeBlock, blocks_of, trimmed
 from tacevo.gate.joining import ParsedCode, class_statements
 from tacevo.gate.likeness import meaning
+from tacevo.gate.lines import FOREIGN, headers, is_all_code, lines_of, names, plain, states_network, undecorated
 from tacevo.gate.names import names_of
 from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
-
-#: What quotes, numbers or marks a line of code: `>`, `>>>`, `|`, `+` of a diff, a number, a key of JSON.
-_DECORATION = r"[ \t]*(?:>+|\||\+|\.\.\.(?= )|\d+[.:|)]?|[{\[]?[ \t]*(?:\"\w+\"[ \t]*:[ \t]*)?\"(?=class\b))"
-_HEADER = r"^[ \t]*(?:class|def)[ \t]+(\w+)[ \t]*[(:]|^[ \t]*self\.\w+[ \t]*="
-#: A statement that only the text of a network has, in the place where it stands.
-_STATEMENT = re.compile(
-    r"self\.\w[\w.\[\]]*[ \t]*(?:[-+*/@]|//)?=(?!=)|super\(|return\b.*\bself\.|\w[\w, .\[\]]*=(?!=).*\bself\."
-    r"|\w[\w, .\[\]]*=[ \t]*(?:torch\.)?(?:nn|F)\.\w+\(|(?:for|if|while|with)\b.*\bself\."
-)
-_METHOD = re.compile(r"(?:async[ \t]+)?def[ \t]+\w+[ \t]*\(")
-#: Where a remark to a line of code begins: `x = 1  <- one`, `x = 1 | one`.
-_REMARK = re.compile(r"[ \t]*(?:<[-=]|\u2190|->[ \t]*\w+[ \t]|\u2192|\u2014|\u2013|\||//|#|`|[ \t]{2,}\S|:[ \t]+\S)")
-#: A row of a table, which has more than one cell.
-_ROW = re.compile(r"[ \t]*\|[^|\n]*\|.*\|[ \t]*$")
-#: What no class statement of Python has.
-_FOREIGN = re.compile(r"[{<]|::|\bextends\b|\bimplements\b")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,40 +62,10 @@ def has_class(block: CodeBlock, name: str, known: Set[str] = frozenset()) -> boo
     text = plain(block.text)
     statement = rf"^([ \t]*)class[ \t]+{re.escape(name)}\b(.*)(?:\n[ \t]*)*(?:(?<=:)\Z|\n\1[ \t]+\S)"
     found = re.search(statement, text, re.MULTILINE)
-    if found is None or _FOREIGN.search(found[2]):
+    if found is None or FOREIGN.search(found[2]):
         return False
     below = text[found.start() :]
-    return found.end() == len(text) or _states_network(below, name, known, methods=True) or _is_all_code(below)
-
-
-def _is_all_code(text: str) -> bool:
-    """Return whether a text has the `forward` and a statement of a network, and neither words nor remarks."""
-    lines = [line.strip() for line in re.sub(r"(\"\"\"|''').*?\1", "", text, flags=re.DOTALL).split("\n")]
-    has_forward = any(re.match(r"def[ \t]+forward\b", line) for line in lines)
-    has_words = any(is_sentence(line) or re.search("<-|\u2190|\u2192|->(?!.*:$)", line) for line in lines)
-    return has_forward and any(map(_STATEMENT.match, lines)) and not has_words
-
-
-def lines_of(text: str) -> set[str]:
-    """Return the lines of a version, in a form in which those of another one can be looked up."""
-    return {_squeezed(line) for line in text.split("\n")}
-
-
-def plain(text: str) -> str:
-    """Return a text without signs that take no place, such as a zero-width space in a name, and with plain spaces."""
-    if text.isascii():
-        return text
-    kinds = {"Cf": "", "Zs": " "}
-    return "".join(kinds.get(unicodedata.category(letter), letter) for letter in text)
-
-
-def names(text: str, name: str) -> bool:
-    """Return whether a text has a name in any spelling: in lower case, with underscores or signs that take no place."""
-    return _folded(name) in _folded(plain(text))
-
-
-def _folded(text: str) -> str:
-    return text.lower().replace("_", "")
+    return found.end() == len(text) or states_network(below, name, known, methods=True) or is_all_code(below)
 
 
 def completeness(block: CodeBlock, name: str) -> int:
@@ -205,9 +159,9 @@ def later_version(text: str, chosen: Known, name: str, parser: BlockParser) -> P
                 return Problem(Reason.no_class, f"expected the last version of class {name} whole; got {found}")
         if any(isinstance(node, ast.ClassDef) for node in nodes):
             lines[block.start : block.end] = [""] * (block.end - block.start)
-    text = _undecorated("\n".join(lines), name)
+    text = undecorated("\n".join(lines), name)
     named = re.findall(rf"^[ \t]*{re.escape(name)}[ \t]*=[ \t]*(\w+|(?:torch\.)?nn\.\w+\(.*)$", text, re.MULTILINE)
-    if _states_network(text, name, chosen.lines) or any(other not in bound | {name} for other in named):
+    if states_network(text, name, chosen.lines) or any(other not in bound | {name} for other in named):
         return Problem(Reason.no_class, f"expected class {name} in Python; got a later version in another form")
     return None
 
@@ -237,7 +191,7 @@ def _found_in(node: ast.AST, name: str, bound: Collection[str], chosen: Known) -
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             if any(_is_name(it, name) for it in targets) and _is_network_value(value, name, bound):
                 found = "another one that is given its name"
-        case ast.Constant(value=str(words)) if name in words and _states_network(words, name, chosen.lines):
+        case ast.Constant(value=str(words)) if name in words and states_network(words, name, chosen.lines):
             found = "one in a string"
     return found
 
@@ -304,92 +258,12 @@ def goes_on(text: str, chosen: Known, name: str, parser: BlockParser) -> Problem
             is_of_it = isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name in bound
             if is_of_it and not statements_of(node) <= chosen.statements:
                 return problem
-    return problem if any(other not in bound for other in _headers(text)) else None
+    return problem if any(other not in bound for other in headers(text)) else None
 
 
 def may_go_on(text: str, name: str) -> bool:
     """Return whether a text has anything in which `later_version` or `goes_on` could find another version."""
-    return names(text, name) or bool(_headers(text))
-
-
-def _headers(text: str) -> list[str]:
-    """List the classes and functions that a text states, in any form; a layer that it sets is an empty text."""
-    text = re.sub(rf"^{_DECORATION}", "", plain(text), flags=re.MULTILINE)
-    return re.findall(_HEADER, text, re.MULTILINE | re.IGNORECASE)
-
-
-def _undecorated(text: str, name: str) -> str:
-    """Return a text without what marks its lines, and without tables."""
-    if re.search(rf"class[ \t]+{re.escape(name)}\b.*\\n", text):  # JSON
-        text = text.replace("\\n", "\n").replace('\\"', '"')
-    lines = (line for line in text.split("\n") if not _ROW.match(line))
-    return re.sub(rf"^{_DECORATION}", "", "\n".join(lines), flags=re.MULTILINE)
-
-
-def _states_network(text: str, name: str, known: Set[str], *, methods: bool = False) -> bool:
-    """Return whether a class statement, of the class's name or of one with it, has unknown statements below it.
-
-    With `methods`, the unknown head of a method counts, too, where any statement stands below the class.
-    """
-    name = _folded(name)
-    margin: int | None = None
-    found: set[str] = set()
-    for line in text.split("\n"):
-        code, indentation = line.strip(), len(line) - len(line.lstrip())
-        header = _class_header(line, name)
-        if header is not None:
-            margin, found = indentation, {"exact"} if header == name else set()
-            continue
-        if margin is None or not code:
-            continue
-        signs = _signs_of_network(code, known)
-        uses_class = f"{name}(" in _folded(code)
-        if code.startswith(("{", "```", "~~~")) or ("exact" not in found and uses_class):
-            margin = None  # another language, another block, or what wraps the class
-        elif not (signs or indentation > margin or code.startswith(("#", "@", '"', "'", "-"))):
-            margin = None
-        elif not uses_class:
-            found |= signs
-        is_new = "new statement" in found or (methods and {"new method", "statement"} <= found)
-        if margin is not None and is_new and found & {"exact", "forward"}:
-            return True
-    return False
-
-
-def _signs_of_network(code: str, known: Set[str]) -> set[str]:
-    """Return what a line of code says: whether it is a statement of a network or the head of a method, and new."""
-    is_new = "" if _is_known(code, known) else "new "
-    if not is_code(code):
-        return set()
-    if _METHOD.match(code):
-        return {"method", f"{is_new}method"} | ({"forward"} if re.match(r"def[ \t]+forward\b", code) else set())
-    return {"statement", f"{is_new}statement"} if _STATEMENT.match(code) else set()
-
-
-def _class_header(line: str, name: str) -> str | None:
-    """Return the name of the class that a line states and ends with, in lower case, if it has that name in its own."""
-    found = re.search(r"\bclass[ \t]+(\w+)[ \t]*(?:[(\[].*|:.*)?$", line, re.IGNORECASE)
-    if found is None or name not in _folded(found[1]) or _FOREIGN.search(line[found.end(1) :]):
-        return None
-    rest = line[found.end(1) :].strip().rstrip("`")
-    if re.search(r":\s*(?:[^\s\"'#].*)$", rest):  # words behind the colon
-        return None
-    return _folded(found[1])
-
-
-def _is_known(code: str, known: Set[str]) -> bool:
-    """Return whether a line is one of those that are known, perhaps with a remark behind it."""
-    if _squeezed(code) in known:
-        return True
-    remark = _REMARK.search(code.lstrip("`"))
-    if remark is None:
-        return False
-    start = _squeezed(code.lstrip("`")[: remark.start()])
-    return start in known or f"{start}:" in known
-
-
-def _squeezed(line: str) -> str:
-    return re.sub(r"\s+", "", line)
+    return names(text, name) or bool(headers(text))
 
 
 def statements_of(tree: ast.AST) -> set[str]:

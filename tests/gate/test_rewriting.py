@@ -212,6 +212,11 @@ def test_import_of_everything_in_another_block_comes_with_the_class() -> None:
     result = found(f"{fenced('from torch.nn import *' + chr(10))}\n{fenced(STARRED)}")
     assert result.source == f"from torch.nn import Conv2d, Linear, Module\n\n{STARRED}"
     assert result.notes
+    helper = "class Act(Module):\n    def forward(self, x):\n        return F.relu(x)\n"
+    using = VALID.replace("F.relu", "Act()")
+    example = f"opt = Adam({NAME}().parameters())\n"
+    texts = [fenced(code) for code in ("from torch.nn import *\n", helper, using, example)]
+    assert found("\n".join(texts)).source == f"from torch.nn import Module\n\n{helper.rstrip()}\n\n{using}"
 
 
 @pytest.mark.parametrize("module", ["os", "numpy", "torchvision", ".layers", "torch.distributed"])
