@@ -30,6 +30,15 @@ WORDS = {
     "for": "For three axes, it is enough.",
     "with": "With 8 channels it sees more.",
     "mark": "It is small.<|im_end|>",
+    "words that begin as code": "import of nn isn't needed, and return values are forces.",
+    "call in words": "forward(x) returns three forces (N, 3).",
+    "equation in words": "loss = 0.02 on the validation images, I guess.",
+    "link": "[See the docs](https://example.org).",
+    "picture": "![net](net.png)",
+    "mathematics": "$y = Wx + b$ at the end.",
+    "other letters": "\u5c0f\u3055\u304f\u3066\u901f\u3044\u3067\u3059\u3002",
+    "quote": "> It is small and quick.",
+    "two backticks": "``\nIt is small and quick.",
 }
 
 #: How lines may be quoted, or typed in a session.
@@ -54,6 +63,8 @@ SIGNED = {
     "session with output": (
         indent(NEW, "... ", lambda _: True).replace("...", ">>>", 1) + f"...\n>>> {NAME}()(x).shape\ntorch.Size([2, 3])"
     ),
+    "quoted with blank lines": "\n".join(f"> {line}" if line else "" for line in fenced(NEW).split("\n")),
+    "IPython": "In [1]: " + CODE.replace("\n", "\n   ...: ") + f"\n\nIn [2]: {NAME}()\nOut[2]: ...",
     "quoted session": indent(
         fenced(indent(NEW, "... ", lambda _: True).replace("...", ">>>", 1)), "> ", lambda _: True
     ),
@@ -92,6 +103,15 @@ JSON = {
     "markdown in it": json.dumps({"answer": f"It's this:\n\n{fenced(NEW)}\n\nIt's small."}),
     "raw newlines": json.dumps({"code": NEW}).replace("\\n", "\n"),
     "test beside it": json.dumps({"code": NEW, "test": f"class Test{NAME}:\n    def test(self):\n        {NAME}()\n"}),
+    "answer of a server": json.dumps(
+        {"choices": [{"message": {"tool_calls": [{"function": {"arguments": json.dumps({"code": NEW})}}]}}]}
+    ),
+    "blocks of a server": json.dumps([{"type": "text", "text": "So."}, {"type": "tool_use", "input": {"code": NEW}}]),
+    "call behind a mark": f"<|python_tag|>{json.dumps(CALL)}",
+    "object behind words": f"The call: {json.dumps(CALL)} That is all.",
+    "object in a fence that never ends": f"```json\n{json.dumps({'code': NEW})}\n\nIt is small and quick.",
+    "files": json.dumps({"files": {"net.py": NEW, "test.py": f"from net import {NAME}\n"}}),
+    "behind a thought": f"<think>\n{fenced(VALID)}\n</think>\n{json.dumps({'code': NEW})}",
     "notebook": json.dumps(NOTEBOOK),
     "notebook with lines": json.dumps(NOTEBOOK, indent=1),
     "notebook in a fence": fenced(json.dumps(NOTEBOOK, indent=1) + "\n", "json"),
@@ -113,6 +133,12 @@ AROUND = {
     "here-document of a prompt": "$ cat > net.py << 'PY'\n{}\nPY\n$ python net.py",
     "here-document in a fence": "```bash\ncat > net.py <<'PY'\n{}\nPY\n```",
     "here-document in a bare fence": "```\ncat <<'PY' | tee net.py\n{}\nPY\n```",
+    "two here-documents": "cat > net.py <<'E'\n{}\nE\ncat > test.py <<'E'\nfrom net import ImageRegressionCNN\nE\n",
+    "two here-documents in a fence": (
+        "```bash\nmkdir a\ncat > net.py <<'E'\n{}\nE\ncat > test.py <<'E'\nfrom net import ImageRegressionCNN\nE\n```"
+    ),
+    "here-string": "@'\n{}\n'@ | Set-Content net.py",
+    "command of a notebook": "%%writefile net.py\n{}",
     "here-document never ended": "cat > net.py <<'END'\n{}",
     "here-document in a Python fence": "```python\ncat > net.py <<'END'\n{}\nEND\n```",
     "square label": "[PYTHON]\n{}",
@@ -130,6 +156,12 @@ AROUND = {
     "label with underscores": "START_OF_CODE\n{}",
     "label of words": "BEGIN PYTHON\n{}\nEND PYTHON",
     "label of dashes": "---BEGIN CODE---\n{}\n---END CODE---",
+    "link": "[net.py](net.py)\n{}",
+    "BBCode": "[code=python]\n{}\n[/code]",
+    "AsciiDoc": "[source,python]\n----\n{}\n----",
+    "reStructuredText": ".. code-block:: python\n\n{}",
+    "equals signs": "=== net.py ===\n{}\n=== end ===",
+    "colons": ":::python\n{}\n:::",
     "LaTeX": "\\begin{{lstlisting}}\n{}\n\\end{{lstlisting}}",
     "quotes never closed": "'''python\n{}",
 }

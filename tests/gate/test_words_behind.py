@@ -18,6 +18,7 @@ LAYERS = """    def __init__(self, in_channels=3, num_outputs=3):
         return self.out(F.gelu(self.stem(x)).mean((2, 3)))
 """
 OTHER = f"class {NAME}(nn.Module):\n{LAYERS}"
+LESS = NEW.replace("F.relu(self.conv(x))", "self.conv(x)")
 BROKEN = OTHER.replace("5)", "5")
 
 #: What may stand behind the class and is no version of it.
@@ -103,6 +104,25 @@ HONEST = {
         "text",
     ),
     "signature": f"So\n\n    class {NAME}(nn.Module)\n        def __init__(self, in_channels=3, num_outputs=3)\n",
+    "bullets with layers": f"class {NAME}(nn.Module):\n- self.conv = a 3x3 conv\n- self.head = a linear layer\n",
+    "numbered layers": f"1. class {NAME}:\n2. self.conv = the 3x3 conv\n3. self.head = a linear layer\n",
+    "stub": fenced(f"class {NAME}(nn.Module):\n    conv: nn.Conv2d\n    def forward(self, x: Tensor) -> Tensor: ...\n"),
+    "outline of assignments": fenced(
+        f"class {NAME}(nn.Module):\n    def __init__(self):\n        self.conv = ...\n    def forward(self, x): ...\n"
+    ),
+    "diagram": fenced(f"classDiagram\n  class {NAME} {{\n    +forward(x)\n  }}\n", "mermaid"),
+    "documentation": f".. autoclass:: {NAME}\n\nclass {NAME}(in_channels=3)\n   Maps images.\n\n   forward(x)\n",
+    "keras": fenced(
+        f"class {NAME}(tf.keras.Model):\n    def __init__(self):\n        super().__init__()\n"
+        "        self.head = tf.keras.layers.Dense(3)\n\n    def call(self, x):\n        return self.head(x)\n"
+    ),
+    "flax": fenced(
+        f"class {NAME}(nn.Module):\n    @nn.compact\n    def __call__(self, x):\n        return nn.Dense(3)(x)\n"
+    ),
+    "matlab": fenced(
+        f"classdef {NAME} < handle\n  methods\n    function y = forward(self, x)\n      y = self.conv(x);\n", "matlab"
+    ),
+    "copy of another name": fenced(NEW.replace(NAME, f"{NAME}Copy")),
     "c++": fenced(
         f"class {NAME} : public torch::nn::Module {{\n public:\n  torch::Tensor forward(torch::Tensor image);\n}};\n",
         "cpp",
@@ -147,6 +167,20 @@ HONEST = {
 
 #: Versions that the model went on to, in forms that cannot be used.
 LATER = {
+    "less under if": fenced("if True:\n" + indent(LESS, "    ")),
+    "less in a function": fenced("def build():\n" + indent(LESS, "    ") + f"    return {NAME}\n"),
+    "less in a string": fenced(f"SOURCE = '''\n{LESS}'''\n"),
+    "less under another name": fenced(LESS.replace(NAME, f"{NAME}Small")),
+    "less without a colon": fenced(LESS.replace("(self, x):", "(self, x)")),
+    "less with another indentation": fenced(LESS.replace("        self.head", "      self.head")),
+    "no-break space behind class": fenced(OTHER.replace("class ", "class\u00a0")),
+    "zero width in class": fenced(OTHER.replace("class ", "cl\u200bass ")),
+    "other default": fenced("if True:\n" + indent(NEW.replace("num_outputs=3", "num_outputs=1"), "    ")),
+    "in a loop": fenced("for _ in range(1):\n" + indent(OTHER, "    ")),
+    "in a case": fenced("match 1:\n    case 1:\n" + indent(OTHER, "        ")),
+    "in an async function": fenced("async def build():\n" + indent(OTHER, "    ")),
+    "made by type": fenced(f"{NAME} = type('{NAME}', (nn.Module,), {{'forward': run}})\n"),
+    "broken under another class's name": fenced(f"{BROKEN.replace(NAME, 'Net')}\n{NAME} = Net\n"),
     "under if": fenced("if True:\n" + indent(OTHER, "    ")),
     "under else": fenced("if False:\n    pass\nelse:\n" + indent(OTHER, "    ")),
     "under try": fenced("try:\n" + indent(OTHER, "    ") + "except Exception:\n    raise\n"),
