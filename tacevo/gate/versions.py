@@ -15,6 +15,13 @@ from tacevo.gate.policy.problems import Problem
 from tacevo.records import Reason
 
 
+#: How layers are called that are imported by their names, and what is a loss and no layer.
+_LAYER = re.compile(
+    r"Conv|Linear|Bilinear|Sequential|Module|Parameter|(?:Batch|Layer|Group)Norm|\w*(?:Pool|ReLU|GELU|SiLU)"
+)
+_LOSS = re.compile(r"loss$|entropy|kl_div", re.IGNORECASE)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
     """What is no other version where it stands beside the chosen one."""
@@ -236,12 +243,10 @@ def _makes_layers(inside: Collection[ast.AST]) -> bool:
     """Return whether code makes layers or calls the functions of torch: what a wrapper leaves to another class."""
     for part in inside:
         match part:
-            case ast.Call(func=ast.Attribute(value=ast.Name(id="F"))):
-                return True
-            case ast.Call(func=ast.Attribute(value=ast.Name(id="nn") | ast.Attribute(attr="nn"), attr=layer)):
-                if not layer.endswith("Loss"):
+            case ast.Call(func=ast.Attribute(value=ast.Name(id="nn" | "F") | ast.Attribute(attr="nn"), attr=layer)):
+                if not _LOSS.search(layer):
                     return True
-            case ast.Call(func=ast.Name(id=layer)) if re.match(r"[A-Z]\w*\d|Linear$|Sequential$|Parameter$", layer):
+            case ast.Call(func=ast.Name(id=layer)) if _LAYER.match(layer):
                 return True
     return False
 

@@ -51,6 +51,14 @@ HONEST = {
         f"        self.net = {NAME}()\n        self.loss = nn.MSELoss()\n\n    def forward(self, x):\n"
         "        return self.net(x)\n"
     ),
+    "trainer of an argument": fenced(
+        f"class {NAME}Module(pl.LightningModule):\n    def __init__(self, net):\n        super().__init__()\n"
+        "        self.net = net\n        self.f1 = F1Score()\n\n    def forward(self, x):\n        return self.net(x)\n\n"
+        "    def training_step(self, batch, index):\n        return F.cross_entropy(self(batch[0]), batch[1])\n"
+    ),
+    "subclass with a loss": fenced(
+        f"class Lit{NAME}({NAME}):\n    def __init__(self):\n        super().__init__()\n        self.loss = nn.MSELoss()\n"
+    ),
     "wrapper of an argument": fenced(
         f"class {NAME}Export(nn.Module):\n    def __init__(self, net):\n        super().__init__()\n"
         "        self.net = net\n\n    def forward(self, image):\n        return self.net(image / 255)\n"
